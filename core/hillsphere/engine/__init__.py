@@ -1,1 +1,1 @@
-"""Numerical work: propagation, gravity, the closed-loop driver."""
+"""Numerical engine: propagation, gravity fields, closed-loop simulation, start states."""

@@ -1,4 +1,4 @@
-"""What is followed: a state that is held, or a trajectory; at the samples and at any time."""
+"""Reference trajectories for the closed loop: a held state, or states interpolated in time."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ above the rounding of sums of periods, far below any sampling period."""
 
 
 class Rows:
-    """Which states of a plant are positions and velocities.
+    """Rows of a plant's states that are positions and velocities.
 
     Parameters
     ----------
     plant : Plant
-        Its positions and velocities are as many; the i-th velocity is the rate of the i-th
-        position. Several spacecraft follow one another, three and three.
+        A plant with as many positions as velocities; the i-th velocity is the rate of the i-th
+        position. For several spacecraft each three consecutive rows belong to one.
 
     Raises
     ------
     InputError
-        If they are not as many, or none.
+        If the numbers of positions and velocities differ or are zero.
     """
 
     def __init__(self, plant: Plant) -> None:
@@ -49,11 +49,11 @@ class Rows:
         """Number of positions in space: one, or one per spacecraft."""
 
     def distance(self, difference: Array) -> Array:
-        """Return the largest distance (N,) among the spacecraft, of states (n, N)."""
+        """Return the largest length (N,), m, over the spacecraft, of position differences."""
         return self._largest(difference[self.positions])
 
     def speed(self, difference: Array) -> Array:
-        """Return the largest speed (N,) among the spacecraft, of states (n, N)."""
+        """Return the largest length (N,), m/s, over the spacecraft, of velocity differences."""
         return self._largest(difference[self.velocities])
 
     def _largest(self, each: Array) -> Array:
@@ -62,23 +62,24 @@ class Rows:
 
 
 class Course:
-    """States to be followed, by the time since the start.
+    """A reference trajectory as a function of the time since its start.
 
     Parameters
     ----------
     rows : Rows
-        Of the plant.
+        Positions and velocities of the plant.
     t : ndarray, shape (J,)
-        Times, rising from zero; one for a state that is held.
+        Times, s, rising from zero; a single one for a held state.
     x : ndarray, shape (n, J)
-        States there, SI.
+        States at these times, SI.
     u : ndarray, shape (p, J), or None
-        Command from each time to the next, held; the last beyond the end.
+        Command held from each time to the next; the last one holds after the end.
 
     Notes
     -----
-    Between two times positions run along the cubic that meets positions and velocities at both,
-    velocities are its slope, other states run in a line. After the last all stay as they are there.
+    Between two times positions are interpolated by the cubic Hermite polynomial of positions and
+    velocities, velocities are its derivative, and other states are interpolated linearly. After the
+    last time all states are constant.
     """
 
     def __init__(self, rows: Rows, t: Array, x: Array, u: Array | None = None) -> None:
@@ -98,7 +99,7 @@ class Course:
 
     @property
     def commanded(self) -> bool:
-        """Whether a command comes with it."""
+        """Whether the trajectory has a command."""
         return self._u is not None
 
     def at(self, t: Array) -> Array:
@@ -125,10 +126,11 @@ class Course:
         return out
 
     def fastest(self) -> tuple[float, float]:
-        """Return upper bounds of the speed, m/s, and of the acceleration, m/s², along the course.
+        """Return upper bounds of the speed, m/s, and of the acceleration, m/s², of the trajectory.
 
-        Of a cubic both slopes are bounded by their Bernstein coefficients: the slope by that at
-        the ends and the one between, the second derivative by its ends. All spacecraft together.
+        The derivatives of a cubic are bounded by their Bernstein coefficients: the first derivative
+        by three of them (both ends and one between), the second, which is linear, by its values at
+        the ends. The bounds are norms over all spacecraft together.
         """
         if self._cubic is None:
             return 0.0, 0.0
@@ -143,10 +145,11 @@ class Course:
         )
 
     def extended(self, more_s: float, *, held: bool) -> Course:
-        """Return the same course, continued beyond its end for so long.
+        """Return the trajectory, continued for `more_s` seconds after its end.
 
-        Positions go on at the velocity of the end, velocities stay, other states go on at the rate
-        of the last step; the command is held at its last value, or zero.
+        Positions continue with the velocity at the end, velocities are constant, other states
+        continue with the rate of the last step. The command keeps its last value if `held`;
+        otherwise it is zero.
         """
         if self._cubic is None or not more_s > 0.0:
             return self
@@ -163,10 +166,10 @@ class Course:
         return Course(rows, t, np.concatenate([self._x, end[:, None]], axis=1), u)
 
     def acceleration_beyond(self, *, held: bool) -> Array:
-        """Return that of what flies it, right after its end (p,), see `extended`.
+        """Return the acceleration (p,) of a spacecraft on the trajectory right after its end.
 
-        The reference's own before its end, changed by as much as the command changes there if that
-        is one of accelerations, which has as many rows as there are positions.
+        It is the trajectory's acceleration before its end, plus the change of the command there
+        (see `extended`) if the command is an acceleration, that is, has one row per position.
         """
         rows = self.rows.positions
         if self._cubic is None:
@@ -177,16 +180,17 @@ class Course:
         return np.asarray(a + (self._u[:, -1] if held else 0.0) - self._u[:, -2])
 
     def command(self, t: Array) -> Array | None:
-        """Return the command (p, N) from times (N,) on; None if there is none."""
+        """Return the command (p, N) that is held from times (N,) on; None without one."""
         if self._u is None:
             return None
         place = np.searchsorted(self._t, t + self._slack, side="right") - 1
         return np.ascontiguousarray(self._u[:, np.clip(place, 0, len(self._t) - 1)])
 
     def steps(self, t: Array, period_s: float) -> list[CommandSteps] | None:
-        """Return the command over the periods that begin at times (K,).
+        """Return the command in each of the periods that begin at times (K,).
 
-        None if there is none, or if it changes in no period: then `command` says all.
+        None without a command, or if it does not change within any period, where `command`
+        suffices.
         """
         if self._u is None:
             return None
@@ -202,40 +206,41 @@ class Course:
 
     @property
     def _slack(self) -> float:
-        """Difference of times that are the same, s."""
+        """Difference, s, below which two times count as equal."""
         return _SAME_TIME * max(self.length_s, 1.0)
 
 
 def course_at(rows: Rows, state: Array) -> Course:
-    """Return the course that stays at one state (n,)."""
+    """Return the reference that holds one state (n,)."""
     return Course(rows, np.zeros(1), state[:, None])
 
 
 def course_along(plant: Plant, rows: Rows, product: FlightSet, name: str) -> Course:
-    """Return the course along a trajectory of an earlier stage.
+    """Return the reference along a trajectory of an earlier stage.
 
     Parameters
     ----------
     plant : Plant
-        Of the flight that follows it.
+        Plant that follows the trajectory.
     rows : Rows
-        Of its states; those that the trajectory does not have are zero.
+        Positions and velocities of the plant; other states missing in the trajectory are zero.
     product : FlightSet
-        Where it is.
+        Product with the trajectory.
     name : str
-        Its label; ``""`` for the only one.
+        Label of the trajectory; ``""`` for the only one.
 
     Returns
     -------
     Course
-        Its times counted from its own beginning.
+        The reference, with times from the start of the trajectory.
 
     Raises
     ------
     InputError
-        If there is no such trajectory, or several.
+        If no trajectory has the name, or none is given and there are several.
     StageError
-        If it is given in another frame, or lacks positions, velocities or times.
+        If the trajectory has another frame or other controls, or lacks positions, velocities or
+        times.
     """
     flights = product.flights
     found = [i for i, label in enumerate(flights.labels) if name in ("", label)]

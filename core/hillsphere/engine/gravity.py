@@ -1,8 +1,7 @@
-"""Gravity models evaluated: on arrays of points, placed elsewhere, and differentiated.
+"""Evaluation of gravity models: on arrays of points, at shifted positions, and their gradients.
 
-A `GravityModel` writes potential and acceleration once as expressions; `GravityField` compiles
-them and their exact gradient. An `ArrayGravityModel` (a polyhedron, a table) is served through
-the same methods.
+A `GravityModel` gives potential and acceleration as expressions; `GravityField` compiles them and
+their exact gradient. An `ArrayGravityModel` (a polyhedron, a table) has the same methods.
 """
 
 from __future__ import annotations
@@ -54,23 +53,23 @@ _PLAIN = cast(Vec3, variables("gravity:x", "gravity:y", "gravity:z"))
 _COMPACT_FROM = {"potential": 2700, "acceleration": 2700, "gradient": 300}
 """Number of model parameters above which an evaluator is compiled in compact mode.
 
-A series of degree N has about N² of them. Up to degree 50 (acceleration) and 16 (gradient) full
-mode compiles about as fast as compact mode and runs up to twice as fast; beyond, its compile time
-grows faster than the model.
+A series of degree N has about N² parameters. Up to degree 50 (acceleration) and 16 (gradient) full
+mode compiles about as fast as compact mode and runs up to twice as fast; for larger models its
+compile time grows faster than the model.
 """
 
 
 def is_array_model(model: AnyGravityModel) -> bool:
-    """Tell whether a model is a function of arrays rather than an expression."""
+    """Return whether a model is a function of arrays rather than an expression."""
     return isinstance(model, ArrayGravityModel)
 
 
 def whole_gravity(model: AnyGravityModel) -> AnyGravityModel:
-    """Return a model that is to be all the gravity of a plant, if it attracts.
+    """Check that a model can be the whole gravity of a plant, and return it.
 
-    A part of a sum may have no mass, or a negative one (a void to be taken out, a series whose
-    C00 is zero because it holds what another part lacks). A plant whose whole gravity has none
-    would fly as in empty space, or away from the body, and say nothing of it.
+    A part of a sum may have zero or negative mass: a void, or a series with C00 = 0 that corrects
+    another part. As the whole gravity of a plant such a model would let a spacecraft move as in
+    empty space, or away from the body, without any warning.
 
     Parameters
     ----------
@@ -80,12 +79,12 @@ def whole_gravity(model: AnyGravityModel) -> AnyGravityModel:
     Returns
     -------
     GravityModel or ArrayGravityModel
-        The same.
+        The same model.
 
     Raises
     ------
     InputError
-        Unless its gravitational parameter is in the range of bodies
+        If its gravitational parameter is outside the range of bodies
         (`hillsphere.base.ranges.GM_M3_S2`).
     """
     gm, (least, most) = model.gm_m3_s2, (GM_M3_S2["ge"], GM_M3_S2["le"])
@@ -99,12 +98,12 @@ def whole_gravity(model: AnyGravityModel) -> AnyGravityModel:
 
 
 def model_parameters(parameters: Sequence[Parameter], run_time: Sequence[str] = ()) -> Params:
-    """Expressions for a model's parameters: constants, but for those set at run time.
+    """Return expressions for a model's parameters: constants, except for run-time parameters.
 
     Parameters
     ----------
     parameters : sequence of Parameter
-        All of the model's.
+        All parameters of the model.
     run_time : sequence of str
         Names of those to be set at each evaluation.
 
@@ -116,7 +115,7 @@ def model_parameters(parameters: Sequence[Parameter], run_time: Sequence[str] = 
     Raises
     ------
     InputError
-        If a name in `run_time` is not one of the model's, or stands twice.
+        If a name in `run_time` is not a parameter of the model, or occurs twice.
     """
     names = [q.name for q in parameters]
     for position, name in enumerate(run_time):
@@ -132,7 +131,7 @@ def model_parameters(parameters: Sequence[Parameter], run_time: Sequence[str] = 
 
 
 def potential_at(model: GravityModel, r: Vec3, p: Params) -> Expr:
-    """Potential at a position that may be any expression (shifted, turned).
+    """Return the potential at a position that may be any expression (shifted, rotated).
 
     Parameters
     ----------
@@ -146,14 +145,17 @@ def potential_at(model: GravityModel, r: Vec3, p: Params) -> Expr:
     Returns
     -------
     Expr
-        +U, m²/s². The model is written on plain variables and the position substituted, so that it
-        may differentiate by its position.
+        +U, m²/s². The model is evaluated at plain variables, for which the position is substituted
+        afterwards, so that the model may differentiate by its position.
     """
     return _at(r, (model.potential(_PLAIN, p),))[0]
 
 
 def acceleration_at(model: GravityModel, r: Vec3, p: Params) -> Vec3:
-    """Acceleration at a position that may be any expression; arguments as `potential_at`."""
+    """Return the acceleration, m/s², at a position that may be any expression.
+
+    Arguments as for `potential_at`.
+    """
     if isinstance(r[0], Overloaded):
         return acceleration_within(model, r, p)
     x, y, z = _at(r, model.acceleration(_PLAIN, p))
@@ -175,8 +177,9 @@ def acceleration_within(model: AnyGravityModel, r: Vec3, p: Params) -> Vec3:
     Returns
     -------
     Vec3
-        m/s². From the model's own bound of the size, which says nothing of direction and change;
-        otherwise its equations in interval arithmetic.
+        Bounds of the acceleration, m/s². They follow from the model's own bound of the magnitude,
+        which constrains neither direction nor rate, or else from its equations in interval
+        arithmetic.
 
     Raises
     ------
@@ -198,7 +201,7 @@ def acceleration_within(model: AnyGravityModel, r: Vec3, p: Params) -> Vec3:
 
 
 def gravity_gradient(model: GravityModel, r: Vec3, p: Params) -> tuple[Vec3, Vec3, Vec3]:
-    """Exact gravity gradient, by automatic differentiation of the acceleration.
+    """Return the exact gravity gradient, by automatic differentiation of the acceleration.
 
     Parameters
     ----------
@@ -224,7 +227,7 @@ def _at(r: Vec3, expressions: Sequence[Expr]) -> tuple[Expr, ...]:
 
 
 class GravityField:
-    """A gravity model as functions of arrays of points.
+    """A gravity model, compiled to functions of arrays of points.
 
     Parameters
     ----------
@@ -232,7 +235,7 @@ class GravityField:
         The model.
     run_time : sequence of str
         Names of the k model parameters that are given at each call, in the order of the rows of
-        `p`; the others are compiled in with their nominal values.
+        `p`; the others are compiled as constants with their nominal values.
 
     Raises
     ------
@@ -242,7 +245,7 @@ class GravityField:
     Notes
     -----
     Each function is compiled at its first call. Points r are (3, N) or (3,), m, in the model's
-    frame; p is (k, N) or (k,), SI, and left out means the nominal values.
+    frame; p is (k, N) or (k,), SI, by default the nominal values.
 
     First call without a warm cache and time per point, spherical harmonics, one run on one shared
     core with AVX-512 (from degree 70 on the bare expressions were timed, in compact mode):
@@ -260,7 +263,7 @@ class GravityField:
     200     56 s, 53 µs         not measured
     ======  ==================  ==================
 
-    Truncate a longer series (``max_degree``): nothing stops a compilation that takes minutes.
+    Truncate a longer series (``max_degree``), since its compilation can take minutes.
 
     The gradient of an `ArrayGravityModel` is its own ``gradient_array(r, p)`` -> (3, 3, N) if it
     has one, else central differences of fourth order at two steps, which must agree.
@@ -358,7 +361,8 @@ def field_of(model: AnyGravityModel, run_time: Sequence[str] = ()) -> GravityFie
 # Offsets, in steps, and weights of the central difference of fourth order.
 _STENCIL = ((-2.0, 1.0 / 12.0), (-1.0, -8.0 / 12.0), (1.0, 8.0 / 12.0), (2.0, -1.0 / 12.0))
 _RELATIVE_STEP = 4e-4
-"""Of the distance: truncation (24 h⁴/r⁴ for a point mass) and rounding stay near 1e-12."""
+"""Step of the differences, part of the distance: truncation (24 h⁴/r⁴ for a point mass) and
+rounding both stay near 1e-12."""
 _AGREEMENT = 1e-6
 """Largest relative difference between a step and half of it. A smooth field reaches 1e-11; at a
 kink or in a noisy table the difference stays far larger."""
@@ -374,7 +378,7 @@ def _array_gradient(model: ArrayGravityModel, r: Array, p: Array) -> Array:
     fine = _central_differences(model, r, p, 0.5 * step)
     size = np.abs(fine).max(axis=(0, 1))
     difference = np.abs(fine - coarse).max(axis=(0, 1))
-    # Where the field is uniform there is nothing but the rounding of the acceleration.
+    # In a uniform field the gradient is zero, and only the rounding of the acceleration remains.
     strength = np.linalg.norm(np.asarray(model.acceleration_array(r, p)), axis=0)
     allowed = _AGREEMENT * size + 16.0 * np.finfo(float).eps * strength / step
     if (bad := np.flatnonzero(~(difference <= allowed))).size:

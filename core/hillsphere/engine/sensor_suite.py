@@ -1,4 +1,4 @@
-"""Several sensors as one: what they show together, and sets of their measurements."""
+"""A suite of several sensors, whose measurements form one set."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ __all__ = ["CommonScene", "SensorSuite"]
 
 
 class CommonScene(dict[str, Array]):
-    """The scene of one call of a suite: states and times are the same for all its sensors.
+    """The scene of one call of a suite, with states and times common to all its sensors.
 
-    What one of them has computed of these, others find in `kept`, under a key that says what it is
-    and whose. It lives as long as the call.
+    Sensors share intermediate results of the call in `kept`, under keys that name the result and
+    the object that it belongs to.
 
     Parameters
     ----------
     scene : Scene
-        What surrounds the sensors.
+        Surroundings of the sensors.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -33,17 +33,17 @@ class CommonScene(dict[str, Array]):
 
 
 class SensorSuite:
-    """Sensors whose rows follow one another; each is a block of a `MeasurementSet`.
+    """Several sensors, each of which is a block of a `MeasurementSet`.
 
     Parameters
     ----------
     sensors : sequence of Sensor
-        In the order of their rows.
+        The sensors, in the order of their rows.
 
     Raises
     ------
     InputError
-        If there is none, or something else among them.
+        If there is no sensor, or an item is not one.
     """
 
     def __init__(self, sensors: Sequence[Sensor]) -> None:
@@ -63,30 +63,30 @@ class SensorSuite:
 
     @property
     def draws(self) -> tuple[int, int]:
-        """How many normal numbers a case takes, and each time; see `hillsphere.interfaces.Sensor`.
+        """Numbers of normal numbers per case and per measurement, see `Sensor.draws`.
 
-        Those of the first sensor, then of the next.
+        Those of the first sensor come first.
         """
         return sum(s.draws[0] for s in self.sensors), sum(s.draws[1] for s in self.sensors)
 
     def observe(self, x: Array, t_s: Array, scene: Scene) -> Array:
-        """Return what perfect sensors show, SI, (m, N), visible or not."""
+        """Return the error-free measurements (m, N), SI, visible or not."""
         scene = CommonScene(scene)
         return np.concatenate([s.observe(x, t_s, scene) for s in self.sensors])
 
     def sigma(self, x: Array, t_s: Array, scene: Scene) -> Array:
-        """Return the standard deviations of the random errors, SI, (m, N)."""
+        """Return the standard deviations (m, N) of the random errors, SI."""
         return np.concatenate([s.sigma(x, t_s, scene) for s in self.sensors])
 
     def visible(self, x: Array, t_s: Array, scene: Scene) -> NDArray[np.bool_]:
-        """Say of each row whether there is something to measure, (m, N)."""
+        """Return for each row whether a measurement is possible, bool (m, N)."""
         seen = [s.visible(x, t_s, scene) for s in self.sensors]
         return np.repeat(seen, self._rows, axis=0)
 
     def measure(self, x: Array, t_s: Array, scene: Scene, constant: Array, noise: Array) -> Array:
-        """Return what is measured, SI, (m, N); NaN where nothing is.
+        """Return the measurements with errors (m, N), SI; NaN where nothing is measured.
 
-        constant (k, N) and noise (l, N) are standard normal, k and l as `draws` says.
+        constant (k, N) and noise (l, N) are standard normal, with k and l from `draws`.
         """
         if (len(constant), len(noise)) != self.draws:
             raise InputError(
@@ -119,16 +119,16 @@ class SensorSuite:
         t_s : ndarray, shape (N,)
             Times, s.
         scene : Scene
-            What surrounds the sensors.
+            Surroundings of the sensors.
         constant, noise : ndarray, shape (k, N) and (l, N)
-            Standard normal numbers, as `draws` says.
+            Standard normal numbers, with k and l from `draws`.
         sigma : ndarray, shape (m, N) or (m, 1), optional
-            Standard deviations that the set is to state; left out: the true ones.
+            Standard deviations stated in the set; by default the true ones.
 
         Returns
         -------
         MeasurementSet
-            A block a sensor; what was not measured is not present.
+            The measurements, one block per sensor; rows that are not measured are not present.
         """
         values = self.measure(x, t_s, scene, constant, noise)
         stated = self.sigma(x, t_s, scene) if sigma is None else sigma

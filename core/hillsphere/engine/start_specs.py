@@ -1,4 +1,4 @@
-"""Specs of a start: what a mission may write beside positions and velocities of the plant."""
+"""Specs of initial conditions: inertial states and Keplerian elements."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["InertialStartSpec", "KeplerianStartSpec", "StartFormsSpec", "StartSp
 
 
 class _InertialSpec(Spec):
-    """What both inertial forms share."""
+    """Common keys of both inertial forms."""
 
     about: str = option(
         "name of the body about which it is given, the plant's body or its primary; left out: the "
@@ -38,7 +38,7 @@ class _InertialSpec(Spec):
 
 
 class InertialStartSpec(_InertialSpec):
-    """A start in axes that do not turn, centred on a body."""
+    """An initial state in inertial axes, centred on a body."""
 
     examples = ({"position_km": [100, 0, 0], "velocity_m_s": [0, 25, 0], "about": "phobos"},)
 
@@ -47,7 +47,7 @@ class InertialStartSpec(_InertialSpec):
 
 
 class KeplerianStartSpec(_InertialSpec):
-    """A start on a Keplerian ellipse about a body."""
+    """An initial state on a Keplerian ellipse about a body."""
 
     examples = (
         {"semi_major_axis_km": 30, "inclination_deg": 90, "true_anomaly_deg": 10},
@@ -80,7 +80,7 @@ class KeplerianStartSpec(_InertialSpec):
 
 
 class StartFormsSpec(Spec):
-    """Forms of a start beside positions and velocities in the plant's frame."""
+    """Forms of an initial state other than positions and velocities in the plant's frame."""
 
     inertial: InertialStartSpec | None = option(
         "instead of position and velocity: the start in axes that do not turn", default=None
@@ -107,7 +107,7 @@ class StartFormsSpec(Spec):
 
 
 class StartSpec(StartFormsSpec):
-    """Where and when a flight begins."""
+    """Initial state and time of a flight."""
 
     position_m: tuple[float, ...] | None = quantity(
         "length",

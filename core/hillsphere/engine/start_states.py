@@ -1,4 +1,4 @@
-"""Start states of flights: in the plant's frame, in inertial axes, or as Keplerian elements."""
+"""Initial states of flights: in the plant's frame, in inertial axes, or as Keplerian elements."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ _S = TypeVar("_S", bound="StartFormsSpec")
 
 @dataclass(frozen=True, eq=False)
 class Centre:
-    """A body about which a start may be given, as seen from the plant's frame at the start.
+    """A body relative to which an initial state may be given.
 
     Parameters
     ----------
     gm_m3_s2 : float
         Its gravitational parameter.
     position_m : ndarray, shape (3,)
-        Its place in the plant's frame.
+        Its position in the plant's frame at the start.
     velocity_m_s : ndarray, shape (3,)
-        Its velocity relative to the frame's origin in axes that do not turn and coincide with the
-        frame's at the start.
+        Its velocity relative to the frame's origin, in inertial axes that coincide with the frame's
+        axes at the start.
     """
 
     gm_m3_s2: float
@@ -50,7 +50,7 @@ class Centre:
 
 @runtime_checkable
 class TurningFrame(Contract, Protocol):
-    """A plant that says how its frame turns and what bodies are where."""
+    """A plant with a known rotation of its frame and known positions of bodies."""
 
     def frame_rate(self, others: Mapping[str, float]) -> Array:
         """Return the frame's angular velocity (3,), rad/s, along its axes.
@@ -69,24 +69,24 @@ class TurningFrame(Contract, Protocol):
         Raises
         ------
         InputError
-            If nothing says how the frame stands among the stars.
+            If the inertial orientation of the frame is not known.
         """
         ...
 
 
 @runtime_checkable
 class TimedFrame(Contract, Protocol):
-    """A plant whose frame and bodies depend on time and not only on states."""
+    """A plant whose frame and bodies depend on time as well as on states."""
 
     def turning_frame(self, time_s: float) -> TurningFrame:
-        """Return the frame as it is at a time of the plant's clock."""
+        """Return the frame at a time of the plant's clock, s."""
         ...
 
 
 def place_start(
     start: StartFormsSpec, plant: object, others: Mapping[str, float], where: str
 ) -> tuple[Array, Array] | None:
-    r"""Return position and velocity in the plant's frame of a start in another form.
+    r"""Convert an initial state to position and velocity in the plant's frame.
 
     With the frame's angular velocity ω and the centre at :math:`r_c` with the inertial velocity
     :math:`v_c`: :math:`r = r_c + r'`, :math:`v = v_c + v' - \omega \times r`.
@@ -94,9 +94,9 @@ def place_start(
     Parameters
     ----------
     start : StartFormsSpec
-        The start.
+        The initial state.
     plant : object
-        A `TurningFrame`, or a `TimedFrame`, which is taken at the start's ``time_s``.
+        A `TurningFrame`, or a `TimedFrame`, which is evaluated at the start's ``time_s``.
     others : mapping of str to float
         States that are neither position nor velocity, at the start, SI.
     where : str
@@ -105,12 +105,13 @@ def place_start(
     Returns
     -------
     tuple of ndarray, each of shape (3,), or None
-        m and m/s; None if the start is given in the plant's frame.
+        Position, m, and velocity, m/s; None if the state is given in the plant's frame already.
 
     Raises
     ------
     InputError
-        If the plant cannot place it.
+        If the plant moves several bodies, its frame's rotation or the centre is not known, or the
+        elements are invalid.
     """
     form: InertialStartSpec | KeplerianStartSpec | None = start.inertial or start.elements
     if form is None:
@@ -154,21 +155,21 @@ def place_start(
 
 
 def with_placed_start(start: _S, plant: object, where: str = "start") -> _S:
-    """Return a start with its position and velocity in the plant's frame, whatever its form.
+    """Return an initial state of any form with position and velocity in the plant's frame.
 
     Parameters
     ----------
     start : StartFormsSpec
-        With fields ``position_m``, ``velocity_m_s`` and ``others``.
+        The initial state, with fields ``position_m``, ``velocity_m_s`` and ``others``.
     plant : object
-        Whose frame.
+        The plant that defines the frame.
     where : str
         The key, for errors.
 
     Returns
     -------
     StartFormsSpec
-        The same one if it is in the plant's frame already.
+        `start` itself if it is in the plant's frame already.
     """
     others: Mapping[str, float] = getattr(start, "others", {})
     placed = place_start(start, plant, others, where)

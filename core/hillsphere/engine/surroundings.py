@@ -1,4 +1,4 @@
-"""What a plant tells of the body at its centre, for figures and for the model's limits."""
+"""The body at the centre of a plant's frame, for figures and for the limits of models."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from hillsphere.interfaces.surface import ArraySurface, Surface
 __all__ = ["Surroundings"]
 
 _MESH = 121
-"""Points of the surface on a circle of latitude."""
+"""Number of points of the drawn surface on a circle of latitude."""
 
 
 @runtime_checkable
 class _AboutBody(Contract, Protocol):
-    """A plant about a body that stands still in its frame."""
+    """A plant with a body at rest in its frame."""
 
     body_name: str
 
     @property
     def semi_axes_m(self) -> tuple[float, float, float] | None:
-        """Of the surface, along the body's own axes."""
+        """Semi-axes of the surface along the body's own axes, m."""
         ...
 
     @property
@@ -36,27 +36,27 @@ class _AboutBody(Contract, Protocol):
 
     @property
     def series_radius_m(self) -> float | None:
-        """Radius inside which gravity is a series that may diverge."""
+        """Radius inside which the gravity series may diverge, m."""
         ...
 
 
 @runtime_checkable
 class _AboutPrimary(Contract, Protocol):
-    """A plant about a moon, whose primary is far."""
+    """A plant about a moon with a distant primary."""
 
     primary_distance_m: float
 
 
 @runtime_checkable
 class _TruePrimary(Contract, Protocol):
-    """A plant that has the primary at its true distance, not in Hill's approximation."""
+    """A plant with the primary at its true distance, without Hill's approximation."""
 
     primary_gm_m3_s2: float
 
 
 @runtime_checkable
 class _Shaped(Contract, Protocol):
-    """A plant about a body whose surface may be more than semi-axes."""
+    """A plant about a body whose surface may be a shape other than an ellipsoid."""
 
     @property
     def surface(self) -> object | None:
@@ -66,7 +66,7 @@ class _Shaped(Contract, Protocol):
 
 @runtime_checkable
 class _Radial(Contract, Protocol):
-    """A shape that is known along rays from the centre."""
+    """A shape with a known radius along rays from the centre."""
 
     def radius_array(self, directions: Array) -> Array:
         """Return the distances (N,), m, of the surface along unit vectors (3, N)."""
@@ -75,7 +75,7 @@ class _Radial(Contract, Protocol):
 
 @dataclass(frozen=True)
 class Surroundings:
-    """The body at the centre, see `hillsphere_flight.products.ClosedLoopFlight`."""
+    """Properties of the central body, see `hillsphere_flight.products.ClosedLoopFlight`."""
 
     body: str = ""
     semi_axes_m: Array | None = None
@@ -84,11 +84,11 @@ class Surroundings:
     series_radius_m: float | None = None
     hill_distance_m: float | None = None
     shape: Surface | ArraySurface | None = None
-    """In the body's own axes, if it is more than semi-axes."""
+    """Points in the body's own axes, if the surface is not an ellipsoid."""
 
     @classmethod
     def of(cls, plant: Plant) -> Surroundings:
-        """Ask a plant."""
+        """Return the properties of a plant's central body."""
         if not isinstance(plant, _AboutBody):
             return cls()
         axes = plant.semi_axes_m

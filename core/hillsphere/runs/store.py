@@ -228,7 +228,7 @@ class RunDirectory:
             (self.path / "work").rmdir()
 
     def clear_parts(self) -> None:
-        """Remove temporary files of a killed run, but none in ``cases/``: a repeat may write it."""
+        """Remove temporary files of a killed run, except in ``cases/``: repeats may write there."""
         for part in self.path.rglob(f".*{PART_SUFFIX}"):
             if part.relative_to(self.path).parts[0] != "cases":
                 with suppress(OSError):

@@ -1,1 +1,1 @@
-"""The engine: what is written in `hillsphere.symbolic`, compiled and propagated."""
+"""Compilation and propagation of equations of motion: Taylor series, Runge–Kutta, events."""

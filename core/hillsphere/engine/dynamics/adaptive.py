@@ -1,7 +1,7 @@
-"""Steps chosen by their error, for systems with terms that are functions of arrays.
+"""Adaptive Runge–Kutta steps, for systems with terms that are functions of arrays.
 
-One `advance` covers its whole step h by as many inner steps as the embedded error estimate asks
-for, each lane with its own. It stands in for `ArrayStages` wherever a `Stepper` is taken.
+One `advance` covers its whole step h by inner steps whose length, in each lane, follows from the
+embedded error estimate. The class can replace `ArrayStages` as a `Stepper`.
 """
 
 from __future__ import annotations
@@ -24,29 +24,31 @@ _SAFETY = 0.9
 _LEAST, _MOST = 1.0 / 3.0, 6.0
 """Limits of the ratio of successive step sizes, as in the code DOP853 [1]_."""
 _BETA = 0.04
-"""Weight of the step before in the control, of the size that [1]_ (section IV.2) recommends."""
+"""Exponent β of the previous error in the PI control, of the size that [1]_ recommends (section
+IV.2)."""
 _POWERS = {8: 8, 6: 7}
-"""Power of the step with which `Tableau.step_error` shrinks, by the order of the formula."""
+"""Order of the formula → power q of the step with which `Tableau.step_error` decreases."""
 _SMALLEST = 1e-10
-"""Inner steps below this part of the whole one are a singularity's: the lane becomes NaN."""
+"""Least ratio of an inner step to the whole step. A smaller one indicates a singularity, and the
+lane becomes NaN."""
 _ROUNDING = 10.0 * np.finfo(float).eps
-"""Errors below this part of a state are rounding, whatever the tolerance."""
+"""Least relative tolerance: estimates below this part of a state are rounding."""
 
 
 class AdaptiveStages:
-    r"""A step in numpy that divides itself, lane by lane, to meet a tolerance.
+    r"""A step that is divided adaptively, lane by lane, to meet a tolerance.
 
-    With the embedded estimate e of a step of length s, in units of the tolerance, a step is taken
-    if :math:`e \le 1`, and the next one is
+    With the embedded estimate e of the error of an inner step of length s, in units of the
+    tolerance, the step is accepted if :math:`e \le 1`, and the next one is
 
     .. math:: s \cdot 0.9\, e^{-(1/q - 0.2\beta)}\, e_{before}^{\beta},\quad \beta = 0.04,
 
-    where q is the power with which e shrinks [1]_, [2]_.
+    where :math:`e \propto s^q` [1]_, [2]_.
 
     Parameters
     ----------
     system : System
-        Equations with external terms (others are served by `Taylor` and compiled steps).
+        Equations with external terms; for others use `Taylor` or compiled steps.
     tableau : Tableau
         The formula.
     tolerance : float
@@ -92,7 +94,7 @@ class AdaptiveStages:
         return advance
 
     def bind_measured(self, h: Array, p: Array) -> Advance:
-        """Fix them for steps whose error is estimated: the sum over their inner steps."""
+        """Fix them for steps with an error estimate, which is the sum over the inner steps."""
         cover = self._bind(h, p)
 
         def advance(y: Array, out: Array, t: Array) -> None:
@@ -152,9 +154,9 @@ class AdaptiveStages:
         h: Array,
         trial: Array,
     ) -> tuple[Array, Array, Array]:
-        """Return the states (n, N) after h, the lengths (N,) that the next step may have, errors.
+        """Return the states (n, N) after h, the next trial steps (N,) and the errors (N,).
 
-        The errors (N,) are the sums of those of the inner steps, over the tolerance.
+        An error is the sum of the estimates of the inner steps, divided by the tolerance.
         """
         order = self._power
         way, whole = np.sign(h), np.abs(h)
@@ -167,7 +169,7 @@ class AdaptiveStages:
             while flying.any():
                 left = whole - done
                 last = trial >= left * (1.0 - 1e-12)
-                # two equal steps to the end, rather than a long and a tiny one
+                # Two equal steps to the end avoid a long step followed by a tiny one.
                 step = np.where(last, left, np.where(trial > 0.5 * left, 0.5 * left, trial))
                 step = np.where(flying, step, 0.0)
                 new, error = self._attempt(rate, y, t + way * done, slope, way * step)
@@ -175,10 +177,12 @@ class AdaptiveStages:
                 taken = flying & (error <= 1.0)
                 refused = flying & ~taken
                 bounded = np.maximum(error, 1e-10)
+                # PI control ([2]_, coefficients as in DOP853): the equation in the class docstring.
+                # After a rejection the step may not grow, and the previous error is not used.
                 factor = _SAFETY * bounded ** -(1.0 / order - 0.2 * _BETA)
                 factor = np.where(taken, factor * before**_BETA, factor)
                 factor = np.clip(factor, _LEAST, np.where(rejected, 1.0, _MOST))
-                # a step cut short by the end says nothing against the longer one before it
+                # A last step that the end of the interval has shortened must not shorten the next.
                 wanted = np.where(taken & last, np.maximum(step * factor, trial), step * factor)
                 trial = np.where(flying, wanted, trial)
                 before = np.where(taken, np.maximum(error, 1e-4), before)

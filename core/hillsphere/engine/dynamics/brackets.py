@@ -1,9 +1,9 @@
-"""Brackets of every zero of several functions along a trajectory, proved to be all.
+"""Brackets of all zeros of several functions along a trajectory, with proof of completeness.
 
-Flights are known at the ends of equal steps. Each step is enclosed, and halved by partial steps of
-the formula until each piece holds one zero or none, see `hillsphere.engine.dynamics.proof`. Boxes
-of several steps, as in `hillsphere.engine.dynamics.crossing`, decide nothing where a step is a
-twentieth of a revolution, which is what a formula of order eight needs.
+The states are known at the ends of equal steps. Each step is enclosed, and bisected by partial
+steps of the formula until each piece has one zero or none (`hillsphere.engine.dynamics.proof`).
+Boxes over several steps, as in `hillsphere.engine.dynamics.crossing`, are too wide here: a formula
+of order eight takes steps of a twentieth of a revolution.
 """
 
 from __future__ import annotations
@@ -37,31 +37,32 @@ from hillsphere.symbolic.expressions import Expr
 __all__ = ["Brackets", "ProvedBrackets"]
 
 _PIECES, _EACH = 4096, 4
-"""Undecided pieces, and for each step looked at, beyond which a search is given up. A crossing
-leaves two or three of its step in each round of halvings."""
+"""Numbers of undecided pieces, in total and per examined step, at which a search is given up. A
+crossing leaves two or three pieces of its step undecided in each round of bisections."""
 _BESIDE = 64
-"""Undecided pieces on either side of a zero that count as part of it: bounds 64 times too steep."""
+"""Undecided pieces on either side of a zero that are counted as part of it; this tolerates bounds
+of the slope that are 64 times too large."""
 
 Halve = Callable[[Array, Array], tuple[Array, Array]]
-"""States (n, K) at the start of a step and times (K,) since → states (n, K), values (m, K)."""
+"""States (n, K) at the start of a step and elapsed times (K,) → states (n, K), values (m, K)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Brackets:
-    """E parts of steps, each of which holds one zero of one function.
+    """Brackets of E zeros, each of one function within one step.
 
     Parameters
     ----------
     function, step, lane : ndarray of int, shape (E,)
-        Which function, in which step of which lane.
+        Indices of function, step and lane.
     begin, end : ndarray, shape (E,)
-        Ends of the part, as time since the step began.
+        Ends of the bracket, as time since the start of the step.
     y0, y1 : ndarray, shape (n, E)
-        States there.
+        States at the ends.
     g0, g1 : ndarray, shape (E,)
-        Values there, of different sign; g1 may be zero.
+        Values at the ends, of different sign; g1 may be zero.
     resolved : ndarray of bool, shape (N,)
-        Whether it is proved of a lane that there are no others.
+        Whether it is proved that a lane has no other zeros.
     """
 
     function: Integers
@@ -94,16 +95,16 @@ class _Several:
 
 
 class ProvedBrackets:
-    """Functions whose zeros are bracketed along flights of an autonomous system.
+    """Bracketing of the zeros of functions along trajectories of an autonomous system.
 
     Parameters
     ----------
     system : System
         Equations without time and run-time parameters.
     functions : sequence of (str or Expr)
-        Events of the system by name, or polynomials of degree two in its states. If there is no
-        bound of one, changes of sign at the ends of steps are all that is seen, and flights on
-        which a function comes nearer to zero than 0.1 are not resolved.
+        Events of the system by name, or polynomials of degree two in its states. Of a function
+        without bounds only changes of sign between the ends of steps are detected, and flights
+        along which its magnitude falls below 0.1 are not resolved.
     """
 
     def __init__(self, system: System, functions: Sequence[str | Expr]) -> None:
@@ -129,12 +130,12 @@ class ProvedBrackets:
         halve : callable
             Partial steps, see `Halve`.
         inside : ndarray of bool, shape (K, N)
-            Which steps count.
+            Steps to be examined.
 
         Returns
         -------
         Brackets
-            In no order. A zero at the start of a step is none of that step.
+            The brackets, unordered. A zero at the start of a step does not count for that step.
         """
         if self._bounded is not None:
             try:
@@ -159,7 +160,7 @@ class ProvedBrackets:
         halve: Halve,
         inside: NDArray[np.bool_],
     ) -> Brackets:
-        """Bracket all zeros, each step that counts a lane of its own."""
+        """Bracket all zeros, with each examined step as a lane of its own."""
         lanes = way.shape[2]
         flat, level = way.reshape(len(way), -1), values.reshape(len(values), -1)
         which = np.flatnonzero(inside)
@@ -243,6 +244,6 @@ def _along(slopes: Slopes, h: float) -> Slopes:
 
 
 def _reverse_pieces(pieces: Pieces, h: float) -> Pieces:
-    """Return pieces of steps as a flight meets them that goes back."""
+    """Return pieces of steps in the order of a backward flight."""
     begin, end = h - pieces.end, h - pieces.begin
     return Pieces(pieces.lane, begin, end, pieces.y1, pieces.y0, pieces.g1, pieces.g0)

@@ -16,7 +16,7 @@ from hillsphere.symbolic.expressions import Expr, parameter, parameter_names, va
 __all__ = ["ArrayFunction", "Terms"]
 
 Terms: TypeAlias = Callable[[Array, Array, Array], Array]
-"""(x (n, N), t (N,), p (k, N)) → (m, N): values of variables that are functions of arrays."""
+"""(x (n, N), t (N,), p (k, N)) → (m, N): values of terms that are functions of arrays."""
 
 
 class ArrayFunction:
@@ -33,7 +33,7 @@ class ArrayFunction:
     compact : bool
         Compile in compact mode: slower code, far shorter compilation for huge expressions.
     terms : tuple of (sequence of Expr, Terms), optional
-        Further variables, and what gives their values at each call: functions of arrays.
+        Further variables, and the function of arrays that gives their values at each call.
 
     Raises
     ------
@@ -42,8 +42,8 @@ class ArrayFunction:
 
     Notes
     -----
-    A call costs about 4 µs whatever N is: pass arrays, never loop over points. The function is
-    thread-safe.
+    A call has an overhead of about 4 µs, independent of N: pass arrays instead of looping over
+    points. The function is thread-safe.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class ArrayFunction:
         self._function: Any = _hy.cfunc(outputs, vars=[*inputs, *outside], compact_mode=compact)
 
     def __call__(self, x: ArrayLike, p: ArrayLike | None = None, t: ArrayLike = 0.0) -> Array:
-        """Evaluate.
+        """Evaluate the expressions.
 
         Parameters
         ----------
@@ -107,7 +107,7 @@ class ArrayFunction:
 
 
 def spread(values: ArrayLike | None, rows: int, cases: int, name: str) -> Array:
-    """Bring parameters given as (k,) or (k, N) to a contiguous (k, N)."""
+    """Broadcast parameters given as (k,) or (k, N) to a contiguous (k, N)."""
     if values is None:
         raise InputError(f"{name}: {rows} run-time parameters are needed, none given")
     array = np.asarray(values, dtype=float)
@@ -121,7 +121,7 @@ def spread(values: ArrayLike | None, rows: int, cases: int, name: str) -> Array:
 
 
 def each(t: ArrayLike, cases: int) -> Array:
-    """Bring times given as a number or (N,) to a contiguous (N,)."""
+    """Broadcast times given as a number or (N,) to a contiguous (N,)."""
     array = np.asarray(t, dtype=float)
     if array.shape != (cases,):  # numpy takes longer to broadcast than a small function to compute
         array = np.broadcast_to(array, (cases,))

@@ -1,16 +1,16 @@
-r"""Bounds of all flights that leave a state, over a step: what events are proved from.
+r"""Enclosures of the solution over a step, from which events are proved.
 
-A box :math:`B \ni y_0` with :math:`y_0 + [0,h]\,f(B) \subseteq B` holds the solution from
+A box :math:`B \ni y_0` with :math:`y_0 + [0,h]\,f(B) \subseteq B` contains the solution from
 :math:`y_0` over the whole step (Picard's operator maps B into itself [1]_). The right-hand side is
-evaluated in interval arithmetic, `hillsphere.engine.dynamics.bounds`; a second evaluation, along
-flights through the box, bounds the first two time derivatives of the events.
+evaluated in interval arithmetic, `hillsphere.engine.dynamics.bounds`. A second evaluation over the
+box bounds the first two time derivatives of the events.
 
-The states of a linear law, :math:`\dot x_c = A x_c + b(t)`, may be fast beside the step, where no
-such box exists. By variation of constants they move by no more than
+For states of a linear law, :math:`\dot x_c = A x_c + b(t)`, no such box exists if its time
+constants are short compared with the step. By variation of constants they change by at most
 
 .. math:: |x_c(\tau) - x_c(0)| \le G\,|A x_c(0) + b|, \quad G = \int_0^h |e^{As}|\,ds ,
 
-element by element, whatever h A.
+element by element, for any h A.
 
 References
 ----------
@@ -44,26 +44,26 @@ __all__ = [
 ]
 
 _ROUNDS = 8
-"""Boxes tried for a step; a step that none of them holds is halved by whoever asked."""
+"""Trial boxes for a step. If none contains the solution, the caller bisects the step."""
 _INFLATION = 0.1
-"""Part of its width by which a trial box is widened, so that a step with h‖∂f/∂y‖ < 0.1 is
-enclosed at the first try."""
+"""Relative widening of a trial box, so that a step with h‖∂f/∂y‖ < 0.1 is enclosed at the first
+trial."""
 _WIDENING = 0.3
-"""The same for a box that was left: flights over a step with h‖∂f/∂y‖ = 0.7 are held by the eighth,
-with a tenth by the twelfth."""
+"""Relative widening of a box that the solution has left: flights over a step with h‖∂f/∂y‖ = 0.7
+are enclosed at the eighth trial, with 0.1 at the twelfth."""
 _PIECES = 256
-"""Parts of the step in the quadrature of G; it is an upper sum, 256 parts make it 1 % too large
-for h‖A‖ = 3."""
+"""Intervals in the quadrature of G. It is an upper sum; with 256 intervals it is 1 % too large for
+h‖A‖ = 3."""
 
 
 @dataclass(frozen=True, eq=False)
 class LinearRows:
-    """States of a linear law among those of a system.
+    """Rows of the states of a linear law in a system.
 
     Parameters
     ----------
     first : int
-        Row of the first.
+        Row of the law's first state.
     matrix : ndarray, shape (m, m)
         A, per unit of the system's time.
     """
@@ -77,30 +77,30 @@ class Bounded(Protocol):
 
     @property
     def linear(self) -> LinearRows | None:
-        """States of a linear law, if it has any."""
+        """Rows of a linear law's states, or None."""
         ...
 
     def rates(self, t: Bound, y: Sequence[Bound], p: Sequence[Interval]) -> list[Bound]:
-        """Return bounds of dy/dt, one per row; raise TypeError where there is none."""
+        """Return bounds of dy/dt, one per row; raise TypeError if one is not available."""
         ...
 
     def events(self, t: Bound, y: Sequence[Bound], p: Sequence[Interval]) -> list[Bound]:
-        """Return bounds of the events in their order; raise TypeError where there is none."""
+        """Return bounds of the events in order; raise TypeError if one is not available."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Enclosure:
-    """Where flights are over a step, and how fast they move.
+    """Enclosure of states and rates over a step, for K lanes.
 
     Parameters
     ----------
     lo, hi : ndarray, shape (rows, K)
         Box of the states.
     rate_lo, rate_hi : ndarray, shape (rows, K)
-        Of their time derivatives.
+        Box of their time derivatives.
     holds : ndarray of bool, shape (K,)
-        Where that is proved.
+        Lanes in which the enclosure is proved.
     """
 
     lo: Array
@@ -110,7 +110,7 @@ class Enclosure:
     holds: NDArray[np.bool_]
 
 
-# A box may hold a singularity: then its bounds are infinite, which is an answer.
+# A box may contain a singularity; its bounds are then infinite, which is a valid result.
 @np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore")
 def enclose(system: Bounded, t: Array, h: Array, y: Array, p: Array, beyond: Array) -> Enclosure:
     """Enclose the solutions from given states over a step.
@@ -120,19 +120,20 @@ def enclose(system: Bounded, t: Array, h: Array, y: Array, p: Array, beyond: Arr
     system : Bounded
         The equations.
     t, h : ndarray, shape (K,)
-        Start and length of the steps; a negative length goes back.
+        Start and length of the steps; the length is negative for backward propagation.
     y, beyond : ndarray, shape (rows, K)
-        States at the start; an approximation of those at the end, for the first trial box.
+        States at the start, and approximate states at the end, for the first trial box.
     p : ndarray, shape (k, K)
         Run-time parameters.
 
     Returns
     -------
     Enclosure
-        Of every step; with ``holds`` False where no trial box was mapped into itself.
+        Enclosure of every step; ``holds`` is False where no trial box was mapped into itself.
     """
     spread = np.abs(beyond - y)
-    # A state that hardly moves gets a box of its own size times rounding, and a bit.
+    # A state that hardly moves needs a box wider than its rounding: 1e-12 of its size, and more
+    # than zero for a state at zero.
     spread = (1.0 + _INFLATION) * spread + 1e-12 * np.abs(y) + 1e-300
     lo, hi = y - spread, y + spread
     holds = np.zeros(len(t), dtype=bool)
@@ -170,7 +171,7 @@ def enclose(system: Bounded, t: Array, h: Array, y: Array, p: Array, beyond: Arr
 
 
 def picard(y: Array, h: Array, low: Array, high: Array) -> tuple[Array, Array]:
-    """Return y + [0, h] [low, high], rounded outward."""
+    """Apply Picard's operator: return y + [0, h] [low, high], rounded outward."""
     a, b = h * low, h * high
     down = np.minimum(np.minimum(a, b), 0.0)
     up = np.maximum(np.maximum(a, b), 0.0)
@@ -181,7 +182,7 @@ def picard(y: Array, h: Array, low: Array, high: Array) -> tuple[Array, Array]:
 def region_slopes(
     system: Bounded, t: Array, h: Array, y: Array, p: Array
 ) -> tuple[NDArray[np.bool_], tuple[Array, Array, Array, Array]]:
-    """Bound the events' slopes over several equal steps of each lane at once.
+    """Bound the time derivatives of events over several equal steps of each lane at once.
 
     Parameters
     ----------
@@ -197,9 +198,9 @@ def region_slopes(
     Returns
     -------
     holds : ndarray of bool, shape (N,)
-        Where the solutions of all steps are proved to stay in one box of twice their extent.
+        Lanes in which all steps are proved to stay in one box of twice their extent.
     slopes : tuple of ndarray, shape (E, N)
-        As of `derivatives_within`, valid there.
+        Result of `derivatives_within`, valid in these lanes.
     """
     low, high = y.min(axis=1), y.max(axis=1)
     spread = 0.5 * (high - low) + 1e-9 * np.maximum(np.abs(low), np.abs(high)) + 1e-300
@@ -235,7 +236,7 @@ def derivatives_within(
     Returns
     -------
     rate_lo, rate_hi, second_lo, second_hi : ndarray, shape (E, K)
-        In the order of the events, per unit of the system's time.
+        Bounds of the first and second time derivatives of each event, in the system's unit of time.
     """
     one = iv.point(1.0)
     y = box_of(box.lo, box.hi, box.rate_lo, box.rate_hi)
@@ -255,7 +256,9 @@ def derivatives_within(
 def growth(matrix: Array, h: float) -> Array:
     r"""Return an upper bound of :math:`\int_0^h |e^{As}| ds`, element by element.
 
-    On a part of length δ, :math:`|e^{A(s+r)}| \le |e^{As}|\,e^{|A|r}` for 0 ≤ r ≤ δ.
+    On an interval of length δ, :math:`|e^{A(s+r)}| \le |e^{As}|\,e^{|A|r}` for 0 ≤ r ≤ δ, so that
+    the sum of :math:`|e^{As}|` over the starts s of the intervals, times
+    :math:`\delta\,e^{|A|\delta}`, is an upper bound.
     """
     m = len(matrix)
     part = h / _PIECES
@@ -264,21 +267,21 @@ def growth(matrix: Array, h: float) -> Array:
     for _ in range(_PIECES):
         total += np.abs(now)
         now = now @ step
-    # The exponentials are good to some 1e-13 of their size for h‖A‖ of order one to ten.
+    # The relative error of the exponentials is about 1e-13 for h‖A‖ up to ten; 1e-9 covers it.
     return np.asarray((total @ ahead) * part * (1.0 + 1e-9))
 
 
 def box_of(
     lo: Array, hi: Array, rate_lo: Array | None = None, rate_hi: Array | None = None
 ) -> list[Bound]:
-    """Return the rows of a box as bounds, with their rates if given."""
+    """Convert the rows of a box, with their rates if given, to `Bound` objects."""
     if rate_lo is None or rate_hi is None:
         return [Bound((a, b)) for a, b in zip(lo, hi, strict=True)]
     return [Bound((a, b), (c, d)) for a, b, c, d in zip(lo, hi, rate_lo, rate_hi, strict=True)]
 
 
 def arrays(bounds: Sequence[Bound], like: Array) -> tuple[Array, Array]:
-    """Return the values of bounds as two arrays of the shape of `like`; a NaN is no bound."""
+    """Return the values of bounds as two arrays of the shape of `like`; NaN becomes ±∞."""
     low, high = np.empty_like(like), np.empty_like(like)
     for i, bound in enumerate(bounds):
         low[i], high[i] = bound.value

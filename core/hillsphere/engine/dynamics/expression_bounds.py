@@ -1,4 +1,4 @@
-"""Bounds of events that are given as expressions, not by a plant."""
+"""Interval bounds of events that are given as expressions, not by a plant."""
 
 from __future__ import annotations
 
@@ -35,17 +35,17 @@ class _One:
     linear: LinearRows | None = None
 
     def rates(self, t: Bound, y: Sequence[Bound], p: Sequence[Interval]) -> list[Bound]:
-        """Return those of the system."""
+        """Return bounds of the system's rates."""
         return self.system.rates(t, y, p)
 
     def events(self, t: Bound, y: Sequence[Bound], p: Sequence[Interval]) -> list[Bound]:
-        """Return the one."""
+        """Return bounds of the one event."""
         return [self.system.events(t, y, p)[self.row]]
 
 
 @dataclass(frozen=True, eq=False)
 class _Quadratic:
-    """½ xᵀ H x + b·x + c; c has no slope and is left out."""
+    """The quadratic form ½ xᵀ H x + b·x; a constant does not affect its derivatives."""
 
     system: Bounded
     form: Array
@@ -53,11 +53,11 @@ class _Quadratic:
     linear: LinearRows | None = None
 
     def rates(self, t: Bound, y: Sequence[Bound], p: Sequence[Interval]) -> list[Bound]:
-        """Return those of the system."""
+        """Return bounds of the system's rates."""
         return self.system.rates(t, y, p)
 
     def events(self, t: Bound, y: Sequence[Bound], p: Sequence[Interval]) -> list[Bound]:
-        """Return the form."""
+        """Return bounds of the form and its rate."""
         total = Bound.of(0.0)
         for i, one in enumerate(y[: len(self.slope)]):
             if self.slope[i]:
@@ -70,7 +70,7 @@ class _Quadratic:
 
 
 def bounds_of_event(system: System, event: str | Expr) -> Bounded | None:
-    """Return what bounds an event: one of the system's, or a polynomial of degree two at most.
+    """Return interval bounds of an event of the system, or of a polynomial of degree ≤ 2.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def bounds_of_event(system: System, event: str | Expr) -> Bounded | None:
     Returns
     -------
     Bounded or None
-        None for other expressions: they cannot be taken apart.
+        None for other expressions, whose structure cannot be examined.
     """
     if system.bounded is None:
         return None

@@ -5,8 +5,8 @@ products, quotients and square roots are rounded correctly by the machine, so th
 last place outward contains the exact result [1]_. Elementary functions of numpy are good to
 four units in the last place; their results are widened by as much.
 
-A NaN in either end says that nothing is known. Every decision that follows from an interval must
-therefore be a comparison that a NaN fails.
+A NaN at either end means that no bound is known. Every decision from an interval must therefore be
+a comparison that is False for NaN.
 
 References
 ----------
@@ -36,27 +36,30 @@ _ELEMENTARY = 4.0 * np.finfo(float).eps
 """Relative error of an elementary function of numpy, with a margin: its own tests allow 4 ulp."""
 _UNIT = float(np.finfo(float).eps)
 _LEAST = 1e-300
-"""Above the spacing of all numbers below 1e-284, and nothing beside any number met."""
+"""Absolute widening: above the spacing of all floats below 1e-284, negligible beside any value in
+use."""
 _TURN = 2.0 * np.pi
 _SLACK = 1e-12
-"""Part of a turn by which a maximum of the sine is looked for beyond an interval: rounding of the
-argument divided by 2π, for arguments up to a thousand turns; beyond, it grows in proportion."""
+"""Margin, in revolutions, within which an extremum of the sine outside an interval is counted as
+inside. It covers the rounding of the argument divided by 2π up to a thousand revolutions; for
+larger arguments it grows in proportion."""
 
 EVERYTHING: Interval = (np.array(-_INF), np.array(_INF))
-"""Nothing is known."""
+"""The interval (−∞, ∞): no bound is known."""
 
 
 def point(value: Array | float) -> Interval:
-    """Return the interval that holds one number."""
+    """Return the interval that contains only one number."""
     array = np.asarray(value, dtype=float)
     return array, array
 
 
 def outward(lo: Array, hi: Array) -> Interval:
-    """Return an interval widened by one unit in the last place, or two, at both ends.
+    """Return an interval widened by one or two units in the last place at both ends.
 
-    A unit is at most 2⁻⁵² of the number, or less than 1e-300. Twice as fast as `numpy.nextafter`
-    in whole expressions; an end that overflowed to the wrong side becomes NaN: nothing is known.
+    A unit is at most 2⁻⁵² of the number, or less than 1e-300. This is twice as fast as
+    `numpy.nextafter` in whole expressions. An end that overflowed to the wrong side becomes NaN,
+    which means that no bound is known.
     """
     return lo - (np.abs(lo) * _UNIT + _LEAST), hi + (np.abs(hi) * _UNIT + _LEAST)
 
@@ -85,7 +88,7 @@ def multiply(a: Interval, b: Interval) -> Interval:
 
 
 def square(a: Interval) -> Interval:
-    """Return a², which is tighter than a a: both factors are the same number."""
+    """Return a², which is tighter than a·a, since both factors are the same number."""
     p, q = a[0] * a[0], a[1] * a[1]
     low = np.where((a[0] <= 0.0) & (a[1] >= 0.0), 0.0, np.minimum(p, q))
     lo, hi = outward(low, np.maximum(p, q))
@@ -93,14 +96,14 @@ def square(a: Interval) -> Interval:
 
 
 def reciprocal(a: Interval) -> Interval:
-    """Return 1/a; everything if a holds zero."""
+    """Return 1/a; (−∞, ∞) if a contains zero."""
     lo, hi = outward(1.0 / a[1], 1.0 / a[0])
     apart = (a[0] > 0.0) | (a[1] < 0.0)
     return np.where(apart, lo, -_INF), np.where(apart, hi, _INF)
 
 
 def power(a: Interval, exponent: float) -> Interval:
-    """Return a to a constant power; of a base that is not positive only for whole exponents."""
+    """Return a to a constant power; a base that is not positive needs a whole exponent."""
     if exponent == 2.0:
         return square(a)
     if exponent < 0.0:
@@ -111,19 +114,19 @@ def power(a: Interval, exponent: float) -> Interval:
             return p[0], q[1]
         within = (a[0] <= 0.0) & (a[1] >= 0.0)
         return np.where(within, 0.0, np.minimum(p[0], q[0])), np.maximum(p[1], q[1])
-    # Where the expression has a value its base is not negative, so that only that part counts.
+    # A fractional power exists only for a base ≥ 0, so that only this part of the interval counts.
     base = np.maximum(a[0], 0.0), a[1]
     return widen(base[0] ** exponent)[0], widen(base[1] ** exponent)[1]
 
 
 def widen(value: Array) -> Interval:
-    """Return the interval about results of an elementary function."""
+    """Return an interval that contains the exact value of an elementary function of numpy."""
     error = _ELEMENTARY * np.abs(value)
     return np.asarray(value - error), np.asarray(value + error)
 
 
 def monotone(function: Callable[[Array], Array], a: Interval) -> Interval:
-    """Return the image under a function of numpy that does not fall."""
+    """Return the image of an interval under a non-decreasing function of numpy."""
     return widen(function(a[0]))[0], widen(function(a[1]))[1]
 
 
@@ -146,7 +149,7 @@ def cos(a: Interval) -> Interval:
 
 
 def _holds(a: Interval, place: float) -> NDArray[np.bool_]:
-    """Say where an interval holds an angle of (place + k) turns."""
+    """Return where an interval contains an angle of (place + k) revolutions, k any integer."""
     slack = _SLACK * (1.0 + magnitude(a) / 6000.0)
     found: NDArray[np.bool_] = np.floor(a[1] / _TURN - place + slack) >= np.ceil(
         a[0] / _TURN - place - slack
@@ -168,7 +171,7 @@ def atan2(y: Interval, x: Interval) -> Interval:
 
 
 def hull(a: Interval, b: Interval) -> Interval:
-    """Return the smallest interval that holds both."""
+    """Return the smallest interval that contains both."""
     return np.minimum(a[0], b[0]), np.maximum(a[1], b[1])
 
 

@@ -1,4 +1,4 @@
-"""What all propagators ask of their arguments: N lanes, the last axis of every array."""
+"""Checks of propagators' arguments: states, durations and times of N lanes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SHOWN = 10
 
 
 def start_states(x: ArrayLike, n: int) -> tuple[Array, bool]:
-    """Bring states given as (n,) or (n, N) to a contiguous (n, N); N may be zero.
+    """Check states given as (n,) or (n, N) and return them as a contiguous (n, N).
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def start_states(x: ArrayLike, n: int) -> tuple[Array, bool]:
     Returns
     -------
     states : ndarray, shape (n, N)
-        Contiguous.
+        Contiguous states; N may be zero.
     single : bool
         Whether one lane was given without an axis of lanes.
 
@@ -48,7 +48,7 @@ def start_states(x: ArrayLike, n: int) -> tuple[Array, bool]:
 
 
 def per_lane(value: ArrayLike, cases: int, name: str) -> Array:
-    """Bring a scalar or (N,) to (N,).
+    """Broadcast a scalar or (N,) to (N,).
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def per_lane(value: ArrayLike, cases: int, name: str) -> Array:
     cases : int
         N.
     name : str
-        What it is, for the error.
+        Name of the argument, for the error.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def per_lane(value: ArrayLike, cases: int, name: str) -> Array:
 
 
 def initial_derivatives(n: int, columns: int, cases: int) -> Array:
-    """Return [Φ Ψ] = [1 0] of every lane as rows, shape (n·columns, N)."""
+    """Return the initial derivatives [Φ Ψ] = [1 0] of all lanes as rows (n·columns, N)."""
     return np.repeat(np.eye(n, columns).reshape(-1, 1), cases, axis=1)
 
 

@@ -1,4 +1,4 @@
-"""Lanes made ready to march in equal steps."""
+"""Propagation of checked lanes in equal steps."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["March"]
 
 
 class March:
-    """N lanes, checked, contiguous, with their initial derivatives.
+    """Propagation of N lanes in equal steps, with the derivatives carried along.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class March:
     Raises
     ------
     InputError
-        If a shape does not fit, a value is not finite or the steps are no positive whole number.
+        If a shape does not match, a value is not finite or `steps` is not a positive whole number.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class March:
         here, there, spare = self.start, np.empty_like(self.start), np.empty_like(self.start)
         advance, t, moving = self._advance, self.t0, self.stepper.needs_time
         for j in range(self.steps):
-            if moving:  # a twelfth of the time of a single lane's step
+            if moving:  # computing the time costs a twelfth of a single lane's step
                 t = self.t0 + j * self.h
             advance(here, there, t)
             yield there
@@ -86,7 +86,7 @@ class March:
         return y
 
     def split(self, y: Array) -> tuple[Array, Array | None]:
-        """Return states (n, N) and derivatives (n, columns, N) of rows; no lane axis if single."""
+        """Split rows into states (n, N) and derivatives (n, columns, N); no lane axis if single."""
         state = y[: self.n]
         phi = y[self.n :].reshape(self.n, self.columns, -1) if self.columns else None
         if self.single:

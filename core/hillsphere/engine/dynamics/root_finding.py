@@ -24,9 +24,9 @@ def bracketed_roots(
 ) -> Array:
     """Find one root per lane by Chandrupatla's method.
 
-    Inverse quadratic interpolation where it is safe, the secant's speed at least, bisection
-    otherwise [1]_. A lane whose root is found keeps its value, so that no lane's result depends
-    on how long the others take.
+    The method uses inverse quadratic interpolation where it is safe, and bisection otherwise [1]_.
+    A lane that has converged keeps its root, so that its result does not depend on the number of
+    iterations of other lanes.
 
     Parameters
     ----------
@@ -35,9 +35,9 @@ def bracketed_roots(
     a, b : ndarray, shape (N,)
         Ends of the brackets.
     fa, fb : ndarray, shape (N,)
-        Values there, of opposite sign or zero. Lanes with ``a == b`` are left alone.
+        Values at the ends, of opposite sign or zero. Lanes with ``a == b`` keep this value.
     tolerance : ndarray, shape (N,)
-        Width of the bracket at which a lane is done.
+        Width of the bracket at which a lane has converged.
 
     Returns
     -------
@@ -54,7 +54,7 @@ def bracketed_roots(
     c, fc = a.copy(), fa.copy()
     root = np.where(np.abs(fa) < np.abs(fb), a, b)
     done = (a == b) | (fa == 0.0) | (fb == 0.0)
-    # The first point is the secant's: the functions here are nearly straight over a bracket.
+    # The first point is that of the secant, since the functions are nearly linear over a bracket.
     with np.errstate(divide="ignore", invalid="ignore"):
         t = np.where(done, 0.5, fa / (fa - fb))
     t = np.clip(t, 0.05, 0.95)
@@ -72,6 +72,8 @@ def bracketed_roots(
         with np.errstate(divide="ignore", invalid="ignore"):
             least = 0.5 * tolerance / np.abs(b - a)
             done |= ~(least <= 0.5) | (fa == 0.0) | (fb == 0.0)
+            # Chandrupatla's criterion: only under these two inequalities is the inverse quadratic
+            # through the three points monotone between a and b, and its root inside the bracket.
             xi, phi = (a - b) / (c - b), (fa - fb) / (fc - fb)
             safe = (phi**2 < xi) & ((1.0 - phi) ** 2 < 1.0 - xi)
             t = fa / (fb - fa) * fc / (fb - fc) + (c - a) / (b - a) * fa / (fc - fa) * fb / (

@@ -1,4 +1,4 @@
-"""One Runge–Kutta step of many lanes at once, compiled whole or stage by stage in numpy."""
+"""One Runge–Kutta step of many lanes at once, compiled as a whole or evaluated stage by stage."""
 
 from __future__ import annotations
 
@@ -20,32 +20,32 @@ from hillsphere.symbolic.expressions import Expr, parameter, substitute, sum_of,
 __all__ = ["ArrayStages", "CompiledStep", "Stepper"]
 
 Advance = Callable[[Array, Array, Array], None]
-"""(y, out, t): write into `out` (rows, N) what `y` (rows, N) becomes one step after t (N,)."""
+"""(y, out, t): advance `y` (rows, N) from times t (N,) by one step and write it to `out`."""
 
 
 class Stepper(Protocol):
     """One step of a fixed formula."""
 
     rows: int
-    """n, or n + n(n + k) with derivatives."""
+    """Number of rows: n, or n + n(n + k) with derivatives."""
     needs_time: bool
-    """Whether the steps depend on time; where not, nobody need keep it."""
+    """Whether steps depend on time; otherwise callers need not compute it."""
 
     def bind(self, h: Array, p: Array) -> Advance:
         """Fix the steps h (N,) and run-time parameters p (k, N) of the lanes."""
         ...
 
     def bind_measured(self, h: Array, p: Array) -> Advance:
-        """Fix them for steps whose error is estimated.
+        """Fix them for steps with an error estimate.
 
-        Two rows more are written: the squares of two estimates, from which `error` follows.
+        Two additional rows are written: the squares of two estimates, from which `error` follows.
         """
         ...
 
     def error(self, squares: Array) -> Array:
-        """Return estimates (…, N) of the errors of steps from what they wrote, (…, 2, N).
+        """Return estimates (…, N) of the errors of steps from their two last rows (…, 2, N).
 
-        Of all states, as a Euclidean length, in units of ``system.errors_in``.
+        An estimate is the Euclidean norm over all states in units of ``system.errors_in``.
         """
         ...
 
@@ -53,13 +53,13 @@ class Stepper(Protocol):
 class CompiledStep:
     """A whole step composed symbolically and compiled as one function.
 
-    The stages are substituted into one another, so that the compiler sees one straight-line
+    The stages are substituted into one another, so that the compiler receives one straight-line
     program: common subexpressions of a stage are evaluated once, nothing is stored between
-    stages, and a step costs one call. Step and run-time parameters are parameters of the
+    stages, and a step is a single call. Step and run-time parameters are parameters of the
     function; time enters stage i as t + c_i h.
 
-    Terms of time alone that stand apart from the equations are further parameters, one for each
-    different c_i. They are computed before each step: once, if all lanes are at the same time.
+    Separate terms of time alone are further parameters, one for each different c_i. They are
+    computed before each step, only once if all lanes have the same time.
 
     Parameters
     ----------
@@ -74,8 +74,8 @@ class CompiledStep:
     compact : bool
         Compile in compact mode.
     errors : bool
-        Whether the function also computes the embedded estimates of the step's error: their
-        squares in two further rows. The states are the same.
+        Whether the function also computes the squares of the two embedded error estimates, in two
+        additional rows. The states are unaffected.
     """
 
     def __init__(
@@ -139,7 +139,7 @@ class CompiledStep:
         return advance
 
     def bind_measured(self, h: Array, p: Array) -> Advance:
-        """Fix them for steps whose error is estimated, see `Stepper.bind_measured`."""
+        """Fix them for steps with an error estimate, see `Stepper.bind_measured`."""
         if not self._errors:
             raise InputError("make the step map with errors=True")
         return self._bind(h, p)
@@ -187,7 +187,7 @@ class _TimeTerms:
         self.rows = len(self._names) * len(self._nodes)
 
     def at_nodes(self, first: int) -> dict[float, dict[Expr, Expr]]:
-        """Return what stands for the terms at each node: parameters numbered from `first`."""
+        """Return the parameters, numbered from `first`, that represent the terms at each node."""
         nodes = self._nodes.tolist()
         return {
             node: {
@@ -204,7 +204,7 @@ class _TimeTerms:
 
     @staticmethod
     def same(values: Array) -> bool:
-        """Whether all lanes have the same."""
+        """Return whether all lanes have equal values."""
         return bool((values == values[:1]).all())
 
 
@@ -218,8 +218,8 @@ def _compose(
 ) -> list[Expr]:
     """Return the state after one step as expressions of the state before it.
 
-    `held` says of each node what terms of time are there; it is empty if none stand apart. With a
-    system in whose scales errors are measured the squares of both embedded estimates follow.
+    `held` gives the separate terms of time at each node; it is empty without such terms. If
+    `measured` is a system, the squares of both embedded estimates in its scales are appended.
     """
     slopes: list[tuple[Expr, ...]] = []
     for i, node in enumerate(tableau.c.tolist()):
@@ -251,7 +251,7 @@ def _weights(row: Array) -> list[tuple[int, float]]:
 
 
 class ArrayStages:
-    """A step in numpy, stage by stage, for systems with terms that are functions of arrays.
+    """A step evaluated stage by stage in numpy, for systems with terms that are array functions.
 
     Parameters
     ----------
@@ -286,7 +286,7 @@ class ArrayStages:
         return plain
 
     def bind_measured(self, h: Array, p: Array) -> Advance:
-        """Fix them for steps whose error is estimated, see `Stepper.bind_measured`."""
+        """Fix them for steps with an error estimate, see `Stepper.bind_measured`."""
         advance, size = self._bind(h, p), self._scale[:, None]
 
         def measured(y: Array, out: Array, t: Array) -> None:

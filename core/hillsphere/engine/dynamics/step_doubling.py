@@ -1,4 +1,4 @@
-"""Choice of a number of equal steps by step doubling."""
+"""Choice of the number of equal steps by step doubling."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ _FIRST_STEPS = 8
 """First number of steps. With fewer the two results can agree by chance; more would be wasted on
 short propagations, as the returned number is never smaller."""
 _ROUNDING = 1e-9
-"""Differences that stop shrinking below this are taken for rounding, above it for coarse steps."""
+"""A difference that no longer decreases is attributed to rounding if it is below this value, and
+otherwise to steps that are still too long for the asymptotic order."""
 
 
 def fewest_steps(
@@ -22,8 +23,8 @@ def fewest_steps(
 ) -> int:
     """Find a number of steps that meets a tolerance.
 
-    From the difference between n and 2n steps the next n follows by the order of the formula, at
-    most four times as many; every number returned was itself tried.
+    The difference between n and 2n steps decreases as n^−order, which predicts the next n; it grows
+    by a factor of four at most. A number is returned only after its own difference was computed.
 
     Parameters
     ----------
@@ -36,7 +37,7 @@ def fewest_steps(
     most : int
         Largest number of steps to try.
     name : str
-        What propagates, for the error.
+        Name of the propagator, for the error.
 
     Returns
     -------
@@ -48,7 +49,7 @@ def fewest_steps(
     InputError
         If the tolerance is not positive.
     PropagationError
-        If the difference stops shrinking (rounding), or `most` steps do not suffice.
+        If the difference stops decreasing (rounding), or `most` steps do not suffice.
     """
     if not (np.isfinite(tol) and tol > 0):
         raise InputError(f"tol must be positive, got {tol}")

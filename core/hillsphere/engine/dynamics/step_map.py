@@ -42,31 +42,30 @@ class StepMap:
         With `stm`: run-time parameters (or controls, ``"u:" + name``) by which to differentiate
         too; they append k columns to the matrix.
     tolerance : float, optional
-        Of systems with terms that are functions of arrays, without `stm`: every step divides itself
-        by its embedded error estimate so that local errors stay below this, in units of
-        ``system.scale``; see `AdaptiveStages`. One step then is a whole flight.
+        Only for systems with terms that are functions of arrays, without `stm`: every step is
+        divided adaptively so that local errors stay below this, in units of ``system.scale``; see
+        `AdaptiveStages`. A whole flight can then be one step.
     compact : bool
-        Compile in compact mode: for right-hand sides so large (harmonics of high degree) that the
-        compiler takes minutes; the code is slower.
+        Compile in compact mode, for right-hand sides so large (harmonics of high degree) that the
+        compiler otherwise takes minutes; the code is slower.
     errors : bool
-        Whether `stepper` can estimate the errors of its steps; without `stm`.
+        Whether `stepper` can estimate the errors of its steps; not with `stm`.
 
     Raises
     ------
     InputError
-        If the method is unknown or a parameter is not at run time.
+        If the method is unknown or a parameter is not a run-time parameter.
 
     Notes
     -----
     The whole step is one compiled function of the states; steps and run-time parameters are its
-    parameters, so that neither dispersions nor step sizes recompile it. Systems with terms that
-    are functions of arrays run the same formula stage by stage in numpy.
+    parameters, so that neither dispersions nor step sizes require a new compilation. Systems with
+    terms that are functions of arrays evaluate the same formula stage by stage in numpy.
 
-    In the methods below x is (n, N), N may be zero, or, for one lane, (n,), and the results lose
-    that axis likewise. Durations and steps are scalars or (N,), in the system's unit of time, and
-    may be negative. Run-time parameters p are (k,) or (k, N), SI; nominal if absent. A lane that
-    turns non-finite raises `PropagationError`, unless ``strict=False``: then it is returned as it
-    is.
+    In the methods below x is (n, N), where N may be zero, or (n,) for one lane; results then have
+    no axis of lanes either. Durations and steps are scalars or (N,), in the system's unit of time,
+    and may be negative. Run-time parameters p are (k,) or (k, N), SI; by default nominal. A lane
+    that becomes non-finite raises `PropagationError`; with ``strict=False`` it is returned as is.
     """
 
     def __init__(
@@ -104,7 +103,7 @@ class StepMap:
 
     @property
     def stepper(self) -> Stepper:
-        """One step on arrays that are taken as they are, for loops that step by themselves."""
+        """The step on unchecked arrays, for loops that step themselves."""
         return self._stepper
 
     def step(
@@ -162,7 +161,7 @@ class StepMap:
         x : array_like, shape (n, N)
             States.
         duration : array_like, shape (N,) or scalar
-            How long.
+            Duration in the system's unit of time.
         steps : int
             Number of steps, common to all lanes; `choose_steps` finds one.
         p : array_like, shape (k, N) or (k,), optional
@@ -244,8 +243,8 @@ class StepMap:
         x, duration, p, t0
             As for `propagate`.
         tol : float
-            Largest difference at the end between `steps` and twice as many, over all lanes: of the
-            states in units of ``system.scale``, and with `stm` of the matrix (so scaled too)
+            Largest difference at the end, over all lanes, between `steps` and twice as many steps:
+            of the states in units of ``system.scale``, and with `stm` of the equally scaled matrix
             relative to its largest element.
         most : int
             Largest number of steps to try.
@@ -253,13 +252,13 @@ class StepMap:
         Returns
         -------
         int
-            Steps for which that difference was found to be at most `tol`; it estimates their
-            error, that of twice as many is smaller by 2 to the order.
+            Number of steps whose computed difference is at most `tol`. The difference estimates
+            their error; the error of twice as many steps is smaller by 2 to the order.
 
         Raises
         ------
         PropagationError
-            If the difference stops shrinking (rounding), or `most` steps do not suffice.
+            If the difference stops decreasing (rounding), or `most` steps do not suffice.
         """
         known: dict[int, Array] = {}
 
@@ -285,13 +284,13 @@ class StepMap:
         after: ArrayLike = 0.0,
         strict: bool = True,
     ) -> Crossing:
-        """Find where each lane first meets an event.
+        """Find the first zero of an event in each lane.
 
-        Between the ends of the steps the event is decided by bounds of its derivatives
-        (`hillsphere.engine.dynamics.proof`), so that no pair of roots inside one step is missed;
-        the length of a partial step of the same formula is found for which the event is zero.
-        Bounds are known of a plant's own events and of polynomials of degree two in the states.
-        Where they do not decide, or there are none, ``resolved`` is False.
+        Bounds of the event's derivatives between the ends of the steps
+        (`hillsphere.engine.dynamics.proof`) ensure that no pair of roots inside one step is missed.
+        The root is the length of a partial step of the same formula for which the event is zero.
+        Bounds exist for a plant's own events and for polynomials of degree two in the states. If
+        they do not decide or do not exist, ``resolved`` is False.
 
         Parameters
         ----------
@@ -300,12 +299,12 @@ class StepMap:
         x, duration, steps, p, t0
             As for `propagate`.
         direction : {-1, 0, 1}
-            Which crossings count along the flight: falling (as a plant's events are meant), both,
-            or rising. A value of zero at the start is not a crossing.
+            Direction of the counted crossings along the flight: falling (the convention of a
+            plant's events), both, or rising. A value of zero at the start is not a crossing.
         after : array_like, shape (N,) or scalar
-            Length of flight before which nothing counts (as long as the flight, same sign).
+            Length of flight before which crossings are ignored, of the sign of the duration.
         strict : bool
-            Whether lanes that turn non-finite before they meet the event raise.
+            Whether lanes that become non-finite before the event raise.
 
         Returns
         -------

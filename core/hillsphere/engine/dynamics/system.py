@@ -1,4 +1,4 @@
-"""A plant as a system of first-order equations, physical or normalised."""
+"""Systems of first-order equations made from plants, in SI or normalised units."""
 
 from __future__ import annotations
 
@@ -75,19 +75,19 @@ class System:
     run_time : tuple of Parameter
         The k run-time parameters in the order of the rows of `p`, with nominal values; always SI.
     events : mapping of str to Expr
-        Functions whose fall through zero ends a flight; their values are the plant's, SI.
+        Event functions, whose fall through zero ends a flight; their values are SI.
     integral : Expr or None
         Integral of motion, in the system's units.
     unit : ndarray, shape (n,)
         SI size of one unit of each state; ones if the system is physical.
     scale : ndarray, shape (n,)
-        Typical size of each state in the system's units; ones if it is normalised. Differences
-        are measured in it.
+        Typical size of each state in the system's units, by which differences are scaled; ones if
+        the system is normalised.
     error_scale : ndarray, shape (n,), or None
-        In what the estimated errors of steps are measured; `scale` if None.
+        Scale of the estimated errors of steps; `scale` if None.
     passing : tuple of int
-        Rows whose errors act on the others for about one step only: `error_scale` is one per unit
-        of time, and they are multiplied by the step.
+        Rows whose errors affect the others for about one step only. Their `error_scale` is per unit
+        of time, and their errors are multiplied by the step.
     time_unit_s : float
         Unit of time, s; 1 if the system is physical.
     frame : str
@@ -97,13 +97,13 @@ class System:
     external : External or None
         Terms that are functions of arrays.
     switches : tuple of Expr
-        Functions that vanish where the right-hand side changes branch (see `PiecewisePlant`).
+        Switching functions, zero where the right-hand side changes branch (see `PiecewisePlant`).
     event_terms : tuple of (tuple of Expr, Terms), or None
-        Variables of the events that are functions of arrays (see `ExternalEvents`), and what gives
-        their values, SI, from states and times in the system's units.
+        Variables of the events that are functions of arrays (see `ExternalEvents`), and the
+        function that gives their values, SI, from states and times in the system's units.
     time_terms : mapping of str to Expr
-        Functions of the system's time alone that stand in the right-hand side as parameters of
-        these names, in no row of `p` (see `TimedPlant`).
+        Functions of the system's time alone that the right-hand side uses as parameters of these
+        names, outside `p` (see `TimedPlant`).
     bounded : Bounded or None
         Right-hand side and events in interval arithmetic.
     """
@@ -129,7 +129,7 @@ class System:
 
     @property
     def errors_in(self) -> Array:
-        """In what the estimated errors of steps are measured (n,)."""
+        """Scale (n,) of the estimated errors of steps."""
         return self.scale if self.error_scale is None else self.error_scale
 
     @property
@@ -138,7 +138,7 @@ class System:
         return tuple(p.name for p in self.run_time)
 
     def parameters(self, p: ArrayLike | None, cases: int) -> Array:
-        """Return run-time parameters as (k, N): as given, or nominal if None.
+        """Return run-time parameters as (k, N); nominal ones for None.
 
         Parameters
         ----------
@@ -192,7 +192,7 @@ def system(
     controls: bool = False,
     apart: bool = False,
 ) -> System:
-    """Make a system of equations of a plant.
+    """Compose the system of equations of a plant.
 
     Parameters
     ----------
@@ -205,16 +205,16 @@ def system(
         Whether states, time, right-hand side and integral are in units of ``plant.scales``
         (x̂ = x/unit, t̂ = t/time_unit). Run-time parameters and the values of events stay SI.
     controls : bool
-        Whether the controls follow as further run-time parameters, ``"u:" + name``, SI; otherwise
+        Whether the controls are additional run-time parameters, ``"u:" + name``, SI; otherwise
         they are zero.
     apart : bool
-        Whether terms that depend on time alone stand apart from the right-hand side, in
-        `System.time_terms`, for a step map without derivatives of lanes that share their times.
+        Whether terms that depend on time alone are separated from the right-hand side, in
+        `System.time_terms`, for a step map without derivatives and lanes that share their times.
 
     Returns
     -------
     System
-        What the propagators of this package take.
+        The system, for the propagators of this package.
 
     Raises
     ------
@@ -302,9 +302,9 @@ class PlantBounds:
     plant : Plant
         Equations, SI.
     run_time : sequence of Parameter
-        Those in the rows of p, the controls last.
+        Parameters in the rows of p, without the controls, which follow them.
     controls : bool
-        Whether there are rows of controls.
+        Whether p has rows of controls.
     unit : ndarray, shape (n,)
         SI size of one unit of each state.
     time_unit_s : float
@@ -325,7 +325,7 @@ class PlantBounds:
         p: Sequence[Interval],
         u: Sequence[Bound] | None = None,
     ) -> list[Bound]:
-        """Return bounds of dy/dt; `u`, if given, takes the place of the rows of controls."""
+        """Return bounds of dy/dt; `u`, if given, replaces the rows of controls in p."""
         x, when, values = self._si(t, y, p)
         names = [CONTROL + v.name for v in self.plant.controls]
         rows = {q.name: row for q, row in zip(self.run_time, p, strict=False)}
@@ -357,11 +357,11 @@ class PlantBounds:
         return x, self._outer(t * self.time_unit_s), values
 
     def _outer(self, x: Bound) -> Bound:
-        """Take derivatives by the system's time to derivatives by seconds."""
+        """Convert derivatives by the system's time to derivatives by seconds."""
         return _at_time(x, 1.0 / self.time_unit_s)
 
     def _inner(self, x: Bound) -> Bound:
-        """Take derivatives by seconds to derivatives by the system's time."""
+        """Convert derivatives by seconds to derivatives by the system's time."""
         return _at_time(x, self.time_unit_s)
 
 
@@ -372,7 +372,7 @@ def _at_time(x: Bound, k: float) -> Bound:
 
 
 def _time_terms(plant: Plant, p: Params) -> dict[str, Expr]:
-    """Return what a plant computes of time and constants alone."""
+    """Return the plant's terms that depend on time and constants alone."""
     terms = plant.time_terms(time, p) if isinstance(plant, TimedPlant) else {}
     if clash := sorted(set(terms) & set(p)):
         raise InputError(f"{type(plant).__name__}: time_terms are called like parameters: {clash}")
@@ -380,7 +380,7 @@ def _time_terms(plant: Plant, p: Params) -> dict[str, Expr]:
 
 
 def _run_time(plant: Plant, names: Sequence[str], controls: bool) -> tuple[Parameter, ...]:
-    """Return the run-time parameters asked for, then the controls."""
+    """Return the requested run-time parameters, then the controls."""
     if isinstance(names, str):
         raise InputError(f"run_time must be a sequence of names, got the string {names!r}")
     kind = type(plant).__name__
@@ -401,7 +401,7 @@ def _run_time(plant: Plant, names: Sequence[str], controls: bool) -> tuple[Param
 def _check_symbols(
     kind: str, what: str, expressions: Sequence[Expr], names: Sequence[str], chosen: set[str]
 ) -> None:
-    """Refuse symbols that nothing would give a value."""
+    """Refuse symbols in expressions that have no value at run time."""
     if unknown := sorted(set(variable_names(expressions)) - set(names)):
         raise InputError(f"{kind}: {what} holds variables that are not states: {unknown}")
     if unknown := sorted(set(parameter_names(expressions)) - chosen):
@@ -410,7 +410,7 @@ def _check_symbols(
 
 @dataclass(frozen=True)
 class _Arguments:
-    """From a system's arrays to those of its plant: SI, all parameters, the plant's states only."""
+    """Converts a system's arrays to those of its plant: SI, all parameters, only its states."""
 
     nominal: Array
     pairs: tuple[tuple[int, int], ...]
@@ -442,7 +442,7 @@ def _external(
     plant: ExternalInputs,
     arguments: _Arguments,
 ) -> External:
-    """Bring a plant's array terms to the system's units and run-time parameters."""
+    """Wrap a plant's array terms for the system's units and run-time parameters."""
     unit, n, m = arguments.unit, len(arguments.unit), len(plant.external)
 
     def values(x: Array, t: Array, p: Array) -> Array:
@@ -465,7 +465,7 @@ def _external(
 def _event_terms(
     plant: ExternalEvents, variables: tuple[Expr, ...], arguments: _Arguments
 ) -> tuple[tuple[Expr, ...], Terms]:
-    """Bring the array terms of a plant's events to the system's units and run-time parameters."""
+    """Wrap the array terms of a plant's events for the system's units and parameters."""
 
     def values(x: Array, t: Array, p: Array) -> Array:
         found = np.asarray(plant.event_terms_array(*arguments(x, t, p)), dtype=float)

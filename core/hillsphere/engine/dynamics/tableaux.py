@@ -42,8 +42,8 @@ class Tableau:
     b, c : ndarray, shape (s,)
         Weights and nodes.
     errors : tuple of ndarray, shape (s,)
-        Weights e of two embedded estimates h Σ e_i k_i: the weights b less those of formulas of
-        lower order, the first of the higher order of the two.
+        Weights e of two embedded estimates h Σ e_i k_i: differences of b and the weights of two
+        formulas of lower order, the formula of higher order first.
     """
 
     name: str
@@ -59,18 +59,17 @@ class Tableau:
         return len(self.b)
 
     def step_error(self, high: Array, low: Array) -> Array:
-        r"""Combine both embedded estimates of a step to one of its error.
+        r"""Combine both embedded estimates of a step to an estimate of its error.
 
-        With the sizes :math:`e` and :math:`\bar e` of the first and the second, of dop853
-        :math:`e^2/\sqrt{e^2 + 0.01\,\bar e^2}`, of order h⁸ [2]_. Of rk6, whose first is of
-        order h⁵ and second of order h⁴,
-        :math:`e^3/(e^2 + \bar e^2)`, of order h⁷ as the error. On Kepler
-        orbits both are 2 to 30 times the error of the step.
+        With the norms :math:`e` and :math:`\bar e` of the first and the second estimate, dop853
+        uses :math:`e^2/\sqrt{e^2 + 0.01\,\bar e^2}`, of order h⁸ [2]_. For rk6, with e of order
+        h⁵ and ē of order h⁴, it is :math:`e^3/(e^2 + \bar e^2)`, of order h⁷ as the error. On
+        Kepler orbits both estimates are 2 to 30 times the error of the step.
 
         Parameters
         ----------
         high, low : ndarray, shape (N,)
-            Squares of their sizes.
+            Squares of their norms.
 
         Returns
         -------
@@ -83,7 +82,7 @@ class Tableau:
 
 
 _TINY = 1e-300
-"""What keeps the quotient defined where a step has no error at all."""
+"""Keeps the quotient defined if both estimates are zero."""
 
 
 def _make(

@@ -26,7 +26,7 @@ from hillsphere.symbolic.expressions import Expr, parameter, substitute
 __all__ = ["Flight", "Taylor"]
 
 _COMPACT_FROM = 400
-"""Size of a right-hand side (terms) from which compilation in full mode takes over two seconds."""
+"""Number of terms of a right-hand side above which full compilation takes over two seconds."""
 _TOLERANCES = (1e-16, 1e-3)
 """Smallest and largest tolerance: below 1e-16 rounding exceeds the truncation, and from 1e-3 on
 the order of the series, ⌈1 − ln(tol)/2⌉, would fall below 5."""
@@ -34,14 +34,14 @@ the order of the series, ⌈1 − ln(tol)/2⌉, would fall below 5."""
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """Ends of N flights and what was met on the way.
+    """Ends of N flights, and the events recorded on the way.
 
     Parameters
     ----------
     x : ndarray, shape (n, N)
         States at the end.
     phi : ndarray, shape (n, n + k, N), or None
-        Derivatives of the flow for the end's time held fixed.
+        Derivatives of the final state at fixed final time.
     time : ndarray, shape (N,)
         Time of the end on the system's clock.
     ended_by : tuple of (str or None), length N
@@ -60,24 +60,26 @@ class Flight:
 class Taylor:
     """Propagation of N independent lanes by adaptive Taylor series, four lanes at a time.
 
-    Order and step follow from the tolerance [1]_; at the default the error is rounding.
+    Order and step follow from the tolerance [1]_; with the default tolerance the error is that of
+    rounding.
 
     Parameters
     ----------
     system : System
         n equations, wholly symbolic.
     tol : float
-        Tolerance, 1e-16 … 1e-3, relative to the largest element of the state; normalised systems
-        are the better balanced.
+        Tolerance, 1e-16 … 1e-3, relative to the largest element of the state. Normalised systems,
+        whose states have similar sizes, are therefore preferable.
     stm : bool
         Whether the state transition matrix is carried along.
     events : sequence of str
         Names of events of the system whose fall through zero, along the flight, ends it. A flight
-        that starts below zero goes on until the event has risen and fallen again; one that starts
-        at zero and falls ends where it starts.
+        that starts below zero continues until the event has risen and fallen again; one that starts
+        at zero and falls ends at its start.
     record : mapping of str to Expr, or sequence of str
-        Events (of the system, or expressions) whose every change of sign is recorded by `fly`; a
-        zero at the start of the flight (but for rounding, 1e-15 of its times) is not a crossing.
+        Events (of the system, or expressions) whose changes of sign are all recorded by `fly`. A
+        zero at the start of the flight, within the rounding of 1e-15 of its times, is not a
+        crossing.
     parameters : sequence of str
         With `stm`: run-time parameters by which to differentiate too.
     compact : bool, optional
@@ -87,23 +89,23 @@ class Taylor:
     Raises
     ------
     InputError
-        If the system, or an event that is asked for, has terms that are functions of arrays, or a
-        name or the tolerance does not fit.
+        If the system or a requested event has terms that are functions of arrays, a name is
+        unknown, or the tolerance is out of range.
 
     Notes
     -----
-    A series is that of the branch on which its step begins, and knows nothing of another branch
-    of a `select`. Where one of ``system.switches`` changes sign the step therefore ends and a new
-    series begins, a hair (16 times `tol`, 1e-12 at least, in units of the switch) beyond, so that
-    rounding cannot put its start back on the branch that is left; what that adds to the error of
-    the states is of second order in the hair where the right-hand side is continuous. Branches
-    that no switch tells of are not seen: a flight across them is wrong without notice, and the
-    step map with short steps the safe choice. Switches are not reported, and systems without them
-    pay nothing.
+    A Taylor series represents only the branch of a `select` on which its step begins. Where one of
+    ``system.switches`` changes sign, the step therefore ends and a new series begins. It begins
+    slightly beyond the zero, where the switch is 16 times `tol` (at least 1e-12), so that rounding
+    cannot put its start on the old branch. If the right-hand side is continuous, the resulting
+    error of the states is of second order in this distance. A branch without a switch is not
+    detected: a flight across it is wrong without a warning, and the step map with short steps is
+    the safe choice. Switches are not reported, and cost nothing in systems without them.
 
-    In the methods below x is (n, N), N may be zero, or, for one lane, (n,), and the results lose
-    that axis likewise; durations are scalars or (N,) and may be negative; run-time parameters p
-    are (k,) or (k, N), SI, nominal if absent. Integrators keep state: one `Taylor` per thread.
+    In the methods below x is (n, N), where N may be zero, or (n,) for one lane; results then have
+    no axis of lanes either. Durations are scalars or (N,) and may be negative. Run-time parameters
+    p are (k,) or (k, N), SI, by default nominal. Integrators have internal state: use one `Taylor`
+    per thread.
 
     References
     ----------
@@ -176,7 +178,7 @@ class Taylor:
         x : array_like, shape (n, N)
             States.
         duration : array_like, shape (N,) or scalar
-            How long.
+            Duration in the system's unit of time.
         p : array_like, shape (k, N) or (k,), optional
             Run-time parameters.
         t0 : array_like, shape (N,) or scalar
@@ -185,7 +187,7 @@ class Taylor:
         Returns
         -------
         x : ndarray, shape (n, N)
-            States at the end; `fly` also tells when and why it ended.
+            States at the end; `fly` also returns its time and the event that ended the flight.
         phi : ndarray, shape (n, n + k, N)
             Derivatives by the states at the start (only with `stm`).
 
@@ -206,7 +208,7 @@ class Taylor:
         *,
         strict: bool = True,
     ) -> Flight:
-        """Propagate each lane over its duration or to its end, with a record of events.
+        """Propagate each lane over its duration or until an event ends it, and record events.
 
         Parameters
         ----------
@@ -259,7 +261,7 @@ class Taylor:
         x : array_like, shape (n, N)
             States at `t0`.
         times : array_like, shape (K,)
-            Times on the system's clock, all on one side of `t0` and going away from it.
+            Times on the system's clock, monotone, on one side of `t0`, the nearest first.
         p : array_like, shape (k, N) or (k,), optional
             Run-time parameters.
         t0 : float

@@ -1,9 +1,9 @@
 """Adaptive Taylor integrators of the compile layer, driven in batches of lanes.
 
-Zeros of events are those of their Taylor polynomials over a whole step, isolated by Descartes' rule
-of signs and bisection, so that pairs within one step are told apart down to rounding. Only falls
-along the flight stop an integrator: one that stopped at a rise too would lose a fall of another
-event at the same instant, and, for a while, every further zero of the one that has risen.
+Zeros of events are those of their Taylor polynomials over a whole step. They are isolated by
+Descartes' rule of signs and bisection, so that pairs within one step are separated down to
+rounding. Only falls along the flight stop an integrator. If it stopped at a rise too, it would miss
+a fall of another event at the same instant and, for some time, further zeros of the same event.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from hillsphere.symbolic.expressions import Expr
 __all__ = ["Ends", "TaylorBatches"]
 
 _BATCH = 4
-"""Lanes in one SIMD batch; eight does not pay without AVX-512."""
+"""Lanes in one SIMD batch, the width of AVX2; eight would be faster only with AVX-512."""
 _LEAST_HAIR = 1e-12
 """Least value of a switching function at the end of a step past its zero: above the rounding of
 functions of order one, which could show the wrong sign."""
@@ -30,12 +30,12 @@ _HAIR = 16.0
 """The same in tolerances: the truncation of the Taylor series misses the zero by up to 5."""
 _ROUNDING = 4.0 * np.finfo(float).eps
 _MOMENT = 2.0**-20
-"""Part of a flight after which an event that begins at zero has risen or fallen: its second
-derivative decides from there on, and rounding is still far below what it has done."""
+"""Fraction of a flight after which the sign of an event that begins at zero is evaluated. By then
+the change of the event due to its second derivative is far above rounding."""
 _HALVINGS = 53
-"""Halvings of a flight down to one unit in the last place."""
+"""Bisections of a flight down to one unit in the last place of a double."""
 _BESIDE = 1e-3
-"""Part of a step on either side of a zero with no slope at which signs are compared."""
+"""Fraction of a step on either side of a zero with zero slope at which signs are compared."""
 _TIME_LIMIT = int(_hy.taylor_outcome.time_limit)
 _NON_FINITE = int(_hy.taylor_outcome.err_nf_state)
 _Lanes: TypeAlias = NDArray[np.intp]
@@ -43,9 +43,9 @@ _Lanes: TypeAlias = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class Ends:
-    """Where N lanes ended: rows y, times, ending events, and what was recorded per event and lane.
+    """Ends of N lanes: rows y, times, ending events, and records per event and lane.
 
-    A lane that turned non-finite has NaN in y.
+    A lane that became non-finite has NaN in y.
     """
 
     y: Array
@@ -63,7 +63,7 @@ class Ends:
 
 
 class _Carried:
-    """What callbacks see of the lanes that an integrator carries; each flight sets it anew."""
+    """Data of the present lanes for the callbacks of an integrator; each flight sets it anew."""
 
     lanes: _Lanes
     alive: NDArray[np.bool_]
@@ -80,17 +80,17 @@ class TaylorBatches:
     equations : sequence of (Expr, Expr)
         Variable and its time derivative, run-time parameters numbered.
     n : int
-        How many of them are states, recorded at events; the rest are derivatives.
+        Number of states, which are recorded at events; the other rows are derivatives.
     tol : float
         Tolerance.
     ends, recorded : mapping of str to Expr
         Events that end a lane when they fall along the flight; events to record.
     switches : sequence of Expr
-        Functions whose zeros end a step and nothing else.
+        Functions whose zeros end a step but not a flight.
     compact : bool
         Compile in compact mode.
     parameters : int
-        k, how many run-time parameters there are.
+        Number k of run-time parameters.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class TaylorBatches:
         Returns
         -------
         Ends
-            What became of each lane.
+            End of each lane.
         """
         ends = self._flown(y, p, start, target)
         if not self._ends or not y.shape[1]:
@@ -146,7 +146,7 @@ class TaylorBatches:
         return ends
 
     def _flown(self, y: Array, p: Array, start: Array, target: Array) -> Ends:
-        """Fly as `fly` does, as far as zeros of the series tell."""
+        """Propagate as `fly` does, with the events that are zeros of the series only."""
         cases = y.shape[1]
         end, time = np.empty_like(y), np.empty(cases)
         ended: list[str | None] = [None] * cases
@@ -165,7 +165,7 @@ class TaylorBatches:
         lane: int,
         zero: NDArray[np.bool_],
     ) -> None:
-        """End a lane at its start if an event that is zero there, with no slope, falls."""
+        """End a lane at its start if an event that is zero there, with zero slope, falls."""
         one = slice(lane, lane + 1)
         soon = start[one] + _MOMENT * (target[one] - start[one])
         first = self._flown(y[:, one], p[:, one], start[one], soon)
@@ -183,7 +183,7 @@ class TaylorBatches:
         lane: int,
         above: NDArray[np.bool_],
     ) -> None:
-        """End a lane where an event is first found to have fallen unseen, by halving its flight."""
+        """End a lane at the first undetected fall of an event, found by bisection of its flight."""
         one = slice(lane, lane + 1)
         near, far = start[one].copy(), target[one].copy()
         last = self._flown(y[:, one], p[:, one], start[one], far)
@@ -202,11 +202,11 @@ class TaylorBatches:
         ends.end(lane, last.y[:, 0], last.time[0], name)
 
     def _values(self, y: Array, p: Array, t: Array) -> Array:
-        """Return the events that end a lane (m, N) at states (rows, N)."""
+        """Return the values (m, N) of the ending events at states (rows, N)."""
         return self._evaluate(tuple(self._ends.values()), y, p, t)
 
     def _evaluate(self, functions: tuple[Expr, ...], y: Array, p: Array, t: Array) -> Array:
-        """Return functions (m, N) at states (rows, N), compiled when first needed."""
+        """Return the values (m, N) of functions at states (rows, N); compile them at first use."""
         if functions not in self._compiled:
             states = [v for v, _ in self._equations[: self._n]]
             self._compiled[functions] = _hy.cfunc(
@@ -251,7 +251,7 @@ class TaylorBatches:
         return out
 
     def _integrator(self, width: int) -> Any:
-        """Return the integrator of so many lanes, compiled when first asked for."""
+        """Return the integrator for a number of lanes, compiled at first use."""
         if width not in self._integrators:
             options: dict[str, Any] = {}
             if terminal := self._terminal():
@@ -271,7 +271,7 @@ class TaylorBatches:
         return self._integrators[width]
 
     def _terminal(self) -> list[Any]:
-        """Return what stops an integrator: an outcome is told by its place in this list."""
+        """Return the terminal events of an integrator; an outcome is an index in this list."""
         falls = {"direction": _hy.event_direction.negative}
         ends = [_hy.t_event_batch(self._sense * f, **falls) for f in self._ends.values()]
         return ends + [_hy.t_event_batch(f, callback=_goes_on) for f in self._levels]
@@ -323,9 +323,10 @@ class TaylorBatches:
         time: Array,
         ended: list[str | None],
     ) -> None:
-        """Fly one batch; an event that ends one lane halts all, so go on until every one is done.
+        """Propagate one batch, and restart it after each event until every lane has ended.
 
-        A lane that is done follows a copy of one that is not: an integrator has no empty lanes.
+        An event of one lane stops the whole batch. A lane that has ended is replaced by a copy of
+        another, since an integrator has no empty lanes.
         """
         integrator = self._integrator(len(lanes))
         sense = np.where(target[lanes] < start[lanes], -1.0, 1.0)
@@ -357,9 +358,9 @@ class TaylorBatches:
             self._refill(integrator, goal)
 
     def _refill(self, integrator: Any, goal: Array) -> None:
-        """Let the lanes that are done follow one that is not.
+        """Replace ended lanes by copies of one that has not ended.
 
-        Left to itself, one may run on into a singularity, which halts all lanes for good.
+        Otherwise an ended lane could continue into a singularity, which stops all lanes for good.
         """
         batch = self._carried
         model = int(np.argmax(batch.alive))

@@ -61,7 +61,7 @@ def variational_equations(
 
 
 class Derivatives:
-    """Right-hand side and its exact derivatives on arrays.
+    """The right-hand side of a system and its exact Jacobian, as functions of arrays.
 
     Parameters
     ----------
@@ -74,12 +74,12 @@ class Derivatives:
     Raises
     ------
     InputError
-        If a parameter is not at run time.
+        If a parameter is not a run-time parameter.
 
     Notes
     -----
-    Terms that are functions of arrays enter by the chain rule, A = ∂f/∂x + ∂f/∂g ∂g/∂x. Only
-    controls may be differentiated by in such a system: nothing says how g depends on the others.
+    Terms g that are functions of arrays enter by the chain rule, A = ∂f/∂x + ∂f/∂g ∂g/∂x. In such a
+    system derivatives by parameters other than controls are refused, since ∂g/∂p is unknown.
     """
 
     def __init__(self, system: System, parameters: Sequence[str] = ()) -> None:
@@ -98,7 +98,7 @@ class Derivatives:
         self._both = ArrayFunction([*system.rhs, *entries], inputs, names)
 
     def rate(self, x: ArrayLike, p: ArrayLike | None = None, t: ArrayLike = 0.0) -> Array:
-        """Evaluate f.
+        """Evaluate the right-hand side f.
 
         Parameters
         ----------

@@ -1,1 +1,1 @@
-"""The closed loop: plant, navigation, law and actuator, N cases at once."""
+"""Closed-loop simulation of plant, navigation, control law and actuator for N cases at once."""

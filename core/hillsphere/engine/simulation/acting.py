@@ -1,4 +1,4 @@
-"""What a law does at a sample: held, as an impulse, or through its compiled equations."""
+"""Actuation of a law: held commands, impulses, or a continuous law's compiled equations."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ __all__ = ["Act", "ByEquations", "ByHold", "ByImpulse", "Done", "Extra", "Later"
 
 @dataclass(frozen=True)
 class Later:
-    """A later part of a period, in which something else is held.
+    """A later part of a period, in which another command is held.
 
     Parameters
     ----------
     begin, end : float
-        What part of the period has passed when it begins, and when it ends.
+        Fractions of the period at which it begins and ends.
     value : ndarray, shape (p, B) or (p, 1)
-        For `Act.hold`.
+        Command for `Act.hold`.
     rate : ndarray, shape (B,), or None
         As in `Done`.
     """
@@ -40,21 +40,21 @@ class Later:
 
 @dataclass(frozen=True)
 class Done:
-    """What a sample did to a block.
+    """Result of a sample for a block.
 
     Parameters
     ----------
     y : ndarray, shape (rows, B)
-        State after it.
+        State after the sample.
     own, command, done : ndarray, shape (p, B)
-        What the law commanded by itself, what was asked of the actuator with the feedforward in
-        its mean over the period, and what it did.
+        The law's command without feedforward; the command to the actuator, with the mean of the
+        feedforward over the period; and the executed command.
     spent : ndarray, shape (B,), or None
-        Δv spent at once; None for none.
+        Δv of an impulse, m/s; None without one.
     rate : ndarray, shape (B,), or None
-        Δv spent per second from then on; None if a state of the system counts it.
+        Δv spent per second from the sample on, m/s²; None if a state of the system integrates it.
     later : tuple of Later
-        Further parts of the period, in their order; from the first one on it is theirs.
+        Further parts of the period, in order; `rate` is valid until the first of them begins.
     """
 
     y: Array
@@ -75,36 +75,36 @@ class Extra:
 
 
 class Act(Protocol):
-    """A law at work on one block; holds its memory there and the parameters of the flight."""
+    """A law that acts on one block, with its states and the run-time parameters of the flight."""
 
     p: Array
-    """Run-time parameters of the system that flies, (k, B)."""
+    """Run-time parameters of the propagated system, (k, B)."""
     counts: bool
-    """Whether the last state of that system is the Δv spent."""
+    """Whether the last state of that system is the spent Δv."""
 
     def begin(self, x: Array) -> Array:
-        """Return the state of the system that flies for states x (n, B) of the plant."""
+        """Return the initial state of the propagated system for states x (n, B) of the plant."""
         ...
 
     def at(self, k: int, t: Array, y: Array, seen: Array, ref: Array, extra: Extra) -> Done:
-        """Act at sample k."""
+        """Apply the law at sample k."""
         ...
 
     def hold(self, value: Array) -> None:
-        """Put in place what is held in a later part of the period."""
+        """Set the command that is held in a later part of the period."""
         ...
 
     @property
     def own_along(self) -> Callable[[Array, Array, Array], Array] | None:
-        """What the law commands by itself, (p, N); None if its command changes at samples only.
+        """The law's command without feedforward, (p, N); None if it changes at samples only.
 
-        Takes times (N,), states (rows, N) and run-time parameters (k, N).
+        A function of times (N,), states (rows, N) and run-time parameters (k, N).
         """
         ...
 
 
 class _ByCompensator:
-    """What held and impulsive actuation share."""
+    """Common part of held and impulsive actuation."""
 
     counts = False
     own_along = None
@@ -120,7 +120,7 @@ class _ByCompensator:
         return x
 
     def _own(self, k: int, t: Array, seen: Array, ref: Array) -> Array:
-        """Return what the law commands."""
+        """Return the law's command, after a check of its shape."""
         command, self._xc = self._law.step(k, t, seen, ref, self._xc)
         if command.shape != (self._rows, len(t)):
             what = "velocities" if self._law.actuation == "impulse" else "controls"
@@ -131,7 +131,7 @@ class _ByCompensator:
         return command
 
     def _did(self, command: Array, w: Array) -> Array:
-        """Return what the actuator does: its errors are those of the whole command."""
+        """Return the executed command; execution errors apply to the total command."""
         done = command if self._actuator is None else self._actuator.execute(command, w)
         return done if self._gain is None else np.einsum("ijN,jN->iN", self._gain, done)
 
@@ -153,7 +153,7 @@ class ByHold(_ByCompensator):
         self._held = slice(len(p), len(p) + rows)
 
     def at(self, k: int, t: Array, y: Array, seen: Array, ref: Array, extra: Extra) -> Done:
-        """Hold what the law says."""
+        """Hold the law's command."""
         own, feed = self._own(k, t, seen, ref), extra.feedforward
         if isinstance(feed, CommandSteps):
             done = self._did(own + feed.u[0], extra.w)
@@ -189,7 +189,7 @@ class ByImpulse(_ByCompensator):
         self._idle = np.zeros(width)
 
     def at(self, k: int, t: Array, y: Array, seen: Array, ref: Array, extra: Extra) -> Done:
-        """Change the velocities by what the law says."""
+        """Add the law's impulse to the velocities."""
         own, feed = self._own(k, t, seen, ref), extra.feedforward
         if isinstance(feed, CommandSteps):
             raise InputError(
@@ -202,11 +202,11 @@ class ByImpulse(_ByCompensator):
         return Done(after, own, command, done, magnitude(done), self._idle)
 
     def hold(self, value: Array) -> None:
-        """Do nothing: nothing is held."""
+        """Do nothing, since no command is held."""
 
 
 class ByEquations:
-    """A continuous law: at a sample its measurement and reference are renewed."""
+    """A continuous law, whose measurement and reference are updated at samples."""
 
     counts = True
 
@@ -238,12 +238,12 @@ class ByEquations:
         )
 
     def begin(self, x: Array) -> Array:
-        """Return the states of plant and law, and the effort, zero."""
+        """Return the states of plant and law, and the effort, which is zero."""
         width = x.shape[1]
         return np.concatenate([x, self._law.initial(width), np.zeros((1, width))])
 
     def at(self, k: int, t: Array, y: Array, seen: Array, ref: Array, extra: Extra) -> Done:
-        """Renew what the law sees."""
+        """Update the measurement and reference of the law."""
         law, q = self._law, self._law.inputs
         if seen.shape[0] != q or ref.shape[0] != q:
             raise InputError(
@@ -278,7 +278,7 @@ class ByEquations:
         self.p[self._feed] = value
 
     def own_along(self, t: Array, y: Array, p: Array) -> Array:
-        """Return what the law commands by itself, see `Act`."""
+        """Return the law's command without feedforward, see `Act`."""
         p = p.copy()
         p[self._feed] = 0.0  # it changes between samples, what the law commands does not with it
         return self._command(y, p, t)[: self._controls]
@@ -287,7 +287,7 @@ class ByEquations:
 def _later(
     feed: CommandSteps, values: Sequence[Array] | Array, rates: Sequence[Array | None]
 ) -> tuple[Later, ...]:
-    """Return the parts of a period after the first step, with what is held in them."""
+    """Return the parts of a period after the first step, with the commands held in them."""
     ends = np.cumsum(feed.shares).tolist()
     ends[-1] = 1.0
     return tuple(map(Later, ends[:-1], ends[1:], values, rates))

@@ -1,4 +1,4 @@
-"""What is done of what is commanded."""
+"""Actuator models: limits, quantisation and execution errors of commands."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ __all__ = ["Thruster"]
 
 @dataclass(frozen=True)
 class Thruster:
-    r"""A thruster that turns to the commanded direction: limits, steps and execution errors.
+    r"""A thruster in the commanded direction, with limits, quantisation and execution errors.
 
-    The magnitude commanded is rounded to a multiple of the quantum, cut to the maximum, and
-    dropped below the minimum; what is left is done with errors of size and direction,
+    The commanded magnitude is rounded to a multiple of the quantum, limited to the maximum, and set
+    to zero below the minimum. The result is executed with errors of magnitude and direction,
 
     .. math:: |u|(1 + \sigma_m w_0)\,(\cos\delta\,\hat u + \sin\delta\,\hat e),
               \qquad \delta\,\hat e = \sigma_p\,(w - (w\cdot\hat u)\hat u),
 
-    independent from sample to sample: Gates' model [1]_ without its fixed parts.
+    independent from sample to sample: Gates' model [1]_ without its fixed errors.
 
     Parameters
     ----------
     magnitude_sigma : float
-        Standard deviation of the size, as a fraction.
+        Relative standard deviation of the magnitude.
     pointing_sigma_rad : float
         Standard deviation of the angle about each axis normal to the command.
     minimum, maximum, quantum : float
         In the unit of the command, m/s for impulses and m/s² for held acceleration.
     dimension : int
-        Components of a command; several thrusters follow one another in the rows.
+        Components of one thruster's command; the rows of several thrusters are consecutive.
     thrusters : int
-        How many.
+        Number of thrusters.
 
     References
     ----------
@@ -63,12 +63,12 @@ class Thruster:
 
     @property
     def noise(self) -> int:
-        """Normal numbers per case and sample: size, then direction, of each thruster."""
+        """Number of normal numbers per case and sample: magnitude and direction per thruster."""
         exact = self.magnitude_sigma == 0 and self.pointing_sigma_rad == 0
         return 0 if exact else self.thrusters * (1 + self.dimension)
 
     def execute(self, u: Array, w: Array) -> Array:
-        """Return what is done (p, N) for the command u (p, N), with w (noise, N)."""
+        """Return the executed command (p, N) for the command u (p, N), with noise w (noise, N)."""
         if len(u) != self.dimension * self.thrusters:
             raise InputError(
                 f"{self.thrusters} thruster(s) of {self.dimension} components cannot do a command "

@@ -1,4 +1,4 @@
-"""The cases to be flown, and what is checked of them."""
+"""Cases of a closed-loop simulation, and their validation."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ __all__ = ["Batch", "Cases", "batch_of"]
 
 @dataclass(frozen=True)
 class Cases:
-    """N cases.
+    """Initial states and per-case inputs of N cases.
 
     Parameters
     ----------
     x0 : array_like, shape (n, N)
         True states at the start, SI; a case that starts with a NaN ends as ``diverged``.
     p : array_like, shape (k, N) or (k,), optional
-        Run-time parameters of the plant in the order they were asked for, SI; nominal if absent.
+        Run-time parameters of the plant in the order of the simulator's `run_time`, SI; by default
+        nominal.
     gain : array_like, shape (r, r, N), optional
-        Effectiveness of the actuator, constant over a flight: what is done is gain · command.
+        Effectiveness of the actuator, constant over a flight: executed is gain · command.
     numbers : array_like of int, shape (N,), optional
-        Number of each case, by which limits and references look it up; 0 … N − 1 if absent.
+        Number of each case, by which limits and references identify it; by default 0 … N − 1.
     draws : array_like of int, shape (N,), optional
-        Number by which the noise of each case is drawn: cases that are to see the same noise
-        share it; `numbers` if absent.
+        Number by which the noise of each case is drawn: cases with equal numbers have equal noise.
+        By default `numbers`.
     t0_s : float or array_like, shape (N,)
         Time at the start.
     period_s : float or array_like, shape (N,), optional
-        Time between samples, case by case, for a law without states of its own; the law's if
-        absent.
+        Sampling period of each case, for a law without states of its own; by default the law's.
     dv_budget_m_s : float or array_like, shape (N,), optional
-        Δv at hand; no limit if absent.
+        Available Δv; by default unlimited.
     """
 
     x0: Any
@@ -55,7 +55,7 @@ class Cases:
 
 @dataclass(frozen=True)
 class Batch:
-    """Cases as checked arrays, the last axis that of the cases."""
+    """Cases as validated arrays, whose last axis is that of the cases."""
 
     x0: Array
     p: Array
@@ -96,12 +96,12 @@ def batch_of(
     period_s: float,
     memory: bool,
 ) -> Batch:
-    """Check cases against a simulator.
+    """Validate cases for a simulator.
 
     Parameters
     ----------
     cases : Cases
-        As given.
+        The cases as given by the caller.
     samples : int or array_like of int, shape (N,)
         Numbers of samples.
     states, rows : int
@@ -109,19 +109,19 @@ def batch_of(
     parameters : tuple of Parameter
         The k run-time parameters.
     period_s : float
-        The law's.
+        Sampling period of the law, s.
     memory : bool
         Whether the law has states of its own.
 
     Returns
     -------
     Batch
-        Arrays.
+        The validated arrays.
 
     Raises
     ------
     InputError
-        Saying which does not fit.
+        If a shape or a value is invalid; the message names the field.
     """
     x0 = np.array(cases.x0, dtype=float)
     if x0.ndim != 2 or len(x0) != states:

@@ -1,4 +1,4 @@
-"""Bounds of what an affine law commands over a sub-step, without intervals for its states."""
+"""Bounds of an affine law's command over a sub-step, without intervals for its states."""
 
 from __future__ import annotations
 
@@ -18,24 +18,25 @@ from hillsphere.interfaces.loop import ContinuousLaw
 __all__ = ["AffineLaw", "PlantUnderCommand", "affine_law"]
 
 _SAME_STEP = 1.0 + 1e-6
-"""Steps of one length differ by the rounding of the times between them; the bound grows with the
-length, and is computed once for one a little longer."""
+"""Factor on a step's length for which the bound is computed. Nominally equal steps differ by the
+rounding of times; since the bound increases with the length, that of a slightly longer step serves
+all of them."""
 _TUBES = 16
-"""Lengths of step kept: those of legs, of their sub-steps and of the halves of both."""
+"""Number of step lengths whose bound is cached: those of legs, their sub-steps, and bisections."""
 _MARGIN = 1e-9
 """Relative margin for the rounding of matrix products of some tens of terms."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlantUnderCommand:
-    """A plant whose command is only known to lie in a box, the last rows of p."""
+    """A plant whose command is only known to lie in a box, given by the last rows of p."""
 
     plant: PlantBounds
     parameters: int
     linear: LinearRows | None = None
 
     def rates(self, t: Bound, y: Sequence[Bound], p: Sequence[Interval]) -> list[Bound]:
-        """Return bounds of the rates; the command may change in any way."""
+        """Return bounds of the rates, for any change of the command within its box."""
         moving = any(part.rate is not None for part in y)
         change = iv.EVERYTHING if moving else None
         u = [Bound(row, change, change) for row in p[self.parameters :]]
@@ -53,13 +54,13 @@ class AffineLaw:
     Parameters
     ----------
     plant : PlantUnderCommand
-        What it commands.
+        The plant that the law controls.
     a, c : ndarray, shape (m, m + 2q) and (p, m + 2q)
         Matrices.
     a0, c0 : ndarray, shape (m, 1) and (p, 1)
         Constants.
     inputs : int
-        q.
+        Number q of rows of reference and of measurement.
     """
 
     plant: PlantUnderCommand
@@ -76,10 +77,10 @@ class AffineLaw:
         return len(self.plant.plant.unit)
 
     def command(self, y: Array, p: Array, h: float, held: Array) -> tuple[Array, Array]:
-        """Bound what the actuator does in the sub-steps of a leg.
+        """Bound the executed command in the sub-steps of a leg.
 
-        Measurement and reference are held, so that ẋ_c(τ) = exp(Aτ) ẋ_c(0), and the command departs
-        from that at the start by at most |C| G |ẋ_c(0)|, see
+        Measurement and reference are held, so that ẋ_c(τ) = exp(Aτ) ẋ_c(0). The command therefore
+        differs from that at the start of a sub-step by at most |C| G |ẋ_c(0)|, with G from
         `hillsphere.engine.dynamics.enclosures`.
 
         Parameters
@@ -102,7 +103,7 @@ class AffineLaw:
         return (start - size).min(axis=0), (start + size).max(axis=0)
 
     def departure(self, y: Array, p: Array, middle: Array, h: float, held: Array) -> Array:
-        """Bound |u − middle| in each of some steps; `middle` (p, B), the rest as for `command`.
+        """Bound |u − middle| in each sub-step; `middle` is (p, B), the rest as for `command`.
 
         Returns
         -------
@@ -116,7 +117,7 @@ class AffineLaw:
         return start
 
     def _about(self, y: Array, p: Array, h: float, held: Array) -> tuple[Array, Array]:
-        """Return the commands at the begin of the sub-steps (steps, p, B), and how far they go."""
+        """Return the commands at the start of the sub-steps (steps, p, B), and their change."""
         m, count, q = len(self.a), len(self.c), self.inputs
         first, n = self.plant.parameters, y.shape[1] - 1 - len(self.a)
         begin = first + count + count**2
@@ -127,6 +128,7 @@ class AffineLaw:
         start += self.c[:, m:] @ seen + self.c0
         size = (_MARGIN * largest) * np.abs(self.c).sum(axis=1, keepdims=True)
         if m:
+            # |u(τ) − u(0)| ≤ |C| G |ẋ_c(0)| with ẋ_c(0) = A z + a, see `command`.
             tube = self._tube(h)
             rate = self.a[:, :m] @ x
             rate += self.a[:, m:] @ seen + self.a0
@@ -145,14 +147,14 @@ class AffineLaw:
         return done, reach
 
     def _tube(self, h: float) -> Array:
-        """Return |C| G for a step of length h (p, m), see `enclosures`."""
+        """Return |C| G (p, m) for a step of length h, see `enclosures`."""
         for known, tube in self.tubes.items():
             if h <= known <= _SAME_STEP**2 * h:
                 return tube
         if len(self.tubes) >= _TUBES:
             self.tubes.clear()
         m, h = len(self.a), _SAME_STEP * h
-        # A step may be so long beside the poles of an unstable law that nothing is known.
+        # For an unstable law and a long step the bound may overflow; it is then infinite.
         with np.errstate(over="ignore", invalid="ignore"):
             tube = np.abs(self.c[:, :m]) @ growth(self.a[:, :m], h) * (1.0 + 2.0 * _MARGIN)
         self.tubes[h] = tube
@@ -161,7 +163,7 @@ class AffineLaw:
 
 @np.errstate(invalid="ignore", over="ignore", divide="ignore")
 def affine_law(law: ContinuousLaw, plant: PlantBounds, run_time: int) -> AffineLaw | None:
-    """Return what bounds the commands of a law; None if it is not affine, or not on held values."""
+    """Return the law in affine form; None if it is not affine or its measurement is not held."""
     m, q = len(law.states), law.inputs
     if law.measurement != "held":
         return None
@@ -172,7 +174,7 @@ def affine_law(law: ContinuousLaw, plant: PlantBounds, run_time: int) -> AffineL
     parts: list[tuple[Array, Array]] = []
     try:
         for function in (law.derivative, law.control):
-            # A law is told its states, the measurement, then the reference.
+            # The arguments of a law are its states, the measurement, then the reference.
             told = [
                 tuple(s[i:j])
                 for s in (slopes, zeros)

@@ -1,4 +1,4 @@
-"""The one closed-loop driver: N cases through plant, navigation, law and actuator."""
+"""The closed-loop simulator: N cases through plant, navigation, law and actuator."""
 
 from __future__ import annotations
 
@@ -39,56 +39,58 @@ from hillsphere.interfaces.plant import Plant
 __all__ = ["STEP_REACH", "Simulator", "simulate"]
 
 STEP_REACH = {"rk6": 1.07, "dop853": 3.5}
-"""Largest step times pole with which a decay is followed to 1e-3, see `ContinuousLaw`."""
+"""Formula → largest product of step and pole for which the decay of a state is accurate to 1e-3,
+see `ContinuousLaw`."""
 
 
 class Simulator:
-    """A plant and a law, compiled once, that fly any number of cases.
+    """Closed-loop simulation of any number of cases of one plant and law, compiled once.
 
     Parameters
     ----------
     plant : Plant
         Equations of motion.
     law : Compensator or ContinuousLaw
-        What commands.
+        The control law.
     reference : Reference or array_like, optional
-        What the law follows; an array (q,) or (q, C) stands for `FixedReference`; zero if absent.
+        Reference of the law; an array (q,) or (q, C) becomes a `FixedReference`. By default zero.
     navigation : Navigation, optional
-        What the law sees; the truth if absent.
+        Navigation model; by default the law receives the true states.
     actuator : Actuator, optional
-        What is done of a command; all if absent. Not for a continuous law, whose command is part
-        of the equations: give `Cases.gain`, and limits as expressions of the law.
+        Actuator model; by default commands are executed exactly. It cannot be used with a
+        continuous law, whose command is part of the equations: give `Cases.gain`, and limits as
+        expressions of the law.
     run_time : sequence of str
         Names of the plant's parameters that differ from case to case.
     limits : sequence of Limit
-        Conditions that end a flight, beside the plant's events.
+        Conditions that end a flight, in addition to the plant's events.
     method : {"dop853", "rk6"}
         Formula of the step map.
     substeps : int
-        Steps between two samples. Events are watched at their ends. A feedforward in steps has
-        as many in each as its share asks for, and at least one.
+        Steps between two samples. Events are checked at their ends. A feedforward in steps has a
+        proportional number in each of its steps, and at least one.
     tolerance : float, optional
-        Check each leg against twice as many steps and double them, lane by lane, until the
-        difference in units of the plant's scales is below; at least three times the work. With
-        terms that are functions of arrays each step divides itself by its error estimate instead,
-        see `hillsphere.engine.dynamics.adaptive`.
+        Compare each leg with twice as many steps, and double them, lane by lane, until the
+        difference in units of the plant's scales is below the tolerance. This takes at least three
+        times as long. With terms that are functions of arrays, adaptive steps are used instead, see
+        `hillsphere.engine.dynamics.adaptive`.
     most_substeps : int
-        With `tolerance`: the most steps; a lane that needs more ends as ``step_size``.
+        With `tolerance`: largest number of steps; a lane that needs more ends as ``step_size``.
     wall_limit_s : float, optional
-        Wall-clock time for a block of 64 lanes; flights that are not over by then end as
-        ``time_limit``. The one outcome that a repetition need not reproduce.
+        Wall-clock time for a block of 64 lanes; flights that have not ended by then end as
+        ``time_limit``. This is the only outcome that may differ in a repetition.
 
     Raises
     ------
     InputError
-        If plant, law and options do not fit together.
+        If plant, law and options do not match.
 
     Notes
     -----
-    Cases go in blocks of 64 lanes, the last filled up with copies of its last case, through
-    everything: step map, navigation, law. The bits of a case depend on the block's width, not on
-    its neighbours, nor on the order of the blocks. A lane that ended stays where it is; a block is
-    done when all its lanes are.
+    Cases are processed in blocks of 64 lanes by step map, navigation and law; the last block is
+    filled with copies of its last case. The bits of a case depend on the width of the blocks, but
+    not on its neighbours or on the order of the blocks. A lane that has ended keeps its state; a
+    block ends when all its lanes have.
     """
 
     def __init__(
@@ -148,14 +150,14 @@ class Simulator:
         observer: Observer | None = None,
         advance: Callable[[int], None] | None = None,
     ) -> Flights:
-        """Fly cases.
+        """Simulate cases.
 
         Parameters
         ----------
         cases : Cases
-            N of them; may be none.
+            N cases; N may be zero.
         samples : int or array_like of int, shape (N,)
-            At how many samples the law acts; the flight ends one period after the last.
+            Number of samples at which the law acts; a flight ends one period after the last one.
         seed : int
             Root seed of the noise.
         stage : str
@@ -165,19 +167,20 @@ class Simulator:
         limits : sequence of Limit
             Further conditions that end these flights.
         observer : Observer, optional
-            Shown every sample, and the end, of every block.
+            Receives every sample, and the end, of every block.
         advance : callable, optional
-            Told the number of cases done, as `Context.track` returns; with 0 now and then between.
+            Called with the number of completed cases, as the result of `Context.track`; in between
+            it is called with 0 from time to time.
 
         Returns
         -------
         Flights
-            In the order of the cases, SI.
+            Results in the order of the cases, SI.
 
         Raises
         ------
         InputError
-            If a shape does not fit.
+            If a shape does not match.
         """
         batch = self._batch(cases, samples)
         tell = advance or (lambda count: None)
@@ -210,24 +213,27 @@ class Simulator:
         return self._flights(found, len(batch), watch, table)
 
     def choose_substeps(self, cases: Cases, tol: float) -> int:
-        """Find sub-steps for which a period from the start, without command, meets a tolerance.
+        """Find the number of sub-steps that meets a tolerance over the first period.
+
+        The command is zero; the equations of a continuous law are propagated from its initial
+        states.
 
         Parameters
         ----------
         cases : Cases
-            Where the flights begin.
+            Initial states.
         tol : float
-            Largest difference to twice as many, in units of the plant's scales.
+            Largest difference to twice as many sub-steps, in units of the plant's scales.
 
         Returns
         -------
         int
-            For `substeps`; the equations of a continuous law fly along from its initial states.
+            Number of sub-steps, for `substeps`.
 
         Raises
         ------
         PropagationError
-            If no number of steps does.
+            If no number of steps meets the tolerance.
         """
         batch = self._batch(cases, 1)
         act = self._act(batch)
@@ -374,26 +380,26 @@ def simulate(
     samples: int | ArrayLike,
     **options: Any,
 ) -> Flights:
-    """Fly cases once: `Simulator` and its `fly` in one call.
+    """Simulate cases once: `Simulator` and its `fly` in one call.
 
     Parameters
     ----------
     plant : Plant
         Equations of motion.
     law : Compensator or ContinuousLaw
-        What commands.
+        The control law.
     cases : Cases
-        N of them.
+        N cases.
     samples : int or array_like of int, shape (N,)
-        At how many samples the law acts.
+        Number of samples at which the law acts.
     **options
-        Of `Simulator`, and ``seed``, ``stage``, ``history``, ``observer``, ``advance`` of
+        Options of `Simulator`, and ``seed``, ``stage``, ``history``, ``observer``, ``advance`` of
         `Simulator.fly`.
 
     Returns
     -------
     Flights
-        In the order of the cases, SI.
+        Results in the order of the cases, SI.
     """
     names = ("seed", "stage", "history", "observer", "advance")
     flying = {k: options.pop(k) for k in names if k in options}
@@ -401,7 +407,7 @@ def simulate(
 
 
 def _together(recorders: Sequence[Recorder]) -> Recorder | None:
-    """Return one recorder that stands for all."""
+    """Return one recorder that calls all of them."""
     if len(recorders) < 2:
         return recorders[0] if recorders else None
 
@@ -413,7 +419,7 @@ def _together(recorders: Sequence[Recorder]) -> Recorder | None:
 
 
 def _check_poles(law: Compensator | ContinuousLaw, method: str, substeps: int) -> None:
-    """Raise if the sub-steps are too long for the poles that a continuous law tells."""
+    """Raise if the sub-steps are too long for the fastest pole of a continuous law."""
     if not isinstance(law, ContinuousLaw) or not isinstance(law, KnownPoles):
         return
     reach, fastest = STEP_REACH.get(method, inf), law.fastest_rad_s

@@ -1,4 +1,4 @@
-"""The flight between two samples, and where it ends before the second."""
+"""Propagation between two samples, with detection of events that end a flight."""
 
 from __future__ import annotations
 
@@ -31,32 +31,32 @@ from hillsphere.engine.simulation.outcomes import status_of_event
 __all__ = ["Watch"]
 
 _PAUSE = 15
-"""Most samples that are flown part by part at once after several in which a flight came near an
-event: the proof of all parts together was then of no use."""
+"""Largest number of samples without an attempt to prove all parts together, after attempts that
+failed because a flight was close to an event."""
 _TOGETHER = 1024
-"""Sub-steps that are searched at once: enough that arithmetic on arrays costs no more than their
-elements, few enough that what comes after the end of a flight is seldom searched."""
+"""Sub-steps that are searched at once: enough to amortise the overhead of array operations, few
+enough that little is searched after the end of a flight."""
 
 
 class Watch:
-    """All that may end a flight, as rows of one function; and the flight of a leg under it.
+    """All conditions that may end a flight, as rows of one function; propagates legs under them.
 
     Parameters
     ----------
     system : System
-        The equations that fly.
+        The propagated equations.
     stepper : Stepper
-        Their step.
+        Their integration step.
     events : ArrayFunction or None
         The system's events, compiled, in their order; None if it has none.
     n : int
-        Number of the plant's states among them.
+        Number of the plant's states among the system's.
     limits : sequence of Limit
-        Of the user.
+        Limits of the user.
     budget : bool
-        Whether the Δv at hand is watched.
+        Whether the remaining Δv is checked.
     proof : EventProof
-        Bounds of what is watched; those of the regions that it knows serve many watches.
+        Bounds of the conditions; its bounds for regions can be shared by several watches.
     """
 
     def __init__(
@@ -94,11 +94,11 @@ class Watch:
         self._pause = self._left = 0
 
     def unresolved(self, rows: Integers) -> Integers:
-        """Return the causes that say of these rows that they could not be decided."""
+        """Return the causes that mark these rows as undecided."""
         return np.asarray(self.diverged + 1 + rows)
 
     def values(self, leg: Leg, t: Array, y: Array) -> Array:
-        """Return all rows (E, B); positive while a flight may go on."""
+        """Return all rows (E, B), which are positive while a flight continues."""
         x = y[: self._n]
         rows: list[Array] = []
         if self._events is not None:
@@ -114,7 +114,7 @@ class Watch:
         return np.array(rows).reshape(len(rows), len(t))
 
     def start(self, leg: Leg) -> Integers:
-        """Return what forbids the start, by lane: −1, or a row that is negative or not a number."""
+        """Return per lane the row that is negative or NaN at the start, or −1 without one."""
         cause = np.full(len(leg.t), -1)
         values = self.values(leg, leg.t, leg.y)
         for row in range(len(values) - 1, -1, -1):
@@ -123,7 +123,7 @@ class Watch:
         return cause
 
     def fly(self, leg: Leg, steps: int) -> End:
-        """Fly a leg in equal steps, each lane to the end of the leg or to its own."""
+        """Propagate a leg in equal steps, each lane to the end of the leg or of its flight."""
         proof, lanes = self._proof, len(leg.t)
         proof.ready(leg)
         held = Held(leg.t, leg.period, leg.p, leg.rate, steps)
