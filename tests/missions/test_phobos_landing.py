@@ -290,7 +290,7 @@ def test_verdict_says_what_is_not_as_published(run: Run) -> None:
     notes = "\n".join(run.summary["verdict"]["notes"])
     for said in (
         "k0, uncertain_3_sigma, point=2: robust performance disproved",
-        "inside the sphere of 13.03 km",
+        "Inside 13.03 km the harmonic series",
         "64 cases of stage 'open_loop' (random): 64 failed",
         "not at a minimum",
     ):

@@ -154,7 +154,7 @@ def enclose(system: Bounded, t: Array, h: Array, y: Array, p: Array, beyond: Arr
             own = arrays(system.rates(when, box_of(start_lo, start_hi), held), lo)
             reach = tube @ np.maximum(np.abs(own[0][rows]), np.abs(own[1][rows]))
             new_lo[rows], new_hi[rows] = y[rows] - reach, y[rows] + reach
-        inside: NDArray[np.bool_] = ((new_lo >= lo) & (new_hi <= hi)).all(axis=0)
+        inside: NDArray[np.bool_] = np.all((new_lo >= lo) & (new_hi <= hi), axis=0)
         for target, source in (
             (box.lo, new_lo), (box.hi, new_hi), (box.rate_lo, low), (box.rate_hi, high)
         ):  # fmt: skip

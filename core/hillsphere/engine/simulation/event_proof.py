@@ -217,7 +217,7 @@ class EventProof:
             first += count
         if self.look is not None:
             self.look.remember(flown[-1].leg, len(indices[-1]), indices[-1][-1])
-        return 2 * np.count_nonzero(self._store.decided(found, columns)) > len(found)
+        return bool(2 * np.count_nonzero(self._store.decided(found, columns)) > len(found))
 
     def _columns(self, flown: Nodes, size: int) -> _Chunks:
         """Divide a leg into columns: chunks of sub-steps, lane by lane."""

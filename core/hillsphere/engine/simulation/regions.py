@@ -233,8 +233,7 @@ class Store:
     def _decides(self, need: Array, least: Array) -> Flags:
         # Of what falls below zero no region says that it does not.
         least = least[self._rows]
-        found: Flags = ((least > need) | (least <= 0.0)).all(axis=0)
-        return found
+        return np.all((least > need) | (least <= 0.0), axis=0)
 
     def _make_by_time(self, columns: Columns, index: Integers, missing: Flags) -> bool:
         """Make one region for all columns of one time; change `index` and `missing`.
@@ -317,7 +316,7 @@ class Store:
             trials.lo[:, waiting], trials.hi[:, waiting] = lo[:, left], hi[:, left]
         # Of these groups regions of single columns would hold, and decide, hardly more.
         width = trials.hi - trials.lo
-        alike: Flags = ((own.hi - own.lo <= _TIGHT * width) | np.isinf(width)).all(axis=0)
+        alike: Flags = np.all((own.hi - own.lo <= _TIGHT * width) | np.isinf(width), axis=0)
         if not holds.any():
             return alike[group]
         made = self._bounds.regions(trials.taken(holds), low[:, holds], high[:, holds])
@@ -329,10 +328,10 @@ class Store:
             at, finite = np.where(serves, place[group], 0), np.isfinite(need).all(axis=0)
             decides = self._decides(need[:, at], columns.least[:, which])
             serves &= decides | (alike[group] & finite[at])
-        first = 0 if self.kept is None else len(self.kept)
+        held = 0 if self.kept is None else len(self.kept)
         self._append(made)
         self._single += len(made)
-        index[which[serves]] = first + place[group[serves]]
+        index[which[serves]] = held + place[group[serves]]
         return alike[group]
 
     def _keep(self, made: Regions, index: Integers) -> None:

@@ -163,7 +163,7 @@ def _visibility_columns(product: PassList, start: Epoch) -> list[FilledColumn]:
         rise, set_ = product.rise_s[own], product.set_s[own]
         counts.append(int(rise.size))
         seen_s.append(float(np.sum(set_ - rise)))
-        gaps_s.append(_longest_gap(rise, set_, product.searched_s[n]))
+        gaps_s.append(_longest_gap(rise, set_, float(product.searched_s[n])))
     return [
         of("stations", "station"),
         of("satellites", "satellite"),

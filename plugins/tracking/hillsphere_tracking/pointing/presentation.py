@@ -123,14 +123,15 @@ def _error_columns(product: Pointing) -> list[FilledColumn]:
     of = FieldColumns(product, "mounts", "passes")
     planned, naive = product.error_rad, product.naive_error_rad
     distance = _each_mount(product, lambda m: np.nanmin(product.keyhole_distance(m), axis=0))
-    largest, largest_naive = (
-        _each_mount(product, lambda m, error=error: np.nanmax(error[:, :, m], axis=0))
-        for error in (planned, naive)
-    )
-    outside, outside_naive = (
-        _each_mount(product, lambda m, error=error: _outside(product, error, m))
-        for error in (planned, naive)
-    )
+
+    def largest_of(error: Array) -> Array:
+        return _each_mount(product, lambda m: np.nanmax(error[:, :, m], axis=0))
+
+    def outside_of(error: Array) -> Array:
+        return _each_mount(product, lambda m: _outside(product, error, m))
+
+    largest, largest_naive = largest_of(planned), largest_of(naive)
+    outside, outside_naive = outside_of(planned), outside_of(naive)
     return [
         of("mounts", "mount"),
         *_pass_columns(of),

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
 from hillsphere.presentation import Table
@@ -72,7 +75,7 @@ def nees_table(consistency: Consistency, level: float) -> Table:
     """Return the table of the mean NEES of each outage."""
     of = FieldColumns(consistency, "outages", "trackers")
 
-    def spread(values: Array) -> Array:
+    def spread(values: NDArray[Any]) -> NDArray[Any]:
         return of.spread(values, "trackers", "outages")
 
     low, high = consistency.interval

@@ -44,7 +44,8 @@ def outage_table(
     rows = [twins.get(key, {}) for key in zip(product.passes, product.outages, strict=True)]
 
     def published(name: str) -> list[Printed | str | None]:
-        return of.spread(tuple(row.get(name) for row in rows), "outages").tolist()
+        values: list[Printed | str | None] = [row.get(name) for row in rows]
+        return list(of.spread(tuple(values), "outages"))
 
     def quantile(measure: str, level: int) -> Array:
         values = product.quantiles[level, product.measures.index(measure)]
