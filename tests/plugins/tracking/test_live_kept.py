@@ -170,7 +170,7 @@ def test_a_log_replays_as_the_pass_did_and_is_scored(
     out, err = capsys.readouterr()
     assert out == flown
     lines = err.splitlines()
-    head = next(i for i, line in enumerate(lines) if line.startswith("prediction from a loss"))
+    head = next(i for i, line in enumerate(lines) if line.startswith("errors of the prediction"))
     table = [line.split() for line in lines[head + 2 :]]
     # 60 s, 120 s, the loss that happened after 149 s, and 300 s
     assert [row[0] for row in table[::2]] == ["60", "120", "149", "300"]
@@ -251,7 +251,7 @@ def test_a_pass_of_outliers_is_not_learned(tmp_path: Path) -> None:
         kept = vars(fresh) | {"count": many, "outliers": np.full(1, outliers)}
         memory.end(tracker, LeastSquaresState(**kept), RISE, 10.0)
         assert (tmp_path / "m.json").exists() == learns
-    assert "60 of them outliers" in said[-1]
+    assert "with 60 outliers" in said[-1]
     entry = json.dumps({"format": "hillsphere station memory", "version": 1, "stations": 3})
     (tmp_path / "m.json").write_text(entry)
     with pytest.raises(InputError, match="has no stations"):
