@@ -253,7 +253,8 @@ def test_lanes_of_a_time_share_a_region_that_holds_long_steps() -> None:
     lanes, chunks, h = 16, 4, 0.7
     chunk = np.repeat(np.arange(chunks), lanes)
     phase = 1.3 * chunk + np.tile(np.linspace(0.0, 1e-3, lanes), chunks)
-    y, none, when = np.array([np.cos(phase), -np.sin(phase)]), np.zeros((0, 64)), 1.0 * chunk
+    y, none = np.array([np.cos(phase), -np.sin(phase)]), np.zeros((0, 64))
+    when = np.asarray(chunk, dtype=float)
     step = np.full(64, h)
     columns = Columns(
         Boxes(y, y, none, none, when, when), chunk, step, step, np.full((1, 64), 10.0)

@@ -233,7 +233,7 @@ class Store:
     def _decides(self, need: Array, least: Array) -> Flags:
         # Of what falls below zero no region says that it does not.
         least = least[self._rows]
-        return np.all((least > need) | (least <= 0.0), axis=0)
+        return np.asarray(np.all((least > need) | (least <= 0.0), axis=0))
 
     def _make_by_time(self, columns: Columns, index: Integers, missing: Flags) -> bool:
         """Make one region for all columns of one time; change `index` and `missing`.
@@ -325,7 +325,8 @@ class Store:
         if count < len(which):
             # Other columns are left for regions of their own.
             need = made.need(h)[self._rows]
-            at, finite = np.where(serves, place[group], 0), np.isfinite(need).all(axis=0)
+            at = np.where(serves, place[group], 0)
+            finite: Flags = np.all(np.isfinite(need), axis=0)
             decides = self._decides(need[:, at], columns.least[:, which])
             serves &= decides | (alike[group] & finite[at])
         held = 0 if self.kept is None else len(self.kept)
