@@ -189,7 +189,7 @@ def test_what_is_shown() -> None:
     assert rows["1:17, 110 km", "periodic_lqr"]["index_m_s"] is None
     assert rows["1:17, 110 km", "periodic_lqr"]["uncorrected_survival"] == 0.0
     assert "Without any correction 0 of 3 orbits survive 10 days" in shown.verdict[0]
-    assert any("perfectly" in note for note in longest.notes)
+    assert any("perfect navigation" in note for note in longest.notes)
     assert shown.metrics["station_keeping_held"].value == 3
     assert any("One correction per period" in sentence for sentence in shown.verdict)
     assert any("1 of 3 orbits is stable" in sentence for sentence in shown.verdict)
@@ -425,7 +425,7 @@ def test_members_by_name() -> None:
     assert found.labels == ("1:17, 70 km", "1:25, 70 km")
     with pytest.raises(InputError, match="nothing is called '1:99, 70 km'; there are: 1:17, 70 km"):
         hold(some(0), members=["1:99, 70 km"], **keys)
-    with pytest.raises(StageError, match="nothing to hold"):
+    with pytest.raises(StageError, match="no reference to hold"):
         hold(some(), **keys)
 
 

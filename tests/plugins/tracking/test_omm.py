@@ -82,7 +82,7 @@ def test_several_messages_in_one_file() -> None:
         (("2007-064T10", "2007-064T25"), "EPOCH: .*bad hour"),
         (("EPOCH = 2007-064T10:34:41.4264\n", ""), "EPOCH is missing"),
         (("= 23581", "= 23x81"), "NORAD_CAT_ID must be a whole number"),
-        (("GM = 398600.8", "GM = 1\nGM = 2"), "m:18: GM stands twice"),
+        (("GM = 398600.8", "GM = 1\nGM = 2"), "m:18: GM occurs twice"),
         (("GM = 398600.8", "what is this"), "m:17: expected KEYWORD = value"),
     ],
 )

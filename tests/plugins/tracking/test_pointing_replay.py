@@ -204,8 +204,8 @@ def test_a_log_checks_itself() -> None:
     log = _log()
     columns = {name: getattr(log, name) for name in log.__dataclass_fields__}
     for keys, message in (
-        ({"times_s": log.times_s[::-1]}, "rise"),
-        ({"times_s": log.times_s[1:]}, "alike"),
+        ({"times_s": log.times_s[::-1]}, "increase"),
+        ({"times_s": log.times_s[1:]}, "same shape"),
         ({"azimuth_rad": np.full(20, np.nan)}, "wherever it was locked"),
     ):
         with pytest.raises(InputError, match=message):
