@@ -577,7 +577,7 @@ def test_units_of_variables() -> None:
         ({"samples": None}, "how long\\? give a duration"),
         ({"duration_s": 5, "samples": 3}, "the duration says it already"),
         ({"follow": "circle"}, "needs.reference, which is not given"),
-        ({"sees": ["x", "x"]}, "a value stands twice"),
+        ({"sees": ["x", "x"]}, "a value is listed twice"),
         ({"tolerance": 1e-9, "substeps": 600}, "at least twice substeps"),
         ({"success": ["diverged"]}, "success"),
         ({"law": Inside(), "sees": ["x"]}, "sees all states"),

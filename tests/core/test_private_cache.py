@@ -79,7 +79,7 @@ def test_links_are_followed_and_what_they_lead_to_is_judged(cache: Path, tmp_pat
     cache.symlink_to("../loose/cache")
     assert cache_fault(cache) == f"others may write to {loose}"
     (tmp_path / "circle").symlink_to("circle")
-    assert cache_fault(tmp_path / "circle").endswith("is a link in a circle")
+    assert cache_fault(tmp_path / "circle").endswith("is part of a loop of symbolic links")
 
 
 def test_a_link_within_is_not_trusted(cache: Path) -> None:

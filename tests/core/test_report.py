@@ -255,5 +255,5 @@ def test_faults_of_a_presentation_are_all_named() -> None:
         figures={"1": FIGURE},
     )
     faults = "\n".join(presentation_faults(bad))
-    for part in ("'../a'", "a list", "'T': an id", "stands twice", "['b']", "figure '1'"):
+    for part in ("'../a'", "a list", "'T': an id", "is listed twice", "['b']", "figure '1'"):
         assert part in faults

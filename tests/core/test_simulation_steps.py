@@ -227,7 +227,7 @@ def test_sub_steps_fit_the_poles_of_a_law(method: str, most_s: float) -> None:
     [([0.5, 0.6], (2, 1, 1)), ([1.0, 0.0], (2, 1, 1)), ([1.0], (2, 1, 1)), ([1.0], (1, 1))],
 )
 def test_steps_that_do_not_fit(shares: list[float], shape: tuple[int, ...]) -> None:
-    with pytest.raises(InputError, match="shares \\(J,\\) above zero"):
+    with pytest.raises(InputError, match="shares \\(J,\\) of a command"):
         CommandSteps(np.array(shares), np.zeros(shape))
 
 

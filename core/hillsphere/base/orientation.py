@@ -82,8 +82,8 @@ class ConstantOrientation:
     Parameters
     ----------
     ut1_minus_utc_s : float
-        Value at the epoch from which times count; from there UT1 advances with SI seconds, also
-        across a leap second.
+        Value at the epoch of t = 0. UT1 − TAI is constant from there on, so that UT1 − UTC changes
+        by 1 s at a leap second.
     x_pole_rad, y_pole_rad : float
         Polar motion.
 

@@ -95,7 +95,7 @@ def cache_fault(directory: Path) -> str:
         if stat.S_ISLNK(found.st_mode):
             links += 1
             if links > _MOST_LINKS:
-                return f"{place} is a link in a circle"
+                return f"{place} is part of a loop of symbolic links"
             target = Path(os.readlink(place))
             if target.is_absolute():
                 here, above = Path("/"), os.lstat("/")

@@ -171,7 +171,7 @@ def reorder_cases(outcome: BlockOutcome, order: Integers) -> BlockOutcome:
 def divide_outcome(
     outcome: BlockOutcome, counts: Sequence[int], seconds: Sequence[float]
 ) -> list[BlockOutcome]:
-    """Return the parts of a joined outcome, by their numbers of cases and seconds; no histories."""
+    """Split a joined outcome into parts of given case counts and run times, without histories."""
     ends = np.cumsum(counts)
     # Messages are in the order of the cases, but not every case has one.
     place = {number: i for i, number in enumerate(outcome.numbers.tolist())}

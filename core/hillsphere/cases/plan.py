@@ -130,7 +130,7 @@ class Plan:
 
     @property
     def ladder(self) -> Ladder | None:
-        """Which points differ by the size of one thing only, if their list says so."""
+        """Groups of points in each of which one quantity increases, if the list declares them."""
         return self._swept.ladder
 
     def point_of(self, cases: Integers) -> Integers:

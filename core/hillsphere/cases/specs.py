@@ -48,7 +48,7 @@ class StopSpec(Spec):
     failures_above: float | None = option(
         "end when the failure ratio is surely above this", default=None, ge=0, lt=1
     )
-    least_cases: int = option("but not before so many cases", default=256, ge=2)
+    least_cases: int = option("least number of cases before it may end", default=256, ge=2)
 
     @model_validator(mode="after")
     def _something(self) -> Self:
@@ -73,7 +73,7 @@ class CampaignSpec(StageSpec):
         default="",
         max_length=64,
     )
-    confidence: float = option("of all intervals", default=0.95, gt=0.5, lt=1)
+    confidence: float = option("confidence level of all intervals", default=0.95, gt=0.5, lt=1)
     quantiles: tuple[float, ...] = option(
         "quantiles of the metrics that are shown, and those of bands",
         default=(0.05, 0.5, 0.95),
@@ -97,7 +97,7 @@ class CampaignSpec(StageSpec):
     def _each_once(self) -> Self:
         names = [ref.name for ref in self.dispersions if ref.target is None]
         if len(set(names)) < len(names):
-            raise rule("dispersions", "a name stands twice")
+            raise rule("dispersions", "a name is listed twice")
         return self
 
 
@@ -134,9 +134,9 @@ class MonteCarloSpec(CampaignSpec):
         if self.design != "random" and not self.dispersions:
             raise rule("dispersions", f"nothing differs: {self.design!r} needs dispersions")
         if self.design != "random" and self.stop is not None:
-            raise rule("stop", f"part of a {self.design!r} design is none; use 'random'")
+            raise rule("stop", f"a {self.design!r} design cannot be cut short; use 'random'")
         if self.bands and not self.quantiles:
-            raise rule("quantiles", "bands are quantiles; give at least one")
+            raise rule("quantiles", "bands need at least one quantile")
         return self
 
 

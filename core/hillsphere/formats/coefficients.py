@@ -65,7 +65,7 @@ class CoefficientTable:
 
 
 class LineReader:
-    """The lines of a text file, and faults that name file and line.
+    """Line-by-line reader of a text file, whose errors name file and line.
 
     Parameters
     ----------

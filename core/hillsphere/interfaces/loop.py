@@ -74,8 +74,8 @@ class CommandSteps:
         fits = self.shares.shape == (len(self.u),) and self.u.ndim == 3
         if not fits or not (self.shares > 0).all() or abs(self.shares.sum() - 1.0) > 1e-9:
             raise InputError(
-                f"steps of a command need shares (J,) above zero whose sum is one, and u "
-                f"(J, p, N); got {self.shares.tolist()} and {self.u.shape}"
+                "the shares (J,) of a command's steps must be positive with the sum one, and u "
+                f"(J, p, N) or (J, p, 1); got {self.shares.tolist()} and {self.u.shape}"
             )
 
     def mean(self) -> Array:

@@ -89,7 +89,7 @@ class NeedsCheck(Contract, Protocol):
 
     @property
     def check_needs(self) -> Callable[..., None]:
-        """Refuse keys that the needed stages cannot meet: ``check_needs(**needs)``.
+        """Check keys against the stages that it needs: ``check_needs(**needs)``.
 
         Called before any stage runs, with the components of the needed stages in place of the
         products that `Stage.run` receives; raises `hillsphere.errors.InputError`. A message that

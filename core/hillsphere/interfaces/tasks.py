@@ -91,7 +91,7 @@ class Lost:
 
 @dataclass(frozen=True)
 class Failed:
-    """A job whose work could not be prepared or whose function raised, which it must not."""
+    """A job whose preparation failed, or whose function raised an error against the contract."""
 
     task: Job
     error: str

@@ -72,7 +72,7 @@ class Expanded:
     characters: int = 0
 
     def written_as(self, kind: str, name: str) -> tuple[str, ...]:
-        """Return the names under which a table's keys are written, in order of precedence."""
+        """Return the tables of the mission file that set a table's keys, in order of precedence."""
         source = self.sources.get((kind, name))
         if source is None:
             return (name,)
@@ -90,14 +90,14 @@ class Expanded:
         return None if drop is None else drop[0].problem(drop[1], "").place
 
     def laid_on_dropped(self, kind: str, name: str, used: Iterable[str]) -> Problem | None:
-        """Return the problem of a setting that changes only dropped tables, or None.
+        """Return the problem that a setting has no effect, as its table is dropped; else None.
 
         Parameters
         ----------
         kind, name : str
-            A table as it is written, possibly with `for`.
+            Table in the mission file, before `for` is expanded.
         used : iterable of str
-            Names of tables of this kind to which a ``like`` refers.
+            Names of the tables of this kind that a ``like`` copies.
         """
         origin = self.layers.last_origin(kind, name)
         if origin is None:

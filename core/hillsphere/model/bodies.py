@@ -153,10 +153,10 @@ class AsteroidSpec(MoonSpec):
     )
     periapsis_rad: float | None = quantity("angle", "argument of periapsis", default=None)
     mean_anomaly_rad: float | None = quantity(
-        "angle", "mean anomaly at the epoch, or else where times count from", default=None
+        "angle", "mean anomaly at the epoch; without one, at t = 0", default=None
     )
     epoch: str | None = option(
-        "date and time (TDB) of the mean anomaly; left out: where times count from",
+        "epoch (TDB) of the mean anomaly; left out: the epoch of t = 0",
         default=None,
         max_length=40,
     )

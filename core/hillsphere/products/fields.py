@@ -36,9 +36,9 @@ class Shape:
     Parameters
     ----------
     *dimensions : int or str
-        A number, or the name of a dimension, ``"orbits"``, which has one size in all fields of a
-        product; ``"bands + 1"`` is one more. A field that may be ``None`` has the shape if it is
-        there.
+        A number, or the name of a dimension (``"orbits"``), whose size is the same in all fields
+        of a product; ``"bands + 1"`` is one larger. A field that may be ``None`` must have the
+        shape unless it is ``None``.
 
     Raises
     ------

@@ -227,7 +227,7 @@ class RunRecord:
         )  # fmt: skip
 
     def _plugins(self) -> dict[str, str]:
-        """Return the plugins that the mission uses, with the distributions that brought them."""
+        """Return the plugins that the mission uses, with the Python packages that provide them."""
         records = [r for group in self.mission.components.values() for r in group.values()]
         return {r.plugin: r.distribution for r in sorted(records, key=lambda r: r.plugin)}
 

@@ -89,7 +89,7 @@ def repeat_faults(mission: Mission, stages: Mapping[str, Any]) -> Iterator[Probl
                 continue
             if not isinstance(stages[other], CaseStage):
                 fitting = [key for key, made in stages.items() if isinstance(made, CaseStage)]
-                hint = f"it can repeat {', '.join(fitting)}" if fitting else "nor can any other"
+                hint = f"it can repeat {', '.join(fitting)}" if fitting else "no stage here can"
                 yield problem_at(
                     mission,
                     ("stage", name, field),

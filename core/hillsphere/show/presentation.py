@@ -62,7 +62,7 @@ class Printed(float):
     text: str
 
     def __new__(cls, text: str) -> Printed:
-        """Read the number."""
+        """Parse the printed text."""
         plain = text.strip().replace("\u2212", "-")
         if not _DECIMAL.fullmatch(plain):
             raise ValueError(f"not a decimal number: {text!r}")
@@ -244,7 +244,7 @@ def presentation_faults(presentation: Presentation) -> list[str]:
     for name, table in presentation.tables.items():
         columns = [column.name for column in table.columns]
         if len(set(columns)) < len(columns):
-            faults.append(f"table {name!r}: a column stands twice in {columns}")
+            faults.append(f"table {name!r}: a column is listed twice in {columns}")
         for index, row in enumerate(table.rows):
             if extra := sorted(set(row) - set(columns)):
                 faults.append(f"table {name!r}, row {index}: no column is called {extra}")

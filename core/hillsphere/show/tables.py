@@ -204,19 +204,19 @@ class FieldColumns:
     def __call__(
         self, field: str, name: str = "", label: str | None = None, digits: int | None = None
     ) -> FilledColumn:
-        """Return the column over a field whose dimensions are among those of the rows.
+        """Return the column of a field; its dimensions must be among those of the rows.
 
         Parameters
         ----------
         field : str
             Name of the field.
         name : str
-            Name of the column; by default that of the field in the unit of its label. It must end
+            Name of the column; by default the field's name with the unit of its label. It must end
             in a unit of the same dimension.
         label : str, optional
-            Heading; by default that of the field.
+            Heading; by default the field's label.
         digits : int, optional
-            By default those of the field.
+            Significant digits; by default those of the field's label.
 
         Returns
         -------

@@ -104,7 +104,7 @@ def _key(options: Mapping[str, Any], equations: Iterable[Expr]) -> str:
 
 @cache
 def _maker() -> str:
-    """Return the digest of the source files, versions and compiler target behind functions."""
+    """Return the digest of sources, package versions and compiler target, for cache keys."""
     here = Path(__file__).parents[1]
     x = variable("x")
     probe = _hy.cfunc([x + 1.0], vars=[x])

@@ -200,7 +200,7 @@ def kepler(e_sin: Scalar, e_cos: Scalar, difference: Scalar) -> Expr:
     at e = 0.
     """
     if _overloaded_type(e_sin, e_cos, difference):
-        raise TypeError("the difference of anomalies is known to the engine only")
+        raise TypeError("kepler needs expressions; intervals have no solver of Kepler's equation")
     s, c, m = _as_expr(e_sin), _as_expr(e_cos), _as_expr(difference)
     within = cast(Expr, _hy.kepDE(s, c, m))
     # The engine's D is in [0, 2π); the equation itself gives the one that belongs to M.

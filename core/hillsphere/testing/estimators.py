@@ -118,7 +118,7 @@ class _Kit:
     def run(
         self, belief: Belief, sets: list[MeasurementSet], model: _Drift | None = None
     ) -> tuple[list[Belief], list[Innovation]]:
-        """Return the beliefs after each set of measurements, and what these brought."""
+        """Return the beliefs after each set of measurements, and the innovations."""
         beliefs, brought = list[Belief](), list[Innovation]()
         model = model or _Drift()
         for measured in sets:
@@ -171,7 +171,7 @@ class _Kit:
         )
 
     def check_turns(self, start: Belief, sets: list[MeasurementSet], end: Belief) -> None:
-        """Measure angles a revolution off."""
+        """Check that a measured angle shifted by 2π gives the same estimate."""
         turn = np.where(np.arange(5) == 0, 2.0 * np.pi, 0.0)[:, None]
         turned = [replace(m, values=m.values - turn) for m in sets]
         other = self.run(start, turned)[0][-1]

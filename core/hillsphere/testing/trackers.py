@@ -136,7 +136,7 @@ class _Kit:
         return state
 
     def predicted(self, state: Any, times_s: Array, biased: bool = True) -> Any:
-        """Return angles and covariance, of the shapes and in the ranges that they must have."""
+        """Return the prediction, after checks of its shapes, ranges and covariances."""
         what = self.what
         azimuth, elevation, covariance = self._tracker.predict(state, times_s, biased=biased)
         shape = (len(times_s), azimuth.shape[-1])

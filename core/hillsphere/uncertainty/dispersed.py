@@ -216,8 +216,8 @@ def _group(
     if bad.size:
         raise InputError(
             f"{group.quantities[int(bad[0])].name} has no nominal value before earlier stages have "
-            "run, so nothing can be drawn about it; use limits of its own (uniform with lower and "
-            "upper, choice, samples)"
+            "run, so the distribution cannot be relative to it; give absolute values (uniform with "
+            "lower and upper, choice, samples)"
         )
     # A wrong number of sizes is reported now, not when the first case is drawn.
     dispersion.quantiles(np.full((len(names), 1), 0.5), group.nominal)

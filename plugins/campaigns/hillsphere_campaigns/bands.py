@@ -139,7 +139,7 @@ def _ends(parts: Parts, cases: Integers, q: int) -> tuple[Array, Array]:
 
 
 class _Grid:
-    """Times of the samples after the first one: those of the longest case, which all share."""
+    """Common time grid of all cases: sample times of the longest one since its first sample."""
 
     def __init__(self) -> None:
         self.known: tuple[tuple[str, ...], tuple[str, ...]] | None = None

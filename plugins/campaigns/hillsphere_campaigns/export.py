@@ -51,7 +51,7 @@ def export_csv(table: CaseTable, path: str | Path) -> None:
     with the reason), ``failed`` (0 or 1), ``step_error`` if the stage estimates it; of a sweep
     ``point``, its label and what was swept; the inputs, the metrics, and ``message``. A unit stands
     behind the name, ``"dv [m/s]"``. Numbers have every digit, so that they are read back as they
-    were; where there is none stands ``nan``. A name that stands twice (an input that is a metric
+    were; where there is none stands ``nan``. A name that is listed twice (an input that is a metric
     too) is told apart by ``"input "``, ``"metric "`` before it.
     """
     said = dict(zip(table.message_case.tolist(), table.messages, strict=True))

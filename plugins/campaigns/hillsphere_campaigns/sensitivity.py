@@ -86,7 +86,7 @@ def explanatory(table: CaseTable) -> Explanatory:
 
 @dataclass(frozen=True)
 class RankCorrelations:
-    """Rank correlation of every quantity that differed with every metric, and with failure.
+    """Rank correlation of every varied input with every metric, and with failure.
 
     Parameters
     ----------
@@ -95,19 +95,19 @@ class RankCorrelations:
     metrics : tuple of str
         Names of the m metrics; the last may be ``"failed"``.
     count : ndarray of int, shape (m,)
-        Cases that were looked at: those that came to their end, for ``"failed"`` all decided ones.
+        Number of cases used: those that ended regularly; for ``"failed"`` all decided ones.
     rho : ndarray, shape (k, m)
         Spearman's coefficient with a metric; with failure the rank-biserial one, which is 1 if all
         failed cases have larger values of the input than all others. NaN where either is constant.
     interval : ndarray, shape (2, k, m)
-        Of Spearman's coefficient; NaN for failure.
+        Confidence interval of Spearman's coefficient; NaN for failure.
     p : ndarray, shape (k, m)
-        Probability that a coefficient is as far from zero by chance.
+        Two-sided p-value of a coefficient.
     p_holm : ndarray, shape (k, m)
-        The same with all k·m comparisons in view, see `holm`.
+        p-value adjusted for all k·m comparisons, see `holm`.
     dependent : bool
-        Whether cases shared their random numbers (the points of a sweep do) or differed in nothing
-        random: `p`, `p_holm` and `interval` then are NaN.
+        Whether cases are not independent: they shared their random numbers (the points of a sweep
+        do), or no input was random; `p`, `p_holm` and `interval` are then NaN.
     """
 
     inputs: tuple[str, ...]

@@ -31,7 +31,7 @@ _NO_BANDS = "needs.behind: this campaign has no bands; let it keep some"
 
 
 class Sweep(Campaign):
-    """A stage at chosen points, with cases of randomly drawn uncertain quantities at each.
+    """Parameter sweep of a stage, with a Monte Carlo sample at each point if wanted.
 
     Parameters
     ----------

@@ -139,7 +139,7 @@ class PointSpec(Spec):
         "speed", "velocities, likewise; left out: zero", default=()
     )
     others: dict[str, float] = option(
-        "values of states that are neither, by name, SI; they count as constant", default={}
+        "values of states besides position and velocity, by name, SI; held constant", default={}
     )
     time_s: float = quantity("time", "time", default=0.0)
 

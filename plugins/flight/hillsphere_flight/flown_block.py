@@ -196,14 +196,14 @@ class FlownBlock:
 
 
 def fill_rows(values: Array, rows: int) -> Array:
-    """Return a history (rows, K, …): NaN if no flight lived to see a sample.
+    """Return a history (rows, K, …), filled with NaN if every flight ended before a sample.
 
     Parameters
     ----------
     values : ndarray, shape (rows, K, …) or (0, K, …)
-        Of `hillsphere.simulation.History`, which learns the number of rows at the first sample.
+        Field of `hillsphere.simulation.History`; without a sample it has no rows.
     rows : int
-        How many there are.
+        Number of rows.
     """
     return values if len(values) else np.full((rows, *values.shape[1:]), np.nan)
 

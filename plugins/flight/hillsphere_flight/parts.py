@@ -97,7 +97,7 @@ def navigation_of(spec: NavigationSpec, rows: Rows, seen: Sequence[int]) -> Navi
 
 
 def command_rows(plant: Plant, rows: Rows, law: Compensator | ContinuousLaw) -> tuple[str, ...]:
-    """Return the names of the rows of a command: controls, or velocities for an impulse."""
+    """Return the names of a command's components: controls, or velocities for impulsive laws."""
     if not isinstance(law, ContinuousLaw) and law.actuation == "impulse":
         return tuple(rows.names[i] for i in rows.velocities)
     return tuple(v.name for v in plant.controls)

@@ -266,7 +266,7 @@ class ClosedLoopSpec(StageSpec):
         )
     )
     require: RequirementsSpec = option(
-        "largest values beyond which a flight has failed all the same", default=RequirementsSpec()
+        "largest metric values; a flight that exceeds one has failed", default=RequirementsSpec()
     )
     errors_from_s: float = quantity(
         "time",
@@ -325,5 +325,5 @@ class ClosedLoopSpec(StageSpec):
         for key in ("sees", "success"):
             values = getattr(self, key)
             if len(set(values)) < len(values):
-                raise rule(key, "a value stands twice")
+                raise rule(key, "a value is listed twice")
         return self

@@ -284,7 +284,7 @@ class _Search:
             return  # a path through the body's centre: a smaller region excludes it
 
     def _close_gaps(self, it: _Iterate) -> _Iterate:
-        """Close the gaps to first order by the least relative change of the command."""
+        """Remove the defects between steps to first order, by the least relative change of u."""
         steps, unit = it.steps, self._unit
         gaps = (steps.end - it.x[:, 1:])[self._rows]
         reach, carried = self._reach(steps, gaps)

@@ -159,7 +159,7 @@ class MoonCentred(ABC):
 
     @property
     def surface(self) -> Surface | ArraySurface | None:
-        """The moon's surface in its body-fixed frame, if it is more than `semi_axes_m`."""
+        """Shape of the moon in its body-fixed frame; None if it has none beyond `semi_axes_m`."""
         return self._shape
 
     @property

@@ -42,9 +42,9 @@ class ThreeBodySpec(Spec):
     body: Ref = reference("body", "the moon that the motion is about: gives orbit and libration")
     gravity: Ref = reference("gravity", "gravity of the moon, in its body-fixed frame")
     orbit: Literal["circular", "elliptic"] = option(
-        "path of the body: a circle whatever its eccentricity (states in the frame hill:BODY), or "
-        "its ellipse (true anomaly as seventh state, the rotation angle of a spin of its own as "
-        "eighth, frame body:BODY)",
+        "orbit of the body: 'circular', its eccentricity ignored (frame hill:BODY); or 'elliptic' "
+        "(frame body:BODY), with the true anomaly as seventh state and, for rotation = 'spin', the "
+        "rotation angle as eighth",
         default="circular",
     )
     rotation: Literal["locked", "uniform", "libration", "spin"] = option(

@@ -61,7 +61,7 @@ def _require_anomaly(others: Mapping[str, float]) -> float:
     """Return the true anomaly among the states at a start, or raise `InputError`."""
     if _ANOMALY.name not in others:
         raise InputError(
-            f"the body's place on its ellipse decides what it means; give start.others."
+            "the plant's frame depends on the body's true anomaly; give start.others."
             f"{_ANOMALY.name}, also with a reference"
         )
     return others[_ANOMALY.name]

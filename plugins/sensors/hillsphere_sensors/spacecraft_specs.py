@@ -226,7 +226,7 @@ class InterSatelliteSpec(SpacecraftSensorSpec):
         if not (self.range or self.angles):
             raise rule("range", "neither range nor angles are measured; keep one")
         if self.partner == self.spacecraft:
-            raise rule("partner", f"spacecraft {self.partner} is no partner of itself")
+            raise rule("partner", f"spacecraft {self.partner} cannot be its own partner")
         return self
 
     @property

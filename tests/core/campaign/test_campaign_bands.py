@@ -319,7 +319,7 @@ def test_bands_need_quantiles() -> None:
     keys = {"repeat": "hover", "cases": 64, "bands": ["x"], "quantiles": []}
     made, faults = faults_of(MonteCarloSpec, keys)
     assert made is None
-    assert [fault.message for fault in faults] == ["bands are quantiles; give at least one"]
+    assert [fault.message for fault in faults] == ["bands need at least one quantile"]
 
 
 # --- what is shown

@@ -88,7 +88,7 @@ def test_what_does_not_connect_is_named() -> None:
         ([g], [], [], ["y"], "nothing makes the signal 'u'"),
         ([g], [], ["u", "w"], ["y"], "'w' is used nowhere"),
         ([g], [], ["u"], ["x"], "nothing makes the output 'x'"),
-        ([g], [], ["u"], ["y", "y"], "stands twice"),
+        ([g], [], ["u"], ["y", "y"], "is listed twice"),
         ([g, g], [], ["u"], ["y"], "made twice"),
         ([g], ["e = r * y"], ["u", "r"], ["e"], "a junction reads"),
         ([g, two], ["e = y - y2"], ["u", "u2"], ["e"], "does not fit"),

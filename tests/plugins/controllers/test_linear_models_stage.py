@@ -112,9 +112,9 @@ def test_weights_that_differ_are_not_shown_as_weights() -> None:
         (keys(systems=[SPRING | {"numerator": [1], "denominator": [1, 1]}]), "just one of"),
         (keys(systems=[{"inputs": ["u"], "outputs": ["y"]}]), "none is"),
         (keys(measurements=[]), "given together"),
-        (keys(parameters=[STIFFNESS, STIFFNESS]), "'k' stands twice"),
+        (keys(parameters=[STIFFNESS, STIFFNESS]), "'k' is listed twice"),
         (keys(parameters=[STIFFNESS, MASS | {"name": "sqrt"}]), "means something"),
-        (keys(outputs=["y", "y"]), "'y' stands twice"),
+        (keys(outputs=["y", "y"]), "'y' is listed twice"),
         (keys(parameters=[STIFFNESS, MASS | {"values": [1, 2, 3]}], combine="list"), "as many"),
     ],
 )

@@ -362,7 +362,7 @@ def test_faults_are_said(spring: UncertainModels, column: UncertainModels) -> No
     )
     with pytest.raises(InputError, match="performance"):
         run(nothing, analyses=["robust_performance"])
-    with pytest.raises(InputError, match="stands twice"):
+    with pytest.raises(InputError, match="is listed twice"):
         run(spring, analyses=["worst_case_gain", "worst_case_gain"])
     certain = replace(spring, models=(replace(spring.models[0], names=()), *spring.models[1:]))
     with pytest.raises(InputError, match=r"needs\.uncertain: .*'uncertain'; .*truncation.*models"):

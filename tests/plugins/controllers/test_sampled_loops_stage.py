@@ -174,7 +174,7 @@ def test_what_does_not_go_together() -> None:
     for keys, message in (
         ({}, "no law says it"),
         ({"needs": {"models": "models"}, "periods_s": [1]}, "name some"),
-        ({"periods_s": [1, 1]}, "stands twice"),
+        ({"periods_s": [1, 1]}, "is listed twice"),
         ({"periods_s": [1, 2], "delay_s": 1.5}, "at most the shortest"),
     ):
         with pytest.raises(HillsphereError, match=message):

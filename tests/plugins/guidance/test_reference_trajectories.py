@@ -243,7 +243,7 @@ def test_published_costs_need_their_columns(phobos: Any, tmp_path: Path) -> None
     [
         (["series"], "compare: 'series' is the plant itself, from which it cannot differ"),
         (["solid", "series"], "compare: 'series' is the plant itself"),
-        (["solid", "mesh", "solid"], "compare: 'solid' stands twice; leave it out"),
+        (["solid", "mesh", "solid"], "compare: 'solid' is listed twice; leave it out"),
         (["solid", "mesh"], ""),
     ],
 )
@@ -281,7 +281,7 @@ def test_other_plants_are_compared_along_the_paths(uniform: Any) -> None:
     assert rows[0]["at_50_percent_mm_s2"] == pytest.approx(5.0, rel=1e-12)
     with pytest.raises(InputError, match=r"compare: '\(given\)' is the plant itself"):
         stage(uniform, hop, compare=[others[0], uniform])
-    with pytest.raises(InputError, match=r"compare: '\(given\)' stands twice; leave it out"):
+    with pytest.raises(InputError, match=r"compare: '\(given\)' is listed twice; leave it out"):
         stage(uniform, hop, compare=[*others, others[0]])
     with pytest.raises(InputError, match=r"compare: plant .* with the states x, vx; it must be"):
         stage(uniform, hop, compare=[type(uniform)((0.0,))])

@@ -259,7 +259,7 @@ def test_bad_input_is_named() -> None:
         climb(orbits, plant("elliptic"), duration_d=1)
     with pytest.raises(InputError, match="no plant is given"):
         climb(orbits)
-    with pytest.raises(InputError, match="rungs: a plant stands twice"):
+    with pytest.raises(InputError, match="rungs: a plant is listed twice"):
         climb(orbits, plant("hill"), plant("circular"), plant("hill"))
     empty = OrbitSet(
         replace(

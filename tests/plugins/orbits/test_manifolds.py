@@ -395,7 +395,7 @@ def test_only_stable_orbits(plant: Any, orbits: OrbitSet) -> None:
         ({"trajectories": 0}, "trajectories"),
         ({"duration_d": 0}, "duration_d"),
         ({"distance": 1e-5}, "must be smaller than distance"),
-        ({"cylinders_km": [30, 30]}, "stands twice"),
+        ({"cylinders_km": [30, 30]}, "is listed twice"),
         ({"directions": []}, "directions"),
         ({"needs": {"orbits": []}}, "orbits"),
     ],

@@ -233,7 +233,7 @@ def test_all_that_is_missing_is_named(point_mass: Any) -> None:
     ({"x_amplitudes_km": [50], "x_max_km": 40}, "outside the range from x_min to x_max: 50 km"),
     ({"x_amplitudes_km": [50], "x_max_km": 40, "x_min_km": 45}, "must be below the largest"),
     ({"x_amplitudes_km": [-1]}, "must be > 0"),
-    ({"periods_h": [7, 5, 7.0]}, "periods_h: a value stands twice"),
+    ({"periods_h": [7, 5, 7.0]}, "periods_h: a value is listed twice"),
     ({"x_amplitudes_km": [50], "label": "Point mass"}, "label"),
     ({"x_amplitudes_km": [50], "family": object()}, "plant and family say the same thing"),
 ])  # fmt: skip
@@ -348,7 +348,7 @@ def test_family_of_other_equations_is_refused(computed: QsoFamily) -> None:
     ({"planar": ["3:4"]}, "3:4 has the stability index of 1:4"),
     ({"planar": ["7:4"]}, "7:4 has the stability index of 1:4"),
     ({"planar": ["5:1"]}, "5:1 is 1:1"),
-    ({"planar": ["1:4", "1:4"]}, "stands twice"),
+    ({"planar": ["1:4", "1:4"]}, "is listed twice"),
 ])  # fmt: skip
 def test_bad_resonances(point_mass: Any, keys: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):

@@ -289,9 +289,9 @@ def test_what_does_not_exist(
         ({"z_amplitudes_km": []}, "no orbit is asked for"),
         ({"z_amplitudes_km": [10], "z_max_km": 9}, "larger than z_max: 10 km"),
         ({"resonances": ["1-7"], "z_amplitudes_km": [3]}, "expected d:n"),
-        ({"resonances": ["1:7", "1:7"], "z_amplitudes_km": [3]}, "stands twice"),
+        ({"resonances": ["1:7", "1:7"], "z_amplitudes_km": [3]}, "is listed twice"),
         ({"z_amplitudes_km": [-3]}, "must be > 0 km"),
-        ({"z_amplitudes_km": [3, 3.0]}, "z_amplitudes_km: a value stands twice"),
+        ({"z_amplitudes_km": [3, 3.0]}, "z_amplitudes_km: a value is listed twice"),
         ({"z_amplitudes_km": [3], "branch": "sideways"}, "position"),
     ],
 )

@@ -403,7 +403,7 @@ def test_the_elliptic_rung() -> None:
     [
         ({"needs": {}}, "nothing to hold"),
         ({"intervals_h": [], "once_per_period": False}, "no interval is asked for"),
-        ({"intervals_h": [6, 6]}, "a value stands twice"),
+        ({"intervals_h": [6, 6]}, "a value is listed twice"),
         ({"intervals_h": [0]}, "must be ≥ 0.1666"),
         ({"strategies": ["hazy"]}, "floquet_mode"),
         ({"targets": [0]}, "must be ≥ 1"),

@@ -288,7 +288,7 @@ def test_what_does_not_exist(
     "keys, words",
     [
         ({"resonances": ["1-7"]}, "expected d:n"),
-        ({"resonances": ["1:4", "1:4"]}, "stands twice"),
+        ({"resonances": ["1:4", "1:4"]}, "is listed twice"),
         ({"symmetries": []}, "no family is asked for"),
         ({"symmetries": ["z"]}, "x"),
         ({"x_min_km": 50, "x_max_km": 40}, "must be below the largest"),

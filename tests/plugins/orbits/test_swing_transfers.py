@@ -306,7 +306,7 @@ def test_leg_that_no_family_connects(plant: Any, family: QsoFamily, swing: Swing
         ([], "no route is asked for"),
         ([["a"]], "two orbits at least"),
         ([["a", "a"]], "to another orbit"),
-        ([["a", "b"], ["a", "b"]], "stands twice"),
+        ([["a", "b"], ["a", "b"]], "is listed twice"),
     ],
 )
 def test_bad_routes(plant: Any, routes: list[list[str]], words: str) -> None:

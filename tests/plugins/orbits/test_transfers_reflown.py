@@ -317,7 +317,7 @@ def test_bad_input_is_named() -> None:
         fly("hill", plans=["hazy"])
     with pytest.raises(InputError, match="no plant is given"):
         fly()
-    with pytest.raises(InputError, match="rungs: a plant stands twice"):
+    with pytest.raises(InputError, match="rungs: a plant is listed twice"):
         fly("hill", "circular", "hill")
     with pytest.raises(StageError, match="do not solve the equations of the first rung"):
         fly("circular")

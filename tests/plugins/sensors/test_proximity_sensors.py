@@ -348,7 +348,7 @@ def test_refused() -> None:
         sensor("lidar", body=body(semi_axes_m=None))
     with pytest.raises(InputError, match="says nothing"):
         sensor("lidar", spot="pointing")
-    with pytest.raises(InputError, match="no partner of itself"):
+    with pytest.raises(InputError, match="cannot be its own partner"):
         sensor("inter_satellite", partner=1)
     with pytest.raises(InputError, match="needs rows 13 to 18"):
         sensor("camera", spacecraft=3).observe(

@@ -190,7 +190,7 @@ def test_two_stages_do_not_share_names() -> None:
     ("keys", "match"),
     [
         ({"start": "1989-02-30"}, "start: '1989-02-30' is no date"),
-        ({"stations": [ALCANTARA, ALCANTARA]}, "stations: a name stands twice"),
+        ({"stations": [ALCANTARA, ALCANTARA]}, "stations: a name is listed twice"),
         ({"stations": [{**ALCANTARA, "latitude_deg": 91}]}, "latitude_deg"),
         ({"stations": [{**ALCANTARA, "mask_azimuth_deg": [0, 9]}]}, "as many azimuths"),
         ({"stations": [{**ALCANTARA, "mask_azimuth_deg": [9, 0], "mask_elevation_deg": [1, 2]}]},

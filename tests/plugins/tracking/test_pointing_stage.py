@@ -402,7 +402,7 @@ def test_what_does_not_fit_the_passes(a_day: PassList, keys: dict[str, Any], mat
         ({"kind": "polar"}, {}, "kind"),
         ({"name": "My dish"}, {}, "name"),
         ({}, {"mounts": []}, "mounts"),
-        ({}, {"mounts": [DISH, DISH]}, "the name 'dish' stands twice"),
+        ({}, {"mounts": [DISH, DISH]}, "the name 'dish' is listed twice"),
         ({}, {"command_period_s": 2}, "must not be longer than the period of the predictions, 1 s"),
         ({}, {"lock_angle_deg": 0}, "lock_angle_deg"),
         ({}, {"revolutions": [0]}, "revolutions"),

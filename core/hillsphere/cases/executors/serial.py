@@ -13,7 +13,7 @@ __all__ = ["Serial", "SerialCrew"]
 
 
 class Serial:
-    """Executor that needs no other process.
+    """Executor that runs all tasks in the calling process.
 
     Nothing protects the run here: a case that kills its process ends the run, and no task is
     stopped at its limit (`Job.limit_s` is ignored). Results have the bits of every other executor
@@ -23,7 +23,7 @@ class Serial:
     Parameters
     ----------
     spec : SerialSpec
-        Nothing to be told.
+        Parameters; there are none.
     """
 
     def __init__(self, spec: SerialSpec) -> None:

@@ -141,7 +141,7 @@ class CompiledStep:
     def bind_measured(self, h: Array, p: Array) -> Advance:
         """Fix them for steps with an error estimate, see `Stepper.bind_measured`."""
         if not self._errors:
-            raise InputError("make the step map with errors=True")
+            raise InputError("an error estimate needs a step map made with errors=True")
         return self._bind(h, p)
 
     def error(self, squares: Array) -> Array:

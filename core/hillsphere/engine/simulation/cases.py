@@ -105,7 +105,7 @@ def batch_of(
     samples : int or array_like of int, shape (N,)
         Numbers of samples.
     states, rows : int
-        Number of the plant's states and of rows of a command.
+        Number of the plant's states and of components of a command.
     parameters : tuple of Parameter
         The k run-time parameters.
     period_s : float

@@ -193,12 +193,13 @@ class End:
     t : ndarray, shape (B,)
         Time of it.
     cause : ndarray of int, shape (B,), or None
-        None if every lane that flew reached the end of the leg; otherwise by lane −1 for those
-        that did, `Watch.diverged` for those that turned non-finite, the row of `Watch`, or
-        what `Watch.unresolved` gives for a row that could not be decided.
+        None if every flying lane reached the end of the leg. Otherwise, for each lane: −1 if it
+        did; `Watch.diverged` if its state became non-finite; the row of `Watch` of the event that
+        ended it; or `Watch.unresolved` of that row if the event could not be decided.
     doubtful : ndarray of int, shape (B,), or None
-        Row without a bound that came closer to zero than its margin, or −1; None for none. The
-        flight goes on; unless it ends by that very row it is unresolved.
+        Row of an event without a bound on its rate whose value came closer to zero than its
+        margin, or −1; None if there is none. The flight continues, and is unresolved unless that
+        same event ends it.
     error : ndarray, shape (B,), or None
         Sum of the estimated errors of the steps, in units of the system's scale.
     nodes : ndarray, shape (rows, S + 1, B), or None

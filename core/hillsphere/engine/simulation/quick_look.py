@@ -105,18 +105,18 @@ class QuickLook:
         before: Array,
         after: Array,
     ) -> bool:
-        """Say whether no event has a zero between two times, by what is known of its ends.
+        """Return whether known regions exclude a zero of every event between two samples.
 
         Parameters
         ----------
         leg : Leg
-            The first part.
+            The first interval in which a command is held.
         parts : sequence of Held
-            All parts.
+            All such intervals between the two samples.
         begins : sequence of ndarray, shape (rows, B)
-            Finite states where they begin.
+            States at the start of each interval; finite.
         before, after : ndarray, shape (E, B)
-            Events at both ends.
+            Event values at the first and at the second sample.
         """
         period = leg.period if len(parts) == 1 else leg.sample
         flight = _Flight(leg, period, parts, begins, np.minimum(before, after))

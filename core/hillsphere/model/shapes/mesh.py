@@ -157,5 +157,5 @@ class Mesh:
             raise InputError(
                 f"the mesh is not closed: {len(open_)} edges belong to one face only, first that "
                 f"between vertices {i + 1} and {j + 1}; close the holes, merge vertices that "
-                "stand twice"
+                "are listed twice"
             )

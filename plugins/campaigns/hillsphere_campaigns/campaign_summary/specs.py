@@ -112,7 +112,7 @@ class CampaignSummarySpec(StageSpec):
         if self.labels and len(self.labels) != count:
             raise rule("labels", f"{len(self.labels)} labels for {count} campaigns")
         if len(set(self.labels)) < len(self.labels):
-            raise rule("labels", "a label stands twice")
+            raise rule("labels", "a label is listed twice")
         if self.needs.worst and len(self.needs.worst) != count:
             raise rule("needs", f"worst: {len(self.needs.worst)} for {count} campaigns")
         if not self.needs.worst and any(claim.of == "worst" for claim in self.claims):

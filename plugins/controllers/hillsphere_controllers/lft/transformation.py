@@ -59,7 +59,7 @@ class Lft:
     Raises
     ------
     InputError
-        If names stand twice, copies are too few, or M is too small.
+        If names are listed twice, copies are too few, or M is too small.
     """
 
     system: LtiSystem

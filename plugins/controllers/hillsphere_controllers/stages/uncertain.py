@@ -15,7 +15,7 @@ __all__ = ["to_lft", "uncertain_model"]
 
 
 def uncertain_model(lft: Lft, units: Mapping[str, str]) -> UncertainModel:
-    """Return an LFT as the product that passes between stages; units by name of a parameter."""
+    """Convert an LFT to a product of a stage; `units` holds the unit of each parameter."""
     found = lft.uncertainties
     return UncertainModel(
         system=lft.system,

@@ -42,7 +42,7 @@ class _Landscape:
         self.middle, self.spread = middle, spread
 
     def evaluate(self, x: Array, above: float = np.inf) -> _Abscissa:
-        """Return the point at x."""
+        """Return the largest relative spectral abscissa at x; infinite if it exceeds `above`."""
         with np.errstate(over="ignore", invalid="ignore"):
             gains = self.structure.gains(self.middle + self.spread * x)
         worst = _Abscissa(x, -np.inf)

@@ -47,7 +47,7 @@ def gain(matrix: Array, dt_s: float | None = None) -> LtiSystem:
 def append(*systems: LtiSystem) -> LtiSystem:
     """Return the block-diagonal system, inputs and outputs one after the other.
 
-    Names are kept if every system has them and none stands twice.
+    Names are kept if every system has them and none is listed twice.
 
     Raises
     ------

@@ -36,7 +36,7 @@ def with_names(
     Raises
     ------
     InputError
-        If the names are not as many as the signals, or one stands twice.
+        If the names are not as many as the signals, or one is listed twice.
     """
     p, m = system.shape
     return replace(system, inputs=_all_names(inputs, m), outputs=_all_names(outputs, p))
@@ -109,7 +109,9 @@ def connect(
             raise InputError(f"nothing makes the output {name!r}; there are: {', '.join(made)}")
     if len(set(wanted)) < len(wanted):
         twice = next(name for name in wanted if wanted.count(name) > 1)
-        raise InputError(f"the output {twice!r} stands twice; add a junction '{twice}2 = {twice}'")
+        raise InputError(
+            f"the output {twice!r} is listed twice; add a junction '{twice}2 = {twice}'"
+        )
     whole = append(*parts)
     f = np.zeros((whole.shape[1], whole.shape[0]))
     first = len(outside)

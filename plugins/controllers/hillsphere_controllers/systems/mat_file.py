@@ -314,7 +314,7 @@ class _Reader:
         width = lengths[0]
         names = [_word(bytes(content[i : i + width])) for i in range(0, len(content), width)]
         if not all(names) or len(set(names)) < len(names):
-            raise MatFileError("fields of a struct have no name, or one that stands twice")
+            raise MatFileError("fields of a struct have no name, or one that is listed twice")
         count = prod(shape)
         _check_room(count * max(1, len(names)), room)
         made = np.empty(count, dtype=[(name, object) for name in names])

@@ -200,7 +200,7 @@ class NavigationSpec(StageSpec):
         default=None,
     )
     gate_after: int = option(
-        "with opening: number of updates by that filter", default=0, ge=0, le=1_000_000
+        "with opening: number of updates before estimator takes over", default=0, ge=0, le=1_000_000
     )
     members: tuple[tuple[str, ...], ...] = option(
         "decentralised filter: names of the sensors of each member. Each member filters its own "
@@ -284,7 +284,7 @@ class NavigationSpec(StageSpec):
         names = [ref.name for ref in self.sensors]
         bound = any(ref.target is not None for ref in self.sensors)
         if not bound and len(set(names)) < len(names):
-            raise rule("sensors", "a name stands twice")
+            raise rule("sensors", "a name is listed twice")
         if self.interval_s > self.duration_s:
             raise rule("interval_s", "is longer than the flight; shorten it")
         asked = [("outages", n) for out in self.outages for n in out.sensors]
@@ -306,7 +306,7 @@ class NavigationSpec(StageSpec):
         for of, channel in pairs:
             twice = pairs.count((of, channel)) > 1 or (channel and (of, "") in pairs)
             if twice:
-                raise rule("biases", f"{of!r} {channel} stands twice".replace("  ", " "))
+                raise rule("biases", f"{of!r} {channel} is listed twice".replace("  ", " "))
         if not all(self.members):
             raise rule("members", "a member without any sensor; name some, or leave it out")
         if self.members:
@@ -341,7 +341,7 @@ class NavigationSpec(StageSpec):
                 raise rule("report_at_s", f"at {time:g} s nothing is measured, only every "
                             f"{self.interval_s:g} s; take a multiple of that")  # fmt: skip
         if len(set(self.report_at_s)) < len(self.report_at_s):
-            raise rule("report_at_s", "a time stands twice")
+            raise rule("report_at_s", "a time is listed twice")
         if self.rms_from_s > self.duration_s:
             raise rule("rms_from_s", "is after the end")
         return self

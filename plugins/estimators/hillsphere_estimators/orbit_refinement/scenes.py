@@ -79,11 +79,11 @@ def scenes_at(
     times_s : ndarray, shape (K,)
         Times since each geometry's epoch, s.
     earth : Ephemeris
-        Of the Earth.
+        Ephemeris of the Earth.
     geometries : tuple of GeometrySpec
-        G of them.
+        The G observation geometries.
     seeds : int
-        Cases of each.
+        Number of cases of each geometry.
 
     Returns
     -------

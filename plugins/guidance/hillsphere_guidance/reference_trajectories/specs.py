@@ -156,7 +156,7 @@ class ReferenceTrajectoriesSpec(StageSpec):
                 what = (
                     "is the plant itself, from which it cannot differ"
                     if _same(ref, self.plant)
-                    else "stands twice"
+                    else "is listed twice"
                 )
                 raise rule("compare", f"{ref.name!r} {what}; leave it out")
             seen.append(ref)

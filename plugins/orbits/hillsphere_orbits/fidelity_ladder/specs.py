@@ -65,9 +65,9 @@ class FidelityLadderSpec(StageSpec):
             raise rule("rungs", text)
         # plants given in Python have no names of their own
         if len({(ref.name, id(ref.target)) for ref in self.rungs}) < len(self.rungs):
-            text = "a plant stands twice"
+            text = "a plant is listed twice"
             raise rule("rungs", text)
         if len(set(self.members)) < len(self.members):
-            text = "an orbit stands twice"
+            text = "an orbit is listed twice"
             raise rule("members", text)
         return self

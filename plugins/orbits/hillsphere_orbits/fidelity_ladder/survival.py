@@ -77,7 +77,7 @@ def survival(rung: Rung, x0: Array, limits_m: Array) -> tuple[Array, tuple[str, 
 
 
 def _steps(length: float) -> int:
-    """Return how many steps a flight is looked at in."""
+    """Return the number of steps at which a flight of this duration is sampled."""
     return int(np.ceil(length / _STEP))
 
 

@@ -80,7 +80,7 @@ class InvariantManifoldsSpec(StageSpec):
         for key in ("members", "directions", "cylinders_m"):
             values = getattr(self, key)
             if len(set(values)) < len(values):
-                raise rule(key, "a value stands twice")
+                raise rule(key, "a value is listed twice")
         if self.start_distance >= self.distance:
             text = "must be smaller than distance, at which the time of flight begins"
             raise rule("start_distance", text)

@@ -123,7 +123,7 @@ class ManifoldTransfersSpec(StageSpec):
         for key in ("members", "check"):
             values = getattr(self, key)
             if len(set(values)) < len(values):
-                raise rule(key, "a name stands twice")
+                raise rule(key, "a name is listed twice")
         if self.members and (extra := sorted(set(self.check) - set(self.members))):
             raise rule("check", f"not among members: {', '.join(extra)}")
         if self.departure == self.arrival:

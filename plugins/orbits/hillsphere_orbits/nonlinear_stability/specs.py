@@ -117,7 +117,7 @@ class NonlinearStabilitySpec(StageSpec):
         le=100,
     )
     resonance_distance_m: float = quantity(
-        "length", "and within this distance in amplitude x", default=2000.0, gt=0
+        "length", "largest distance in amplitude x of such a resonance", default=2000.0, gt=0
     )
     accuracy: float = option(
         "largest change of the integral of motion that a flight may show, relative to it or to "
@@ -133,6 +133,6 @@ class NonlinearStabilitySpec(StageSpec):
         for key in ("phases", "position_offsets_m", "velocity_offsets_m_s"):
             values = getattr(self, key)
             if len(set(values)) < len(values):
-                text = "a value stands twice"
+                text = "a value is listed twice"
                 raise rule(key, text)
         return self

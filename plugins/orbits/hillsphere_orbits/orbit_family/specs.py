@@ -127,7 +127,7 @@ class OrbitFamilySpec(StageSpec):
         for key in _ASKED:
             values = getattr(self, key)
             if len(set(values)) < len(values):
-                raise rule(key, "a value stands twice")
+                raise rule(key, "a value is listed twice")
         low, high = self.amplitude_min_m, self.amplitude_max_m
         if low is not None and high is not None and low >= high:
             raise rule("amplitude_min_m", "the smallest amplitude must be below the largest")
@@ -141,7 +141,7 @@ class OrbitFamilySpec(StageSpec):
             raise rule("amplitudes_m", text)
         names = [v.parameter for v in self.vary]
         if len(set(names)) < len(names):
-            raise rule("vary", "a parameter stands twice")
+            raise rule("vary", "a parameter is listed twice")
         if not self.vary and {"hold", "method"} & self.model_fields_set:
             raise rule("vary", "hold and method say how parameters change; name some in vary")
         return self

@@ -145,7 +145,7 @@ class QsoFamilySpec(_OfFamily):
         for key in ("x_amplitudes_m", "periods_s", "jacobi_constants"):
             values = getattr(self, key)
             if len(set(values)) < len(values):
-                raise rule(key, "a value stands twice")
+                raise rule(key, "a value is listed twice")
         low, high = self.x_min_m, self.x_max_m
         if low is not None and high is not None and low >= high:
             raise rule("x_min_m", "the smallest amplitude must be below the largest")
@@ -196,7 +196,7 @@ class BifurcationSpec(_OfFamily):
                 if fault := _fault_of(text):
                     raise rule(key, fault)
             if len(set(listed)) < len(listed):
-                raise rule(key, "a resonance stands twice")
+                raise rule(key, "a resonance is listed twice")
         if not (self.vertical or self.planar or self.n_max):
             raise rule("vertical", "no resonance is asked for; give vertical, planar or n_max")
         return self

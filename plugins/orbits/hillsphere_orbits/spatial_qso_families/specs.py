@@ -94,11 +94,11 @@ class SpatialFamiliesSpec(StageSpec):
                 text = f"expected d:n such as '1:17', got {text[:40]!r}"
                 raise rule("resonances", text)
         if len(set(self.resonances)) < len(self.resonances):
-            raise rule("resonances", "a resonance stands twice")
+            raise rule("resonances", "a resonance is listed twice")
         if not self.z_amplitudes_m:
             raise rule("z_amplitudes_m", "no orbit is asked for; give z_amplitudes_km")
         if len(set(self.z_amplitudes_m)) < len(self.z_amplitudes_m):
-            raise rule("z_amplitudes_m", "a value stands twice")
+            raise rule("z_amplitudes_m", "a value is listed twice")
         beyond = [f"{z / 1e3:g} km" for z in self.z_amplitudes_m if z > (self.z_max_m or z)]
         if beyond:
             raise rule("z_amplitudes_m", f"larger than z_max: {', '.join(beyond)}")

@@ -207,5 +207,5 @@ class StationKeepingFlownSpec(StageSpec):
         for key in ("members", "strategies", "intervals_s", "targets"):
             values = getattr(self, key)
             if len(set(values)) < len(values):
-                raise rule(key, "a value stands twice")
+                raise rule(key, "a value is listed twice")
         return self

@@ -113,7 +113,7 @@ class SwingFamiliesSpec(StageSpec):
         for key in ("resonances", "symmetries", "jacobi_constants", "periods_s"):
             values = getattr(self, key)
             if len(set(values)) < len(values):
-                raise rule(key, "a value stands twice")
+                raise rule(key, "a value is listed twice")
         if not self.symmetries:
             raise rule("symmetries", "no family is asked for; give x, y or asymmetric")
         low, high = self.x_min_m, self.x_max_m

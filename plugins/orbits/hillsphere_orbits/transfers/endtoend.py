@@ -176,18 +176,18 @@ def verify(plant: Plant, start: Array, legs: Sequence[Leg]) -> EndToEnd:
 def least_heights_m(
     plant: Plant, places: Array, lanes: NDArray[np.intp], impact: NDArray[np.bool_]
 ) -> Array:
-    """Least height of every transfer; see `heights_m`.
+    """Smallest height of every transfer above the surface; see `heights_m`.
 
     Parameters
     ----------
     plant : Plant
-        Tells of the body.
+        Plant that defines the body and its surface.
     places : ndarray, shape (3, P)
         Positions in the plant's frame, m.
     lanes : ndarray of int, shape (P,)
-        Their transfers.
+        Index of the transfer of each position.
     impact : ndarray of bool, shape (N,)
-        Whether a transfer met the surface.
+        Whether a transfer hits the surface.
 
     Returns
     -------

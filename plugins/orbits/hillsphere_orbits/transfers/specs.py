@@ -80,7 +80,7 @@ class SwingTransfersSpec(StageSpec):
             elif any(a == b for a, b in pairwise(route)):
                 fault = f"a leg must lead to another orbit, got {list(route)}"
         if len(set(self.routes)) < len(self.routes):
-            fault = "a route stands twice"
+            fault = "a route is listed twice"
         if fault:
             raise rule("routes", fault)
         return self

@@ -77,9 +77,9 @@ class TransfersReflownSpec(StageSpec):
             raise rule("rungs", text)
         # plants given in Python have no names of their own
         if len({(ref.name, id(ref.target)) for ref in self.rungs}) < len(self.rungs):
-            text = "a plant stands twice"
+            text = "a plant is listed twice"
             raise rule("rungs", text)
         if len(set(self.plans)) < len(self.plans):
-            text = "a plan stands twice"
+            text = "a plan is listed twice"
             raise rule("plans", text)
         return self

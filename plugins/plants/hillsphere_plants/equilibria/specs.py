@@ -16,9 +16,8 @@ class EquilibriaSpec(StageSpec):
     plant: Ref = reference("plant", "equations of motion: 'hill' or 'three_body'")
     true_anomalies_rad: tuple[float, ...] = quantity(
         "angle",
-        "for a plant on an ellipse: true anomalies at which a particle at rest is not accelerated "
-        "for a moment at the points shown; left out: points of rest for good, which only a circle "
-        "has",
+        "for an elliptic orbit: true anomalies at which instantaneous equilibria are found; left "
+        "out: equilibria that are fixed in time, which only a circular orbit has",
         default=(),
         max_length=100,
     )

@@ -104,7 +104,7 @@ class NominalErrorSpec(Spec):
 
 
 class SearchSpec(Spec):
-    """Spiral search about the prediction, after the return of the signal and one dwell."""
+    """Spiral search about the prediction; begins one dwell time after the signal returns."""
 
     examples = ({"signal_back_s": 60, "speed_deg_s": 2, "dwell_s": 0.5},)
 

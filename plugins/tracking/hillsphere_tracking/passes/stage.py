@@ -96,7 +96,7 @@ class PassesStage:
         )  # fmt: skip
         names = [site.station.name for site in self.sites]
         if len(set(names)) < len(names):
-            raise InputError(f"stations: a name stands twice in {', '.join(names)}")
+            raise InputError(f"stations: a name is listed twice in {', '.join(names)}")
         try:
             self.start = Epoch.parse(spec.start, "UTC") if spec.start else self.orbits[0].epoch
         except InputError as error:

@@ -161,5 +161,5 @@ class PointingSpec(StageSpec):
         names = [mount.name for mount in self.mounts]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise rule("mounts", f"the name {twice[0]!r} stands twice; give each mount its own")
+            raise rule("mounts", f"the name {twice[0]!r} is listed twice; give each mount its own")
         return self

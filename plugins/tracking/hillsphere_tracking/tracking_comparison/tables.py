@@ -164,7 +164,11 @@ def tracker_table(product: TrackingComparison) -> Table:
 
 
 def reacquisition_columns(shares: Array, times_s: Array) -> list[FilledColumn]:
-    """Return the columns of reacquisition: shares (3, K) and times (2, K), one row per item."""
+    """Return the columns of reacquisition, one row per item.
+
+    Shares (3, K): found at once, found by the search, not found. Times (2, K): median and 95 %
+    quantile of the time to reacquire.
+    """
     at_once, by_search, not_found = blank_infinite(shares)
     median, most = blank_infinite(times_s)
     return [

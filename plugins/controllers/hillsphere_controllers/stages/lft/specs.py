@@ -204,7 +204,7 @@ class LftSpec(StageSpec):
             ("known", list(self.known)),
         ):
             if twice := sorted({name for name in names if names.count(name) > 1}):
-                raise rule(key, f"the name {twice[0]!r} stands twice")
+                raise rule(key, f"the name {twice[0]!r} is listed twice")
         for side in ("outputs", "inputs"):
             signals = [name for block in self.blocks for name in getattr(block, side)]
             if twice := sorted({name for name in signals if signals.count(name) > 1}):

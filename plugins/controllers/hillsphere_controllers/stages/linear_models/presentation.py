@@ -94,7 +94,7 @@ def _not_stable(system: LtiSystem) -> tuple[int, int]:
     poles = np.linalg.eigvals(balance_states(system)[0].a)
     away = poles.real if system.dt_s is None else np.abs(poles) - 1.0
     largest = max(float(np.abs(poles).max()), 1e-300) if system.dt_s is None else 1.0
-    # of a pole that stands twice, rounding leaves its square root
+    # of a pole that is listed twice, rounding leaves its square root
     border = np.abs(away) <= _BORDER * largest
     return int(np.count_nonzero((away > 0.0) & ~border)), int(np.count_nonzero(border))
 

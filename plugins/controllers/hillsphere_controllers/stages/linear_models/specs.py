@@ -223,7 +223,7 @@ class ParameterSpec(Spec):
         if self.name in FUNCTIONS or self.name == "pi":
             raise rule("name", f"{self.name!r} means something in a formula; choose another name")
         if len(set(self.values)) < len(self.values):
-            raise rule("values", "a value stands twice")
+            raise rule("values", "a value is listed twice")
         return self
 
 
@@ -253,7 +253,7 @@ class InterconnectionSpec(Spec):
         for key in ("inputs", "outputs"):
             names = getattr(self, key)
             if twice := sorted({name for name in names if names.count(name) > 1}):
-                raise rule(key, f"the signal {twice[0]!r} stands twice")
+                raise rule(key, f"the signal {twice[0]!r} is listed twice")
         return self
 
 
@@ -338,7 +338,7 @@ class LinearModelsSpec(InterconnectionSpec, StageSpec):
     def _consistent(self) -> Self:
         names = [parameter.name for parameter in self.parameters]
         if twice := sorted({name for name in names if names.count(name) > 1}):
-            raise rule("parameters", f"the name {twice[0]!r} stands twice")
+            raise rule("parameters", f"the name {twice[0]!r} is listed twice")
         for system in self.systems:
             for _, entry in system.entries():
                 unknown = parameter_names(entry) - set(names) if isinstance(entry, str) else set()

@@ -52,7 +52,10 @@ class LineariseSpec(StageSpec):
         default=10, ge=1, le=200,
     )  # fmt: skip
     times_s: tuple[float, ...] = quantity(
-        "time", "the points instead, from the start of the trajectory", default=(), ge=0
+        "time",
+        "times of the points since the trajectory's start, instead of points",
+        default=(),
+        ge=0,
     )
     start_time_s: float = quantity(
         "time", "time at the start of the trajectory, for a plant whose equations depend on it",
@@ -80,5 +83,5 @@ class LineariseSpec(StageSpec):
         if self.times_s and "points" in self.model_fields_set:
             raise rule("times_s", "points says it already; give one of the two")
         if len(set(self.times_s)) < len(self.times_s):
-            raise rule("times_s", "a time stands twice")
+            raise rule("times_s", "a time is listed twice")
         return self

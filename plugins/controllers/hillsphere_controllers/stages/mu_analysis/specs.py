@@ -101,7 +101,7 @@ class MuAnalysisSpec(StageSpec):
         default=None, gt=0,
     )  # fmt: skip
     size: float = option(
-        "of the uncertainty in the worst-case gain; 1: as declared", default=1.0, gt=0
+        "size of the uncertainty for the worst-case gain; 1: as declared", default=1.0, gt=0
     )
     complex_parts: tuple[float, ...] = option(
         "purely real uncertainties are analysed with complex parts of this size besides, since "
@@ -146,7 +146,7 @@ class MuAnalysisSpec(StageSpec):
     @model_validator(mode="after")
     def _once(self) -> Self:
         if len(set(self.analyses)) < len(self.analyses):
-            raise rule("analyses", "an analysis stands twice")
+            raise rule("analyses", "an analysis is listed twice")
         known = {ref.name for ref in self.needs.controllers}
         if unknown := [name for name in self.columns if name not in known]:
             raise rule("columns", f"{unknown[0]!r} is none of needs.controllers")

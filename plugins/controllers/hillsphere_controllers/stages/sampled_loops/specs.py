@@ -90,7 +90,7 @@ class SampledLoopsSpec(StageSpec):
         if self.law is None and not self.needs.controllers:
             raise rule("needs", "controllers: there is no law with one of its own; name some")
         if len(set(self.periods_s)) < len(self.periods_s):
-            raise rule("periods_s", "a period stands twice")
+            raise rule("periods_s", "a period is listed twice")
         if self.periods_s and self.delay_s > min(self.periods_s):
             raise rule("delay_s", "must be at most the shortest period")
         return self

@@ -56,7 +56,9 @@ class WorstCasesSpec(StageSpec):
         "controllers whose worst cases are taken; left out: all", default=()
     )
     analyses: tuple[Literal["robust_stability", "robust_performance", "worst_case_gain"], ...] = (
-        option("whose worst cases are taken", default=("robust_performance",), min_length=1)
+        option(
+            "analyses whose worst cases are taken", default=("robust_performance",), min_length=1
+        )
     )
     inputs: dict[str, str] = option(
         "what a sweep sets for each real block that is no parameter of the mission: name of the "
