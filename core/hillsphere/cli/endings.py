@@ -1,4 +1,4 @@
-"""How a command ends: one message on stderr and one of `ExitCode`, never a traceback at a user."""
+"""Ends of commands: one message on stderr and an `ExitCode`, never a traceback for the user."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def run(arguments: Sequence[str]) -> int:
     Returns
     -------
     int
-        One of `ExitCode`, or what a plugin's command exits with.
+        An `ExitCode`, or the exit code of a plugin's command.
 
     Notes
     -----
@@ -117,7 +117,7 @@ def _usage_message(error: BaseException) -> str:
 
 
 def _environment_fault() -> str:
-    """Return what makes any command impossible here, or an empty text."""
+    """Return the fault of the environment that prevents any command, or an empty text."""
     if "stdout" in replace_closed():
         return "standard output is closed; redirect it to /dev/null if it is not wanted"
     try:
@@ -128,7 +128,7 @@ def _environment_fault() -> str:
 
 
 def _code_of_stdout(error: OSError | None, code: int) -> int:
-    """Return the exit code of a command that ended with `code` and left stdout in that state."""
+    """Return the exit code of a command that ended with `code`, given the error of stdout."""
     if error is None or isinstance(error, BrokenPipeError):
         return code  # a reader that has had enough is no fault
     say(f"standard output cannot be written: {error.strerror or error}")
@@ -154,7 +154,7 @@ def _ignore_signals() -> None:
 
 
 def _ignore_for_good() -> None:
-    """Ignore signals while the interpreter shuts down, which gives functions' signals back."""
+    """Ignore signals for good, since the shutdown of Python resets its handlers to the defaults."""
     for number in STOPPING:
         signal.signal(number, signal.SIG_IGN)
 
@@ -185,7 +185,7 @@ def _internal(error: Exception) -> int:
 
 
 def _culprit(error: Exception) -> str:
-    """Return whose error it is; `CommandGroup.invoke` notes on it whether it is a plugin's."""
+    """Return the plugin that `CommandGroup.invoke` noted on an error, or ``"internal error"``."""
     notes: list[str] = getattr(error, "__notes__", [])
     return next((note for note in notes if note.startswith("plugin ")), "internal error")
 

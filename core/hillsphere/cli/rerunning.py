@@ -1,4 +1,4 @@
-"""``hillsphere rerun``: a single case of a campaign once more, with its history."""
+"""``hillsphere rerun``: repetition of a single case of a campaign, with its history."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def rerun_and_show(
     registry: Registry,
     json: bool,
 ) -> ExitCode:
-    """Repeat a case; write what came of it, and whether that is the same, to stdout.
+    """Repeat a case; write its result, and whether it is bit-identical, to stdout.
 
     Parameters
     ----------
@@ -43,14 +43,14 @@ def rerun_and_show(
     figures : bool
         Write the figure of the history as PNG too.
     registry : Registry
-        Where components come from.
+        Registry of components.
     json : bool
         Write JSON instead of tables.
 
     Returns
     -------
     ExitCode
-        ``FAILED`` if the case is not the same as in the run.
+        ``FAILED`` if the result differs from that of the run.
     """
     found = rerun_case(
         run, case, stage=stage, mission=mission, allow_path=allow_path, figures=figures,

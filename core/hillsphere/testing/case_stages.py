@@ -1,4 +1,4 @@
-"""Contract of stages that campaigns repeat."""
+"""Checks of stages that campaigns repeat."""
 
 from __future__ import annotations
 
@@ -35,23 +35,23 @@ def check_case_stage(
     type_ : str
         Type of the stage.
     keys : mapping, optional
-        As a mission would write them, references given as objects; by default the first example
-        of its Spec.
+        Keys as in a mission, with references given as objects; by default the first example of its
+        Spec.
     inputs : mapping, optional
         Products of earlier stages by name; by default those of the examples of other stages.
     spread : float
-        By how much inputs are changed: as a fraction of their nominal value, or where that is zero
-        by as many SI units.
+        Change of the inputs: a fraction of the nominal value, or an amount in SI units if that is
+        zero.
     inert : sequence of str
-        Inputs that rightly change nothing in the flights made here (a budget that is not spent, a
-        coefficient that a symmetry hides).
+        Inputs that legitimately have no effect in the checked flights (a budget that is not spent,
+        a coefficient that a symmetry hides).
     registry : Registry, optional
-        Where it is found; by default all installed plugins.
+        Registry of the stage; by default of all installed plugins.
 
     Returns
     -------
     CaseResults
-        Of a block in which all inputs differ, for further tests.
+        Results of a block in which all inputs differ, for further tests.
 
     Raises
     ------
@@ -61,10 +61,10 @@ def check_case_stage(
         - the inputs have different names and nominal values that are numbers or NaN;
         - results have one column per lane, the same metrics for every block, and finite values for
           every case that did not fail; histories are as long as their times;
-        - a case has the same bits whatever its place, its number, its neighbours, whether they
-          are filler, whether histories are kept, and at a second call;
-        - noise follows the draws and nothing else;
-        - every input changes something.
+        - the bits of a case do not depend on its lane, its number, its neighbours, filler lanes, or
+          histories, and are the same at a second call;
+        - noise depends on the draws only;
+        - every input has an effect.
     """
     registry = registry or default_registry()
     record = registry.get("stage", type_)
@@ -154,7 +154,7 @@ def _check_inputs(what: str, offered: Sequence[Parameter]) -> None:
 def _check_bits(
     kit: _Kit, batch: CaseBatch, found: CaseResults, random: np.random.Generator
 ) -> None:
-    """Check that a case is the same in every company."""
+    """Check that the bits of a case do not depend on the other cases of its block."""
     again = kit.run(batch)
     _require_same(kit, found, again, np.arange(LANES), "at a second call")
     order = random.permutation(LANES)
@@ -173,7 +173,7 @@ def _check_bits(
 
 
 def _check_some_histories(kit: _Kit, batch: CaseBatch, told: Histories) -> None:
-    """Check that one history asked for by its name is the one among all."""
+    """Check that a history requested by its name equals the one among all histories."""
     name = told.names[-1]
     some = kit.run(batch, history=(name,)).histories
     require(

@@ -65,7 +65,7 @@ class Limit:
 
     @property
     def bound(self) -> tuple[object, ...]:
-        """Lipschitz constants and drift as a key, by which limits are compared."""
+        """Lipschitz constants, drift and margin, by which limits are compared."""
         slopes = None
         if self.lipschitz is not None:
             slopes = tuple(np.asarray(self.lipschitz, dtype=float).tolist())
