@@ -186,7 +186,7 @@ def test_many_parameters_compile_in_compact_mode() -> None:
     [
         (["gmm"], "the model has no parameter 'gmm'; did you mean 'gm'?"),
         (["density"], "the model has no parameter 'density'; it has: gm, j"),
-        (["j", "j"], "run-time parameter 'j' stands twice"),
+        (["j", "j"], "run-time parameter 'j' occurs twice"),
     ],
 )
 def test_unknown_run_time_parameter(run_time: list[str], message: str) -> None:

@@ -203,7 +203,7 @@ def test_harmonics_of_low_degree_in_closed_form() -> None:
         ([[1, 0, 1.0, 0]], {}, "mean radius"),
         ([[0, 0, 1.0, 0], [1, 2, 0.1, 0]], {}, "no term of a series"),
         ([[0, 0, 1.0, 0], [1, 0, 0.1, 0.2]], {}, "S of order 0"),
-        ([[0, 0, 1.0, 0], [1, 0, 0.1, 0], [1, 0, 0.1, 0]], {}, "stand twice"),
+        ([[0, 0, 1.0, 0], [1, 0, 0.1, 0], [1, 0, 0.1, 0]], {}, "occur twice"),
         ([[0, 0, 1.0, 0]], {"max_degree": 3}, "must be ≤ 0"),
         ([[0, 0, 1.0, 0]], {"file": "x.tab"}, "keep one"),
         ([], {}, "give coefficients or file"),

@@ -78,7 +78,7 @@ def cache_fault(directory: Path) -> str:
         if above.st_mode & _OTHERS_WRITE and not above.st_mode & stat.S_ISVTX:
             return f"others may write to {here}"
         name = waiting.pop()
-        if name == "..":  # of a link's target; what stands above was judged before
+        if name == "..":  # of a link's target; the directories above were checked before
             here = here.parent
             above = os.lstat(here)
             continue
@@ -86,7 +86,7 @@ def cache_fault(directory: Path) -> str:
         try:
             found = os.lstat(place)
         except FileNotFoundError:
-            with suppress(FileExistsError):  # another process of ours, or it is judged below
+            with suppress(FileExistsError):  # made by another process meanwhile, checked below
                 place.mkdir(mode=0o700)
             found = os.lstat(place)
         # In a sticky directory others could have made this name, but cannot replace ours.

@@ -53,7 +53,7 @@ GM_M3_S2: Mapping[str, float] = {
 STAR_GM_M3_S2: Mapping[str, float] = {
     "gt": 0, "ge": 1e18, "le": 1e25,
 }  # fmt: skip
-"""What bodies orbit as planets do: a tenth of the lightest star (0.08 Suns is 1.06e19), and up.
+"""Central bodies of planets: from a tenth of the lightest star (0.08 Suns is 1.06e19) upwards.
 The Sun's 1.327e11 km³/s² under a key in m³/s² lies below."""
 
 PLANET_GM_M3_S2: Mapping[str, float] = {"gt": 0, "ge": 1e9, "le": 1e18}

@@ -35,10 +35,10 @@ def main() -> NoReturn:
             say(fault)
         code = ExitCode.BAD_INPUT if fault else run(sys.argv[1:])
     except KeyboardInterrupt:
-        # A second signal met what the first had begun.
+        # A second signal arrived during the handling of the first.
         code = ExitCode.INTERRUPTED
     _ignore_signals()
-    # Interpreter shutdown flushes stdout once more; what is wrong with it must not show there.
+    # Interpreter shutdown flushes stdout once more, and would report an error of it by itself.
     code = _code_of_stdout(flush_stdout(), code)
     sys.exit(int(code))
 
@@ -70,7 +70,7 @@ def run(arguments: Sequence[str]) -> int:
         drop(sys.stdout)
         return ExitCode.SUCCESS
     except OSError as error:
-        # Failures to write anything but stdout name a file, or were told as such where they arose.
+        # Errors of files other than stdout have a filename, or were converted where they arose.
         if error.filename is not None or error.errno not in _UNWRITABLE:
             return _internal(error)
         drop(sys.stdout)
@@ -199,7 +199,7 @@ def _log(text: str) -> str:
     directory.mkdir(mode=0o700, parents=True, exist_ok=True)
     path = directory / f"traceback-{datetime.now(UTC):%Y%m%dT%H%M%S%fZ}-{os.getpid()}.txt"
     command = " ".join(sys.argv)
-    # "x": never into what stands there.
+    # Mode "x" never writes to an existing file.
     with path.open("x", encoding="utf-8", errors="backslashreplace") as log:
         log.write(f"{command}\n\n{text}")
     return str(path)

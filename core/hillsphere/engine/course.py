@@ -108,18 +108,18 @@ class Course:
             return np.broadcast_to(self._x, (len(self._x), len(t)))
         # The lanes of a block mostly fly at the same time.
         if len(t) > 1 and (t == t[0]).all():
-            # Several limits and deviations are taken from the course at the same time.
+            # Several limits and deviations evaluate the reference at the same time: cache it.
             if self._last is None or self._last[0] != t[0]:
                 self._last = float(t[0]), self.at(t[:1])
             return np.broadcast_to(self._last[1], (len(self._x), len(t)))
-        # A NaN stays: what never began is nowhere.
+        # A NaN time, of a case that never began, gives NaN.
         within = np.clip(t, 0.0, self.length_s)
         out = np.empty((len(self._x), len(t)))
         out[self.rows.positions] = self._cubic(within)
         out[self.rows.velocities] = self._cubic(within, 1)
         for row in self.rows.others:
             out[row] = np.interp(within, self._t, self._x[row])
-        # At the given times the given states, to the last bit.
+        # At the nodes return the given states without the rounding of the interpolation.
         near = np.clip(np.searchsorted(self._t, within), 0, len(self._t) - 1)
         same = np.abs(self._t[near] - within) <= self._slack
         out[:, same] = self._x[:, near[same]]

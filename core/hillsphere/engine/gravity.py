@@ -124,7 +124,7 @@ def model_parameters(parameters: Sequence[Parameter], run_time: Sequence[str] = 
             hint = f"did you mean {near[0]!r}?" if near else f"it has: {', '.join(names[:20])}"
             raise InputError(f"the model has no parameter {name!r}; {hint}")
         if name in run_time[:position]:
-            raise InputError(f"run-time parameter {name!r} stands twice")
+            raise InputError(f"run-time parameter {name!r} occurs twice")
     return {
         q.name: parameter(q.name) if q.name in run_time else constant(q.value) for q in parameters
     }

@@ -132,7 +132,7 @@ class LineReader:
             raise self.fault(f"order m must be ≤ degree n, got n = {n}, m = {m}")
         earlier = self._first_line.setdefault((n, m), self.number)
         if earlier != self.number:
-            raise self.fault(f"degree {n}, order {m} stands in line {earlier} already")
+            raise self.fault(f"degree {n}, order {m} is already given in line {earlier}")
         row = Coefficient(
             n, m, *(self.real(w, k) for w, k in zip(words[2:6], _COLUMNS, strict=False))
         )

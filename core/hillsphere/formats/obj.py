@@ -72,6 +72,6 @@ def _face(lines: LineReader, words: Sequence[str], known: int) -> tuple[int, ...
         number = lines.integer(text.removeprefix("-"), "vertex of a face")
         index = known - number if text.startswith("-") else number - 1
         if not (number and 0 <= index < known):
-            raise lines.fault(f"a face names vertex {text}, and {known} stand before it")
+            raise lines.fault(f"a face names vertex {text}, but only {known} precede it")
         found.append(index)
     return tuple(found)

@@ -344,8 +344,8 @@ _WORDS: dict[str, Callable[[_Place, Mapping[str, Any]], str]] = {
 def _unknown_and_missing(table: _Table) -> Iterator[tuple[str, str]]:
     """Explain unknown and missing keys together: a misspelt key is one fault, not two."""
     fields = {name: _keys(table.spec, name) for name in table.spec.model_fields}
-    # All keys, as a misspelt one may stand beside the right one (as with --set); absent ones first,
-    # as they are the likelier ones.
+    # All keys are candidates, since --set can add a misspelt key beside the right one. Absent keys
+    # come first, since they are more likely to be meant.
     is_given = {name: any(key in table.value for key in keys) for name, keys in fields.items()}
     valid = {key: name for name in sorted(fields, key=is_given.__getitem__) for key in fields[name]}
     missing = dict.fromkeys(table.missing)

@@ -36,7 +36,7 @@ def check_links(tables: Tables, layers: Derived) -> None:
     tables : Tables
         The validated tables; problems are added to theirs.
     layers : Derived
-        Where everything stands.
+        Tables with the origin of every value, for messages.
     """
     edges: dict[Node, dict[Node, Key]] = {}
     for kind, name, spec in tables:
@@ -187,7 +187,7 @@ def resolve_data_paths(
     tables : Tables
         The validated tables; Specs are replaced, problems added.
     layers : Derived
-        Where everything stands.
+        Tables with the origin of every value, for messages.
     directory : str
         Directory of the mission file. Input files are looked for there, then in the packaged data.
     allow_path : bool

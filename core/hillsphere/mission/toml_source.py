@@ -93,7 +93,7 @@ def parse_toml(data: bytes, source: str) -> tuple[dict[str, Any], Locations, str
     text = _decode(data, source)
     locations = Locations(source, scan(text))
     found = locations.scan
-    # Only what stands before the first fault is safe to parse: it may hold an earlier one.
+    # Only the text before the first fault is safe to parse; tomllib may find a fault in it, too.
     sound = text if found.sound_to is None else text[: found.sound_to]
     problems = [Problem(source, *fault) for fault in found.faults]
     try:

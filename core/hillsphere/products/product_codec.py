@@ -49,7 +49,7 @@ _DAMAGES = (
     zipfile.BadZipFile, zlib.error, EOFError, LookupError, TypeError, ValueError, AttributeError,
     RuntimeError, ArithmeticError, AssertionError, SyntaxError, struct.error, tokenize.TokenError,
 )  # fmt: skip
-"""What zipfile, NumPy (which parses the heads of arrays as Python literals) and json raise."""
+"""Errors of zipfile, json, and NumPy, which parses the headers of arrays as Python literals."""
 _CLASS = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
 
 
@@ -290,7 +290,7 @@ def _encode(
         cls = type(value)
         path = f"{cls.__module__}:{cls.__qualname__}"
         if not _CLASS.fullmatch(path):
-            raise InputError(f"product class {path} must stand at the top level of a module")
+            raise InputError(f"product class {path} must be defined at the top level of a module")
         dimension_sizes(value)  # every field has its declared shape
         table = {
             name: _encode(getattr(value, name), (*where, name), arrays)

@@ -168,8 +168,8 @@ class EarlierRun:
         raise InputError(
             "\n  ".join(
                 [
-                    f"run {str(self.directory.path)!r} cannot be continued: what its results "
-                    "depend on has changed (then -> now):",
+                    f"run {str(self.directory.path)!r} cannot be continued: facts that its results "
+                    "depend on have changed (then -> now):",
                     *listed,
                 ]
             )

@@ -168,8 +168,8 @@ def choose(
         )
         items = "\n".join(f"  {item}" for item in missing)
         raise InputError(
-            f"{command[2]!r} names what is not taken from a run directory, which anybody may have "
-            f"written:\n{items}\n"
+            f"{command[2]!r} names choices that are not taken from a run directory, which another "
+            f"user may have written:\n{items}\n"
             "if that is what you want, give it again; the whole command:\n"
             f"  {shell_line([*command, *_options(whole)])}{_keys_without_option(whole.executor)}"
         )

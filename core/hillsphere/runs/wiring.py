@@ -39,7 +39,7 @@ def product_class(mission: Mission, stage: str) -> type:
     path = str(getattr(mission.specs["stage"][stage], "produces", ""))
     what = f"stage {stage!r} ({_type(mission, stage)})"
     if not path:
-        raise PluginError(f"{what}: its Spec does not say what it produces")
+        raise PluginError(f"{what}: its Spec declares no product; set `produces`")
     found = _class(path, what)
     if not (is_dataclass(found) and found.__dataclass_params__.frozen):  # type: ignore[attr-defined]
         raise PluginError(

@@ -78,7 +78,7 @@ def check_tracker(tracker: Tracker[Any], *, tol: float = 1e-9, learns: bool = Tr
         f"{what} points {np.degrees(off.max()):.3g}° beside the nominal orbit before any "
         "measurement; azimuth counts from north over east, elements are in the frame teme",
     )
-    # what an antenna sees of an orbit elsewhere, in the tracker's own theory
+    # Measured angles of the true orbit, by the tracker's own theory.
     truth = kit.initial(nominal + _OFF[:, None])
     seen = [q.copy() for q in kit.predicted(truth, _TIMES)[:2]]
     later = kit.predicted(truth, _LATER)[:2]

@@ -41,8 +41,8 @@ def correlated_factor(correlation: Array) -> Array:
     values, vectors = np.linalg.eigh(correlation)
     if values[0] < -1e-9 * len(values):
         raise InputError(
-            f"correlation: the matrix has the eigenvalue {values[0]:.3g}, but one of correlations "
-            "has none below zero; make the largest entries smaller"
+            f"correlation: the matrix has the eigenvalue {values[0]:.3g}, but a correlation matrix "
+            "has none below zero; reduce the largest entries"
         )
     # A triangular factor also of a singular matrix, where Cholesky's method fails: with A = B Bᵀ
     # and Bᵀ = Q R the factor is L = Rᵀ.

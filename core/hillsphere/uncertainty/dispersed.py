@@ -208,7 +208,7 @@ def _group(
     for quantity in group.quantities:
         if dispersion.unit and quantity.unit != dispersion.unit:
             raise InputError(
-                f"its numbers stand for {dispersion.unit}, but {quantity.name} is in "
+                f"its numbers are in {dispersion.unit}, but {quantity.name} is in "
                 f"{quantity.unit}; give another unit, or leave it out for SI"
             )
     lower, upper = dispersion.bounds(group.nominal, 1.0)

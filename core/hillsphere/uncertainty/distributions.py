@@ -269,7 +269,8 @@ class Choice(Distribution):
         if self._scale != 1.0:
             values = self._mean + self._scale * (values - self._mean)
         self._values = values
-        # Thresholds between neighbours; the last sum may miss 1 by rounding and is none.
+        # Thresholds between neighbouring values. The last sum is 1 but for rounding and is no
+        # threshold.
         self._steps = np.cumsum(self._share)[:-1]
 
     def _at(self, z: Array, nominal: Array) -> Array:

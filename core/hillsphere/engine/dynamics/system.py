@@ -375,7 +375,7 @@ def _time_terms(plant: Plant, p: Params) -> dict[str, Expr]:
     """Return the plant's terms that depend on time and constants alone."""
     terms = plant.time_terms(time, p) if isinstance(plant, TimedPlant) else {}
     if clash := sorted(set(terms) & set(p)):
-        raise InputError(f"{type(plant).__name__}: time_terms are called like parameters: {clash}")
+        raise InputError(f"{type(plant).__name__}: time_terms have names of parameters: {clash}")
     return {name: e for name, e in terms.items() if not parameter_names([e])}
 
 

@@ -423,10 +423,10 @@ def _check_poles(law: Compensator | ContinuousLaw, method: str, substeps: int) -
     reach, fastest = STEP_REACH.get(method, inf), law.fastest_rad_s
     if fastest * law.period_s > reach * substeps * (1.0 + 1e-9):
         raise InputError(
-            f"substeps: the fastest pole of the law, {fastest:.4g} 1/s, asks {method} for steps "
-            f"of at most {reach / fastest:.4g} s between its samples, so for at least "
-            f"{ceil(fastest * law.period_s / reach)}; got {substeps}. Raise it, or give a "
-            "tolerance"
+            f"substeps: the fastest pole of the law, {fastest:.4g} 1/s, requires {method} steps "
+            f"of at most {reach / fastest:.4g} s between its samples, so at least "
+            f"{ceil(fastest * law.period_s / reach)} of them; got {substeps}. Raise substeps, or "
+            "give a tolerance"
         )
 
 

@@ -133,7 +133,8 @@ class Watch:
         before, end = self._at_start(leg), leg.frozen(y[-1])
         after = self.values(leg, t, y[-1])
         self._known = (end, t, leg.cases, after)
-        # One sum tells a NaN or infinity; it may overflow by itself: the slow way is exact.
+        # A finite sum excludes NaN and infinity. If the sum itself overflows, the slower exact
+        # check below decides.
         sound = isfinite(np.add.reduce(flown, axis=None))
         look = proof.look
         if (
@@ -184,7 +185,7 @@ class Watch:
             nodes.append(states.transpose(1, 0, 2))
             errors.append(error.sum(axis=0))
             sum_of_all += float(np.add.reduce(flown, axis=None))
-        # One sum tells a NaN or infinity, and may overflow by itself: then it is not proved.
+        # A finite sum excludes NaN and infinity. If it overflows, there is no proof.
         if not isfinite(sum_of_all):
             return None
         end, before, after = leg.frozen(y), self._at_start(leg), self.values(last, t, y)
@@ -208,7 +209,7 @@ class Watch:
         for part, y in zip(parts, nodes, strict=True):
             here = replace(
                 leg, t=part.t, y=y[:, 0], period=part.period, p=part.p,
-                # What is left of Δv is decided by its end.
+                # The remaining Δv never increases: its value at the end decides (`_has_left`).
                 left=None if leg.left is None else np.full(len(leg.t), np.inf),
                 rate=None if leg.rate is None else np.zeros(len(leg.t)),
             )  # fmt: skip
@@ -290,13 +291,13 @@ class Watch:
         leg, y, values = flown.leg, flown.y, flown.values
         steps, lanes = y.shape[1] - 1, y.shape[2]
         g0, g1, flying = values[:, :-1], values[:, 1:], leg.flying
-        # A flight may begin on a surface: then only going below zero ends it.
+        # A flight may begin on a surface: then only a value below zero ends it.
         fell = (count_crossings(g0, g1, -1) | (g1 < 0)) & flying
         bad = flying & _broken(y[:, 1:], g1)
         (index,) = self._proof.of_legs([Nodes(leg, flown.h, y, values)])
         certain = self._certain(g0, g1, y, index, flown.h)
         ends = bad | (fell & certain).any(axis=0)
-        # Nothing after the first end of a lane that is certain matters.
+        # Sub-steps after the first certain end of a lane are irrelevant.
         live = flying & ~_earlier(ends)
         wanted = live & ~bad & ~certain.all(axis=0)
         found = None
@@ -304,7 +305,7 @@ class Watch:
             found = self._searched(flown, np.flatnonzero(wanted), certain, index)
             inner = np.isfinite(found.begin) | np.isfinite(found.open_at)
             inner = inner.reshape(len(g0), steps, lanes)
-            # What the search found replaces what the ends show, but for a start below zero.
+            # The search replaces the signs at the ends, except for rows that start below zero.
             searched = wanted & ~certain
             fell &= ~searched | ((g1 < 0) & ~inner)
             ends = (bad | fell.any(axis=0) | inner.any(axis=0)) & live
@@ -335,7 +336,7 @@ class Watch:
         fell, bad = fell[:, at, lane] & ended, bad[at, lane] & ended
         self._place(end, leg, step, fell & ~bad, bad, here)
         if doubtful is not None:
-            # Sub-steps are flown on beyond the end of a flight: what comes close there is not its.
+            # Sub-steps are propagated beyond the end of a flight; values there do not count.
             flew = np.arange(steps + 1)[:, None] <= np.where(ended, at, steps)
             least = np.where(flew, values, np.inf).min(axis=1)
             least = np.where(ended, np.minimum(least, self.values(leg, end.t, end.y)), least)

@@ -143,7 +143,7 @@ def closed_system(
     own = [v.name for v in law.states]
     what = type(law).__name__
     if clash := sorted(set(own) & set(names)):
-        raise InputError(f"{what}: states {clash} are called like states of the plant")
+        raise InputError(f"{what}: states {clash} have names of states of the plant; rename them")
     held = law.measurement == "held"
     if not held and law.inputs != len(names):
         raise InputError(

@@ -116,7 +116,7 @@ class PhaseReference:
 
 def _check_sample(samples: int, k: int, name: str) -> None:
     if k >= samples:
-        raise InputError(f"{name} has {samples} samples; sample {k} was asked for")
+        raise InputError(f"{name} has {samples} samples, but sample {k} was requested")
 
 
 def _of_sample(table: Array, k: int, name: str) -> Array:
@@ -131,5 +131,5 @@ def _of_cases(value: Array, cases: Integers, name: str) -> Array:
         out[:] = value[:, None]
         return out
     if cases.max() >= value.shape[1]:
-        raise InputError(f"{name} has {value.shape[1]} cases; case {cases.max()} was asked for")
+        raise InputError(f"{name} has {value.shape[1]} cases, but case {cases.max()} was requested")
     return np.ascontiguousarray(value[:, cases])

@@ -149,7 +149,7 @@ def _rows(spec: HarmonicShapeSpec) -> tuple[Coefficient, ...]:
         if row.m == 0 and row.s != 0.0:
             raise InputError(f"coefficients: S of order 0 must be 0, got {row.s} in degree {row.n}")
     if len(set(places)) < len(places):
-        raise InputError("coefficients: a degree and order stand twice")
+        raise InputError("coefficients: a degree and order occur twice")
     if not any(row.n == 0 and row.c > 0.0 for row in rows):
         raise InputError("coefficients: no row [0, 0, C, 0] with the mean radius C > 0")
     return rows
