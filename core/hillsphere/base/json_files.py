@@ -48,10 +48,10 @@ def parse_json(text: str) -> Any:
         If it is not JSON, has NaN or an infinity, or is nested deeper than `MAX_DEPTH`.
     """
     try:
-        found = json.loads(text, parse_constant=_refuse_constant)
+        content = json.loads(text, parse_constant=_refuse_constant)
     except RecursionError:
         raise ValueError(f"it is nested deeper than {MAX_DEPTH} levels") from None
-    level = [found]
+    level = [content]
     for _ in range(MAX_DEPTH):
         level = [
             item
@@ -60,7 +60,7 @@ def parse_json(text: str) -> Any:
             for item in (value.values() if isinstance(value, dict) else value)
         ]
         if not level:
-            return found
+            return content
     raise ValueError(f"it is nested deeper than {MAX_DEPTH} levels")
 
 

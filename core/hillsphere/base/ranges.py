@@ -95,9 +95,9 @@ def within_largest(dimension: str, bounds: Mapping[str, float]) -> dict[str, flo
     dict
         These, and ±`LARGEST` on the side where there is none.
     """
-    found = dict(bounds)
-    if "le" not in found and "lt" not in found:
-        found["le"] = LARGEST[dimension]
-    if "ge" not in found and "gt" not in found:
-        found["ge"] = -LARGEST[dimension]
-    return found
+    completed = dict(bounds)
+    if "le" not in completed and "lt" not in completed:
+        completed["le"] = LARGEST[dimension]
+    if "ge" not in completed and "gt" not in completed:
+        completed["ge"] = -LARGEST[dimension]
+    return completed

@@ -99,11 +99,11 @@ def missions(json: Json = False) -> None:
     """List the packaged missions."""
     from hillsphere.mission.load import packaged_missions
 
-    found = packaged_missions()
+    packaged = packaged_missions()
     if json:
-        write_json([{"name": name, "title": title} for name, title in found])
+        write_json([{"name": name, "title": title} for name, title in packaged])
     else:
-        write_table(found)
+        write_table(packaged)
 
 
 @app.command()
@@ -203,7 +203,7 @@ def _check_profiles(
     from hillsphere.base.problems import MissionError
     from hillsphere.runs.mission_check import check_mission
 
-    found: dict[Problem, list[str]] = {}
+    problems: dict[Problem, list[str]] = {}
     idle: list[str] = []
     for profile in mission.profiles:
         try:
@@ -215,11 +215,11 @@ def _check_profiles(
                         f"profile {profile}: {problem.source} has no effect, {problem.message}"
                     )
                 else:
-                    found.setdefault(problem, []).append(profile)
-    if found:
+                    problems.setdefault(problem, []).append(profile)
+    if problems:
         raise MissionError(
             replace(problem, message=f"{problem.message} (with profile {', '.join(profiles)})")
-            for problem, profiles in found.items()
+            for problem, profiles in problems.items()
         )
     return idle
 

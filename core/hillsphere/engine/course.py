@@ -194,15 +194,15 @@ class Course:
         """
         if self._u is None:
             return None
-        found = []
+        commands = []
         for begin in t.tolist():
             end = begin + period_s
             changes = (self._t > begin + self._slack) & (self._t < end - self._slack)
             times = np.concatenate([[begin], self._t[changes], [end]])
             u = self.command(times[:-1])
             assert u is not None
-            found.append(CommandSteps(np.diff(times) / period_s, u.T[:, :, None].copy()))
-        return found if any(len(one.shares) > 1 for one in found) else None
+            commands.append(CommandSteps(np.diff(times) / period_s, u.T[:, :, None].copy()))
+        return commands if any(len(one.shares) > 1 for one in commands) else None
 
     @property
     def _slack(self) -> float:
@@ -243,10 +243,10 @@ def course_along(plant: Plant, rows: Rows, product: FlightSet, name: str) -> Cou
         times.
     """
     flights = product.flights
-    found = [i for i, label in enumerate(flights.labels) if name in ("", label)]
-    if len(found) != 1:
+    lanes = [i for i, label in enumerate(flights.labels) if name in ("", label)]
+    if len(lanes) != 1:
         known = ", ".join(repr(label) for label in flights.labels) or "none"
-        many = f"{len(found)} trajectories are" if found else "no trajectory is"
+        many = f"{len(lanes)} trajectories are" if lanes else "no trajectory is"
         called = f"called {name!r}" if name else "there"
         raise InputError(f"follow: {many} {called}; needs.reference has {known}")
     if flights.frame != plant.frame:
@@ -254,7 +254,7 @@ def course_along(plant: Plant, rows: Rows, product: FlightSet, name: str) -> Cou
             f"the reference is given in frame {flights.frame!r}, the plant moves in "
             f"{plant.frame!r}; follow it with a plant in its frame"
         )
-    (lane,) = found
+    (lane,) = lanes
     there = np.isfinite(flights.t_s[:, lane])
     t = flights.t_s[there, lane]
     place = {state: i for i, state in enumerate(flights.states)}

@@ -148,13 +148,13 @@ def _step(place: _Place, part: int | str) -> _Place:
     if isinstance(annotation, type) and issubclass(annotation, Spec) and isinstance(part, str):
         return _field(place, annotation, part)
     if isinstance(part, int) and isinstance(value, list | tuple):
-        found = value[part] if part < len(value) else None
+        item = value[part] if part < len(value) else None
     elif isinstance(value, Mapping) and part in value:
-        found = value[part]
+        item = value[part]
     else:
         return place  # a label of pydantic's own, such as "[key]"
     return replace(
-        place, key=(*place.key, part), value=found, annotation=inner(item_of(annotation, part))
+        place, key=(*place.key, part), value=item, annotation=inner(item_of(annotation, part))
     )
 
 

@@ -211,12 +211,12 @@ def kepler_step(states: Array, duration_s: Array | float, gm_m3_s2: float) -> Ar
     inverse = 2.0 / r0 - np.sum(x[3:] ** 2, axis=0) / gm_m3_s2
     escaping = inverse <= 0.0
     if escaping.any():
-        found = np.full(x.shape, np.nan)
-        found[:, escaping] = _hyperbolic_step(x[:, escaping], dt[escaping], gm_m3_s2)
+        propagated = np.full(x.shape, np.nan)
+        propagated[:, escaping] = _hyperbolic_step(x[:, escaping], dt[escaping], gm_m3_s2)
         bound = ~escaping
         if bound.any():
-            found[:, bound] = kepler_step(x[:, bound], dt[bound], gm_m3_s2)
-        return found
+            propagated[:, bound] = kepler_step(x[:, bound], dt[bound], gm_m3_s2)
+        return propagated
     a = 1.0 / inverse
     e_sin = np.sum(x[:3] * x[3:], axis=0) / np.sqrt(gm_m3_s2 * a)
     e_cos = 1.0 - r0 / a
@@ -316,16 +316,16 @@ def _difference(e_sin: Array, e_cos: Array, mean: Array) -> Array:
     reduced = np.asarray(mean - _whole(mean))
     size = 2.0 * np.hypot(e_sin, e_cos)
     low, high = reduced - size, reduced + size
-    found = reduced + e_cos * np.sin(reduced) - e_sin * (1.0 - np.cos(reduced))
+    anomaly = reduced + e_cos * np.sin(reduced) - e_sin * (1.0 - np.cos(reduced))
     for _ in range(_ITERATIONS):
-        s, c = np.sin(found), np.cos(found)
-        off = found + e_sin * (1.0 - c) - e_cos * s - reduced
-        low, high = np.where(off < 0.0, found, low), np.where(off > 0.0, found, high)
+        s, c = np.sin(anomaly), np.cos(anomaly)
+        off = anomaly + e_sin * (1.0 - c) - e_cos * s - reduced
+        low, high = np.where(off < 0.0, anomaly, low), np.where(off > 0.0, anomaly, high)
         step = off / (1.0 + e_sin * s - e_cos * c)
-        new = found - step
+        new = anomaly - step
         new = np.where((new < low) | (new > high), 0.5 * (low + high), new)
-        done = np.abs(new - found) <= 4e-16 * np.maximum(np.abs(new), 1e-3)
-        found = new
+        done = np.abs(new - anomaly) <= 4e-16 * np.maximum(np.abs(new), 1e-3)
+        anomaly = new
         if done.all():
             break
-    return np.asarray(found + _whole(mean))
+    return np.asarray(anomaly + _whole(mean))

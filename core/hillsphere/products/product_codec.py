@@ -77,8 +77,8 @@ def canonical(product: T) -> T:
         If it is not a product; the message names the field.
     """
     arrays: dict[str, np.ndarray[Any, Any]] = {}
-    found: T = _decode(_encode_product(product, arrays), arrays, type(product).__name__)
-    return found
+    copy: T = _decode(_encode_product(product, arrays), arrays, type(product).__name__)
+    return copy
 
 
 def save_product(path: str | Path, product: Any, *, own: bool = False) -> None:

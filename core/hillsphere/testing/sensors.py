@@ -77,8 +77,8 @@ def check_sensor(
     require(cases >= 8, f"{what}: a check needs at least 8 states, got {cases}")
     random = np.random.default_rng(17)
     constant, noise = (random.normal(size=(k, cases)) for k in sensor.draws)
-    found = _everything(what, sensor, x, t_s, scene, constant, noise)
-    true, visible, sigma, measured = found
+    results = _everything(what, sensor, x, t_s, scene, constant, noise)
+    true, visible, sigma, measured = results
     _check_values(what, sensor.channels, true, "observe")
     require(
         sigma.shape == (rows, cases) and np.isfinite(sigma).all() and (sigma >= 0.0).all(),
@@ -101,7 +101,7 @@ def check_sensor(
     require(not (there & ~visible).any(), f"{what} measures what is not visible; that must be NaN")
     require(there.any(), f"{what} measures nothing of all these states; give it some that it sees")
     _check_values(what, sensor.channels, measured[:, there], "measure")
-    _check_lanes(what, sensor, (x, t_s, scene, constant, noise), found, tol, random)
+    _check_lanes(what, sensor, (x, t_s, scene, constant, noise), results, tol, random)
     if scene:
         _check_empty_scene(what, sensor, x, t_s)
     for lane in np.flatnonzero(there)[:_MEASURED]:
@@ -181,7 +181,7 @@ def _check_lanes(
     what: str,
     sensor: Sensor,
     arguments: tuple[Array, Array, Scene, Array, Array],
-    found: tuple[Array, Booleans, Array, Array],
+    results: tuple[Array, Booleans, Array, Array],
     tol: float,
     random: np.random.Generator,
 ) -> None:
@@ -191,7 +191,7 @@ def _check_lanes(
     there = _everything(
         what, sensor, x[:, order], t_s[order], moved, constant[:, order], noise[:, order]
     )
-    for name, one, other in zip(("observe", "visible", "sigma", "measure"), found, there,
+    for name, one, other in zip(("observe", "visible", "sigma", "measure"), results, there,
                                 strict=True):  # fmt: skip
         here: Array = np.asarray(one[..., order], dtype=float)
         again: Array = np.asarray(other, dtype=float)

@@ -203,8 +203,8 @@ class _Kit:
             "sigma of shape (2, N)": (seen, np.full((2, _CASES), _SIGMA)),
         }
         for name, (angles, sigma) in others.items():
-            found = self.predicted(self.fed(elements, angles, sigma), _LATER)
-            self._check_same(name, found, given)
+            predicted = self.predicted(self.fed(elements, angles, sigma), _LATER)
+            self._check_same(name, predicted, given)
 
     def check_lanes(self, elements: Array, seen: list[Array], end: Any) -> None:
         """Check that cases do not depend on their order and their neighbours."""
@@ -239,8 +239,8 @@ class _Kit:
         after = self.update(state, -1, angles[0], angles[1], np.array(_SIGMA))
         return [q.copy() for q in self.predicted(after, _LATER)]
 
-    def _check_same(self, name: str, found: Any, given: Any) -> None:
-        for part, a, b in zip(("azimuth", "elevation", "covariance"), found, given, strict=True):
+    def _check_same(self, name: str, values: Any, given: Any) -> None:
+        for part, a, b in zip(("azimuth", "elevation", "covariance"), values, given, strict=True):
             off = _wrap(a - b) if part == "azimuth" else a - b
             check_close(f"{self.what}: {name}: {part}", off, np.zeros_like(b), 1.0, self._tol)
 

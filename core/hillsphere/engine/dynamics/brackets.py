@@ -193,11 +193,11 @@ class ProvedBrackets:
             many = padded(pieces)
             some = np.minimum(np.arange(len(many.lane)), count - 1)
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                found = decide(
+                decided = decide(
                     many.g0, many.g1, np.abs(many.end - many.begin),
                     _slopes(bounded, many, h, reach[:, some]), 0, from_zero=False,
                 )  # fmt: skip
-            clear, single = (one[:, :count] for one in found)
+            clear, single = (one[:, :count] for one in decided)
             keep(single & waiting, pieces)
             waiting = waiting & ~clear & ~single
             left: NDArray[np.bool_] = np.asarray(waiting.any(axis=0))

@@ -235,10 +235,10 @@ def derivatives_within(
     when = Bound(t, one)
     seconds = [part.rate for part in system.rates(when, y, p)]
     y = [Bound(part.value, part.rate, second) for part, second in zip(y, seconds, strict=True)]
-    found = system.events(when, y, p)
-    shape = (len(found), box.lo.shape[1])
+    events = system.events(when, y, p)
+    shape = (len(events), box.lo.shape[1])
     out = np.zeros((4, *shape))
-    for i, event in enumerate(found):
+    for i, event in enumerate(events):
         for j, part in enumerate((event.rate, event.second)):
             if part is not None:
                 out[2 * j, i], out[2 * j + 1, i] = part

@@ -151,10 +151,10 @@ def cos(a: Interval) -> Interval:
 def _holds(a: Interval, place: float) -> NDArray[np.bool_]:
     """Return where an interval contains an angle of (place + k) revolutions, k any integer."""
     slack = _SLACK * (1.0 + magnitude(a) / 6000.0)
-    found: NDArray[np.bool_] = np.floor(a[1] / _TURN - place + slack) >= np.ceil(
+    contains: NDArray[np.bool_] = np.floor(a[1] / _TURN - place + slack) >= np.ceil(
         a[0] / _TURN - place - slack
     )
-    return found
+    return contains
 
 
 def atan2(y: Interval, x: Interval) -> Interval:

@@ -218,8 +218,8 @@ class TaylorBatches:
             options["pars"] = np.array(p[: function.nparams])  # the caller may hold both in one
         if function.is_time_dependent:
             options["time"] = np.ascontiguousarray(t)
-        found: Array = function(np.ascontiguousarray(y[: self._n]), **options)
-        return found
+        values: Array = function(np.ascontiguousarray(y[: self._n]), **options)
+        return values
 
     def on_grid(self, y: Array, p: Array, times: Array) -> Array:
         """Evaluate the dense output.
@@ -246,8 +246,8 @@ class TaylorBatches:
             self._load(integrator, y[:, lanes], p[:, lanes], begin, sense)
             self._carried.alive = np.zeros(width, dtype=bool)
             table = np.ascontiguousarray(np.repeat(times[:, None], width, axis=1))
-            _, found = integrator.propagate_grid(table)
-            out[:, :, lanes] = found[:, : self._n].transpose(1, 0, 2)
+            _, grid = integrator.propagate_grid(table)
+            out[:, :, lanes] = grid[:, : self._n].transpose(1, 0, 2)
         return out
 
     def _integrator(self, width: int) -> Any:

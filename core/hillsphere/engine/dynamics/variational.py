@@ -139,15 +139,15 @@ class Derivatives:
         states, q, times = self._arguments(x, p, t)
         n, columns, external = self._n, self._columns, self._external
         if external is None:
-            found = self._both(states, q, times)
-            return found[:n], found[n:].reshape(n, columns, -1)
+            values = self._both(states, q, times)
+            return values[:n], values[n:].reshape(n, columns, -1)
         terms = external.values(states, times, q)
-        found = self._both(np.concatenate([states, terms]), q, times)
-        table = found[n:].reshape(n, columns + len(terms), -1)
+        values = self._both(np.concatenate([states, terms]), q, times)
+        table = values[n:].reshape(n, columns + len(terms), -1)
         result = table[:, :columns].copy()
         inner = external.jacobian(states, times, q)
         result[:, :n] += np.einsum("igN,gjN->ijN", table[:, columns:], inner)
-        return found[:n], result
+        return values[:n], result
 
     def _arguments(
         self, x: ArrayLike, p: ArrayLike | None, t: ArrayLike

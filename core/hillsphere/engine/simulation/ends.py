@@ -227,10 +227,10 @@ class Watch:
             if not wanted.any():
                 continue
             y = np.ascontiguousarray(one.y)
-            found = self._searched(
+            searched = self._searched(
                 _Flown(one.leg, one.h, y, g, np.zeros(0)), np.flatnonzero(wanted), certain, index
             )
-            if (np.isfinite(found.begin) | np.isfinite(found.open_at)).any():
+            if (np.isfinite(searched.begin) | np.isfinite(searched.open_at)).any():
                 return False
         return True
 

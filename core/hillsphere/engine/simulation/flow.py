@@ -51,8 +51,8 @@ def _kept(owners: tuple[object, ...], key: tuple[object, ...], make: Callable[[]
         while len(_KEPT) > _MOST:
             _KEPT.popitem(last=False)
     _KEPT.move_to_end(name)
-    found: _T = _KEPT[name][1]
-    return found
+    result: _T = _KEPT[name][1]
+    return result
 
 
 def compiled(plant: Plant, run_time: Sequence[str], method: str, *, controls: bool) -> StepMap:

@@ -73,10 +73,10 @@ class HarmonicShape:
     @cached_property
     def largest_radius_m(self) -> float:
         """Largest radius, m."""
-        found = minimize(
+        optimum = minimize(
             lambda d: -self.radius_array(d[:, None])[0], self._farthest, method="Nelder-Mead"
         )
-        return float(-found.fun)
+        return float(-optimum.fun)
 
     @cached_property
     def steepest_per_m(self) -> float:

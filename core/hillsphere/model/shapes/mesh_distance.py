@@ -19,7 +19,7 @@ def surface_distances(mesh: Mesh, r: Array) -> Array:
     The nearest point of a triangle is the foot of the perpendicular to its plane if that lies
     inside the triangle; otherwise it lies on one of the sides.
     """
-    found = np.empty(r.shape[1])
+    distances = np.empty(r.shape[1])
     width = max(1, _CHUNK // len(mesh.faces))
     for first in range(0, r.shape[1], width):
         part = r[:, None, first : first + width]
@@ -37,5 +37,5 @@ def surface_distances(mesh: Mesh, r: Array) -> Array:
         height = np.sum((part - corners[0]) * normals, axis=0)
         least = np.where(inside, height * height, least)
         lost = ~np.isfinite(part[:, 0]).all(axis=0)
-        found[first : first + width] = np.where(lost, np.nan, np.sqrt(least.min(axis=0)))
-    return found
+        distances[first : first + width] = np.where(lost, np.nan, np.sqrt(least.min(axis=0)))
+    return distances
