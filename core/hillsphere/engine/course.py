@@ -134,7 +134,9 @@ class Course:
         """
         if self._cubic is None:
             return 0.0, 0.0
-        c, dt = self._cubic.c, np.diff(self._t)[:, None]  # c₀ s³ + c₁ s² + c₂ s + c₃, s from 0
+        # On each interval the position is c₀ s³ + c₁ s² + c₂ s + c₃ with 0 ≤ s ≤ dt. The Bernstein
+        # coefficients of its derivative are those at the ends, and c₂ + c₁ dt between them.
+        c, dt = self._cubic.c, np.diff(self._t)[:, None]
         first, last = c[2], (3.0 * c[0] * dt + 2.0 * c[1]) * dt + c[2]
         between = c[2] + c[1] * dt
         speed = np.maximum(np.maximum(np.abs(first), np.abs(last)), np.abs(between))

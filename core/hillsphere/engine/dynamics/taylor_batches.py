@@ -136,6 +136,8 @@ class TaylorBatches:
         ends = self._flown(y, p, start, target)
         if not self._ends or not y.shape[1]:
             return ends
+        # Two kinds of ends are not zeros of a series: an event that begins at zero with zero slope,
+        # and one whose sign changed without a detected zero.
         before = self._values(y, p, start)
         for lane in np.flatnonzero((before == 0).any(axis=0)):
             self._leave_zero(ends, y, p, start, target, int(lane), before[:, lane] == 0)

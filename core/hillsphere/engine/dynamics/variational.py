@@ -50,6 +50,7 @@ def variational_equations(
     n, columns = len(system.x), len(system.x) + len(parameters)
     rows = jacobian(system.rhs, [*system.x, *(parameter(name) for name in parameters)])
     phi = [[variable(f"d{i},{j}") for j in range(columns)] for i in range(n)]
+    # Row i of A Φ, and of A Ψ + B in the columns of the parameters (j ≥ n).
     rates: list[Expr] = []
     for row in rows:
         # Most of A is zero for equations of motion: structural zeros never reach the compiler.

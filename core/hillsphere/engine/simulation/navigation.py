@@ -102,6 +102,7 @@ class NavigationErrors:
         """Return the states with errors."""
         before, error = memory
         if self.correlation_time_s > 0:
+            # The recurrence in the class docstring, with e^(−Δ/τ) for the elapsed time Δ.
             kept = np.exp((before - t_s) / self.correlation_time_s)
             error = kept * error + np.sqrt(1.0 - kept * kept) * (self.sigma[:, None] * w)
         else:
