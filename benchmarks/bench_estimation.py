@@ -86,7 +86,7 @@ class Problem:
             self.truth, self.t_s, self.scene, draws[0], draws[1]
         )
 
-    def filtered(self, estimator: BatchedUnscented) -> Belief:
+    def run_filter(self, estimator: BatchedUnscented) -> Belief:
         """Predict and update."""
         later = estimator.predict(self.model, self.belief, self.t_s, self.control)
         return estimator.update(self.model, later, self.measured)[0]
@@ -129,7 +129,7 @@ def rate(t: float, x: list[float]) -> list[float]:
 RK6 = tableau("rk6")
 
 
-def moved(x: Array, dt: float) -> Array:
+def propagate(x: Array, dt: float) -> Array:
     """Return the state one step later, by the same formula."""
     y, slopes = x.tolist(), []
     for row, node in zip(RK6.a.tolist(), RK6.c.tolist(), strict=True):
@@ -145,7 +145,7 @@ def moved(x: Array, dt: float) -> Array:
     ])  # fmt: skip
 
 
-def shown(x: Array, boresight: Array, turn: Array) -> Array:
+def predict_measurements(x: Array, boresight: Array, turn: Array) -> Array:
     """Return the 13 measurements of a state."""
     found: list[float] = []
     for k in (0, 1):
@@ -168,14 +168,14 @@ def shown(x: Array, boresight: Array, turn: Array) -> Array:
 ANGLES = np.array([0, 1, 3, 4, 5, 6, 8, 9, 11, 12])
 
 
-def away(a: Array, b: Array) -> Array:
+def angle_safe_difference(a: Array, b: Array) -> Array:
     """Return a − b, angles the short way round."""
     off = a - b
     off[ANGLES] = (off[ANGLES] + pi) % (2.0 * pi) - pi
     return np.asarray(off)
 
 
-def plain(problem: Problem) -> Callable[[], tuple[Array, Array]]:
+def filterpy_update(problem: Problem) -> Callable[[], tuple[Array, Array]]:
     """Return FilterPy's prediction and update of the first case."""
     boresight = problem.scene["boresight"][:, :, 0]
     turn = problem.scene["to_body"][:, :, 0]
@@ -190,11 +190,13 @@ def plain(problem: Problem) -> Callable[[], tuple[Array, Array]]:
     points = MerweScaledSigmaPoints(12, 1.0, 2.0, 0.0)
 
     def work() -> tuple[Array, Array]:
-        one = UnscentedKalmanFilter(12, 13, STEP, None, None, points, residual_z=away)
+        one = UnscentedKalmanFilter(
+            12, 13, STEP, None, None, points, residual_z=angle_safe_difference
+        )
         one.x, one.P, one.Q = start[0].copy(), start[1].copy(), Q
-        one.predict(dt=STEP, fx=moved)
+        one.predict(dt=STEP, fx=propagate)
         one.sigmas_f = points.sigma_points(one.x, one.P)
-        one.update(z, R=R, hx=lambda x: shown(x, boresight, turn))
+        one.update(z, R=R, hx=lambda x: predict_measurements(x, boresight, turn))
         return one.x, one.P
 
     return work
@@ -208,10 +210,10 @@ def figures() -> dict[str, float]:
         BatchedUnscentedSpec(update="tempered", powers=4)
     )  # fmt: skip
     alone, block = Problem(plant, suite, 1), Problem(plant, suite, BLOCK)
-    ours = alone.filtered(once)
-    alone_s = shortest(lambda: alone.filtered(once), 60)
-    block_s = shortest(lambda: block.filtered(once), 60) / BLOCK
-    theirs = plain(alone)
+    ours = alone.run_filter(once)
+    alone_s = shortest(lambda: alone.run_filter(once), 60)
+    block_s = shortest(lambda: block.run_filter(once), 60) / BLOCK
+    theirs = filterpy_update(alone)
     x, covariance = theirs()
     plain_s = shortest(theirs, 5, 1)
     size = np.sqrt(np.diag(covariance))
@@ -221,19 +223,19 @@ def figures() -> dict[str, float]:
     )
     again = shortest(lambda: PlantModel(plant, suite, law=law, noise=plant.noise_sigma), 5)
 
-    def used() -> None:
+    def predict_once() -> None:
         model = PlantModel(plant, suite, noise=plant.noise_sigma).within(alone.scene)
         once.predict(model, alone.belief, alone.t_s, alone.control)
 
     return {
         "alone_ms": alone_s * 1e3,
         "block_of_64_us_per_case": block_s * 1e6,
-        "tempered_alone_ms": shortest(lambda: alone.filtered(four), 30) * 1e3,
-        "tempered_block_us_per_case": shortest(lambda: block.filtered(four), 20) / BLOCK * 1e6,
+        "tempered_alone_ms": shortest(lambda: alone.run_filter(four), 30) * 1e3,
+        "tempered_block_us_per_case": shortest(lambda: block.run_filter(four), 20) / BLOCK * 1e6,
         "filterpy_ms": plain_s * 1e3,
         "alone_faster_than_filterpy": plain_s / alone_s,
         "block_faster_than_filterpy": plain_s / block_s,
         "difference_from_filterpy_sigmas": off,
         "another_model_ms": again * 1e3,
-        "another_model_and_its_first_prediction_ms": shortest(used, 5, 1) * 1e3,
+        "another_model_and_its_first_prediction_ms": shortest(predict_once, 5, 1) * 1e3,
     }

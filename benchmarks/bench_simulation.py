@@ -20,7 +20,7 @@ from hillsphere.model.bodies import Moon, MoonSpec
 from hillsphere.simulation import BLOCK, Cases, Simulator
 from hillsphere.spec import Ref
 from hillsphere_controllers.specs import StateSpaceSpec
-from hillsphere_controllers.state_space import discretised, state_space
+from hillsphere_controllers.state_space import state_space, zero_order_hold_matrices
 from hillsphere_gravity.harmonics import Harmonics
 from hillsphere_gravity.specs import HarmonicsSpec
 from hillsphere_plants.hill import Hill
@@ -108,7 +108,7 @@ def by_scipy(moon: Hill, cases: Cases, case: int, *, inside: bool) -> Array:
     equations = system(moon, run_time=COEFFICIENTS, controls=True)
     rate = equations.function(*equations.rhs)
     a, b, c = (np.array(m) for m in matrices(2 * pi * 0.05).values())
-    ad, bd = discretised(a, b, PERIOD)
+    ad, bd = zero_order_hold_matrices(a, b, PERIOD)
     p = np.asarray(cases.p)[:, case]
     y = np.concatenate([np.asarray(cases.x0)[:, case], np.zeros(9)])
 

@@ -30,7 +30,7 @@ from hillsphere.cases.executors.specs import PoolSpec
 from hillsphere.lti import LtiSystem
 from hillsphere.testing import RecordingContext
 from hillsphere_controllers.structured.requirements import DesignPlant
-from hillsphere_controllers.structured.structure import Diagonal, of_order
+from hillsphere_controllers.structured.structure import Diagonal, free_state_space
 from hillsphere_controllers.structured.synthesis import StructuredDesign, synthesise
 
 Array = NDArray[np.float64]
@@ -94,7 +94,7 @@ def spacecraft(seed: int) -> DesignPlant:
 def many_plants(starts: int = 10) -> tuple[StructuredDesign, float]:
     """Return a design for ten spacecraft, 24 parameters, and its time, s."""
     ctx = RecordingContext(executor=Pool(PoolSpec()))
-    structure = Diagonal([of_order(1, 1, 3) for _ in range(3)])
+    structure = Diagonal([free_state_space(1, 1, 3) for _ in range(3)])
     begun = perf_counter()
     found = synthesise([spacecraft(i) for i in range(10)], structure, starts=starts, ctx=ctx)
     return found, perf_counter() - begun
@@ -126,7 +126,9 @@ def collection(path: str, names: list[str], starts: int) -> None:
         d = np.block([[d11, d12], [d21, np.zeros((ny, nu))]])
         system = LtiSystem(a, np.hstack([b1, b]), np.vstack([c1, c]), d)
         begun = perf_counter()
-        found = synthesise(DesignPlant(system), of_order(int(order or 0), nu, ny), starts=starts)
+        found = synthesise(
+            DesignPlant(system), free_state_space(int(order or 0), nu, ny), starts=starts
+        )
         seconds, known = perf_counter() - begun, KNOWN.get(name, np.nan)
         share = found.gamma / known - 1.0
         near, within = near + (not share > 1e-3), within + (not share > 1e-2)

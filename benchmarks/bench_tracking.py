@@ -29,7 +29,7 @@ from hillsphere.base.orientation import OrientationTable
 from hillsphere.model.earth.rotation import earth_angle, to_earth_fixed
 from hillsphere.time import Epoch
 from hillsphere_tracking.ground_track import EarthTrack
-from hillsphere_tracking.mean_elements import propagated, secular_rates, states
+from hillsphere_tracking.mean_elements import propagate_secular, secular_rates, states
 from hillsphere_tracking.passes.masks import HorizonMask
 from hillsphere_tracking.passes.passes import find_passes
 from hillsphere_tracking.satellites import orbits_of
@@ -156,7 +156,7 @@ class PlainFilter:
     """Extended Kalman filter of a, Ω, M and the biases of azimuth and elevation, in numpy."""
 
     def __init__(self, spec: LeastSquaresSpec) -> None:
-        self.held = propagated(ELEMENTS[:, None], TIMES[:1])[:, 0]
+        self.held = propagate_secular(ELEMENTS[:, None], TIMES[:1])[:, 0]
         self.x = np.array([*self.held[[0, 3, 5]], 0.0, 0.0])
         sigmas = [spec.semi_major_axis_sigma_m, spec.node_sigma_rad, spec.mean_anomaly_sigma_rad]
         self.p = np.diag(np.square([*sigmas, spec.bias_sigma_rad, spec.bias_sigma_rad]))
@@ -316,7 +316,7 @@ def figures() -> dict[str, float]:
         "least_squares_streamed_us": streamed_us(best, *seen),
         "least_squares_batch_us": batch_us(best, *seen),
     }
-    at_acquisition = propagated(ELEMENTS[:, None], TIMES[:1])[:, 0]
+    at_acquisition = propagate_secular(ELEMENTS[:, None], TIMES[:1])[:, 0]
     plain = np.inf
     for _ in range(8):
         averager = PlainAverager(at_acquisition)

@@ -27,11 +27,11 @@ from hillsphere.show.reference import ReferenceTable
 from hillsphere.time import Epoch
 from hillsphere.uncertainty.samples import read_columns
 from hillsphere_controllers.stages.linear_models.systems import system_from_file
-from hillsphere_estimators.navigation_comparison.stage import published_errors
+from hillsphere_estimators.navigation_comparison.stage import read_published_errors
 from hillsphere_gravity.icgem import read_icgem
 from hillsphere_gravity.shadr import read_shadr
 from hillsphere_orbits.ephemeris.oem import OemSegment, read_oem, write_oem
-from hillsphere_tracking.live.feed import Recorded
+from hillsphere_tracking.live.feed import ReplayFeed
 from hillsphere_tracking.live.inputs import input_of
 from hillsphere_tracking.memory import read_memory
 from hillsphere_tracking.passes.sources import orbits_of_file
@@ -294,7 +294,7 @@ def _pass_log(path: Path) -> None:
 def _measured(path: Path) -> None:
     with ExitStack() as stack:
         feed, _ = input_of(stack, str(path), None, True, 1.0)
-        assert isinstance(feed, Recorded)
+        assert isinstance(feed, ReplayFeed)
         feed.until(feed.first.epoch, 1e6)
 
 
@@ -337,7 +337,7 @@ READERS = (
     Reader("system_product", "design.npz", _system_product, system_from_file,
            ("hillsphere_controllers.stages.linear_models.systems",), True),
     Reader("published", "table4.csv", _copy("apophis-formation-table4.csv"),
-           lambda path: published_errors(path, 9, 9),
+           lambda path: read_published_errors(path, 9, 9),
            ("hillsphere_estimators.navigation_comparison.stage",)),
     Reader("tle", "two-line.txt", _text(TLE), orbits_of_file,
            ("hillsphere_tracking.passes.sources", "hillsphere_tracking.tle")),

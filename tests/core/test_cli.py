@@ -339,8 +339,8 @@ def test_an_error_in_a_plugins_command_is_logged_under_its_name(hillsphere: Runn
 def test_an_internal_error_is_ours(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    from hillsphere import mission
     from hillsphere.cli.endings import run
+    from hillsphere.mission import load as mission
 
     def fails() -> None:
         raise OSError(errno.EACCES, "no entry")

@@ -335,7 +335,7 @@ def test_a_flight_of_its_own_may_differ_from_nominal() -> None:
     shown = made.present(flown, reference=product)
     check_presentation(shown)
     assert "plant.push = -2e-05, actuator.coupling = 0.02" in shown.tables["closed_loop"].notes[0]
-    assert shown.verdict[0].startswith("The flight ")
+    assert shown.verdict[0].startswith("Flight: ")
     assert flown.own[2].max() > 1e-5
     # In a campaign the same inputs make the same flight, and without them it is nominal.
     batch = block(tuple(inputs), [[value] for value in inputs.values()])
@@ -581,7 +581,7 @@ def test_the_command_of_the_overtime(period: float, kind: str) -> None:
     assert_allclose(found.goal[3:, -1], end[3:], rtol=1e-12)
     shown = flown.present(found)
     check_presentation(shown)
-    assert f"its command {kind}" in str(shown.tables)
+    assert f"with the command {kind}" in str(shown.tables)
 
 
 @pytest.mark.parametrize(

@@ -169,8 +169,8 @@ def test_columns_over_fields(light: Light) -> None:
     assert of("length_km", "l_km") == column("l_km", [1.0, 1.0], is_si=False)
     assert column("l_km", [2.0], is_si=False).cells == (2.0,)
     low, high = of.split("altitude_m", min="least", max="largest")
-    assert low == column("altitude_min_km", [1001.0, 2500.0], "least altitude", 5)
-    assert high == column("altitude_max_km", [None, 4000.0], "largest altitude", 5)
+    assert low == column("min_altitude_km", [1001.0, 2500.0], "least altitude", 5)
+    assert high == column("max_altitude_km", [None, 4000.0], "largest altitude", 5)
 
 
 def test_rows_over_two_dimensions(light: Light) -> None:

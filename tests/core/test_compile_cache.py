@@ -271,7 +271,7 @@ def test_formulas_parameters_and_derivatives_have_entries_of_their_own(directory
 PROCESS = """
 import sys
 from pathlib import Path
-from hillsphere import compile_cache
+from hillsphere.symbolic import compile_cache
 from hillsphere.symbolic._heyoka import heyoka
 from hillsphere.symbolic import sin, variables
 compile_cache._directory = lambda: Path(sys.argv[1])

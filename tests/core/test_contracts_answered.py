@@ -33,7 +33,8 @@ from hillsphere_sensors.heliocentric import heliocentric_scene
 from hillsphere_tracking.live.calibration import _estimates
 
 PACKAGES = ("hillsphere", *(f"hillsphere_{name}" for name in (
-    "controllers", "estimators", "gravity", "guidance", "orbits", "plants", "sensors", "tracking",
+    "campaigns", "controllers", "dask", "estimators", "flight", "gravity", "guidance", "orbits",
+    "plants", "sensors", "tracking",
 )))  # fmt: skip
 
 

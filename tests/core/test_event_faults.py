@@ -46,7 +46,7 @@ def count_wrong(number: int = 256) -> int:
 
 
 def ignore_parameters(held: Callable[..., Any]) -> Callable[..., Any]:
-    """Return `regions._held` without its comparison of the parameters."""
+    """Return `regions._columns_in_box` without its comparison of the parameters."""
 
     def all_alike(found: Any, which: int, columns: Any) -> Any:
         count = len(columns.h)
@@ -79,7 +79,7 @@ def test_slopes_too_small_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_regions_for_any_parameters_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Regions of weak gravity serve flights in a strong one, if nothing compares it."""
-    monkeypatch.setattr(regions, "_held", ignore_parameters(regions._held))
+    monkeypatch.setattr(regions, "_held", ignore_parameters(regions._columns_in_box))
     every = np.ones(64, dtype=bool)
     monkeypatch.setattr(QuickLook, "_agree", lambda *_: every)
     monkeypatch.setattr(QuickLook, "_departure", lambda *_: every[None, None])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -225,6 +226,44 @@ def test_a_region_of_one_column_is_none_if_its_tube_is_no_number() -> None:
 
     store = Store(Anything(), np.array([0]), lambda h: (slice(0, 2), h * np.eye(2)))
     at, none, one = np.ones((2, 1)), np.zeros((0, 1)), np.ones(1)
-    columns = Columns(Boxes(at, at, none, none, one, one), one, one, np.ones((1, 1)))
+    columns = Columns(
+        Boxes(at, at, none, none, one, one), np.zeros(1, int), one, one, np.ones((1, 1))
+    )
     with np.errstate(invalid="ignore"):
         assert (store.indices(columns) == -1).all()
+
+
+def test_lanes_of_a_time_share_a_region_that_holds_long_steps() -> None:
+    """An oscillator x'' = -x, in steps nearly as long as the one radian that any box can hold."""
+
+    class Oscillator:
+        def with_room(self, boxes: Boxes, once: bool = False) -> Boxes:
+            # No region serves more than once: it would hold the whole orbit.
+            return boxes if once else replace(boxes, hi=np.nan * boxes.hi)
+
+        def rates(self, boxes: Boxes) -> tuple[Array, Array]:
+            return (
+                np.array([boxes.lo[1], -boxes.hi[0]]), np.array([boxes.hi[1], -boxes.lo[0]]),
+            )  # fmt: skip
+
+        def regions(self, boxes: Boxes, low: Array, high: Array) -> Regions:
+            slopes = np.array([low[:1], high[:1], 0.0 * low[:1], 0.0 * low[:1]])
+            return Regions(boxes, low, high, slopes, 0.0 * low)
+
+    lanes, chunks, h = 16, 4, 0.7
+    chunk = np.repeat(np.arange(chunks), lanes)
+    phase = 1.3 * chunk + np.tile(np.linspace(0.0, 1e-3, lanes), chunks)
+    y, none, when = np.array([np.cos(phase), -np.sin(phase)]), np.zeros((0, 64)), 1.0 * chunk
+    step = np.full(64, h)
+    columns = Columns(
+        Boxes(y, y, none, none, when, when), chunk, step, step, np.full((1, 64), 10.0)
+    )
+    store = Store(Oscillator(), np.array([0]), None)
+    index = store.indices(columns)
+    assert store.decided(index, columns).all()
+    assert store.kept is not None
+    assert len(np.unique(index)) <= chunks
+    box = store.kept.boxes.taken(index)
+    for part in np.linspace(0.0, h, 6):
+        flown = np.array([np.cos(phase + part), -np.sin(phase + part)])
+        assert ((box.lo <= flown) & (flown <= box.hi)).all()

@@ -127,7 +127,11 @@ def test_records_come_as_soon_as_their_line_is_there() -> None:
         ("5.25", "NaN", "f.tdm:18: ANGLE_2: expected a finite number, got 'NaN'"),
         ("5.25", "1e999", "f.tdm:18: ANGLE_2: expected a finite number"),
         ("5.25", "", "f.tdm:18: ANGLE_2: expected a time and a number"),
-        ("09:00:01.5 -0", "09:00:00 -0", "f.tdm:21: ANGLE_1: the time of the record before again"),
+        (
+            "09:00:01.5 -0",
+            "09:00:00 -0",
+            "f.tdm:21: ANGLE_1: the same time as the record before it",
+        ),
         ("09:00:01.5 -0", "08:59:58 -0", "f.tdm:21: ANGLE_1: 2 s before the record before"),
         ("325T09:00:01.5 90", "325T09:00:01.6 90", "f.tdm:21: ANGLE_1 has no ANGLE_2"),
         ("325T09:00:01.5 -0", "325T09:00:01.6 -0", "f.tdm:22: ANGLE_2 has no ANGLE_1"),
@@ -216,9 +220,9 @@ def test_what_is_written_comes_back() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"t_s": np.array([0.0, 1.0, 1.0 + 1e-9])}, "time of the record before again"),
+        ({"t_s": np.array([0.0, 1.0, 1.0 + 1e-9])}, "same time as the record before it"),
         ({"t_s": np.array([0.0, np.nan, 1.0])}, "times must be finite"),
-        ({"t_s": np.array([0.0, 1.0])}, "must be alike in number"),
+        ({"t_s": np.array([0.0, 1.0])}, "must have the same shape"),
         ({"elevation_rad": np.array([0.0, np.nan, 1.0])}, "expected a finite number"),
         ({"elevation_rad": np.array([0.0, 1.6, 1.0])}, "elevation must be"),
         ({"meta": TdmMeta(("A=B",))}, "participant must be one line"),

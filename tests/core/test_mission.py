@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from hillsphere import mission as mission_module
 from hillsphere.mission import Mission, MissionError, load_mission, packaged_missions
+from hillsphere.mission import load as mission_module
 from hillsphere.mission.each import expand_tables
 from hillsphere.mission.layers import parse_setting
 from hillsphere.plugins import Registry

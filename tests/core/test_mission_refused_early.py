@@ -66,7 +66,7 @@ FAULTS = [
     ("assisted-tracking", 'campaign = "verify", ages', 'campaign = "consistency", ages', "ages =",
      "stage.compare.needs.campaign: campaign 'consistency' repeats stage 'consistent'"),
     ("assisted-tracking", 'ages = "ages"', 'ages = "verify"', "ages =",
-     "stage.compare.needs.ages: campaign 'verify' is no sweep over a number"),
+     "stage.compare.needs.ages: campaign 'verify' is not a sweep over a number"),
 ]  # fmt: skip
 
 

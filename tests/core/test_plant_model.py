@@ -174,7 +174,7 @@ def test_equations_are_compiled_on_first_use_and_shared(monkeypatch: pytest.Monk
         return StepMap(*args)
 
     monkeypatch.setattr("hillsphere_estimators.plant_flow.StepMap", counted)
-    monkeypatch.setattr("hillsphere_estimators.plant_flow._MADE", {})
+    monkeypatch.setattr("hillsphere_estimators.plant_flow._COMPILED", {})
     one, other = PlantModel(PLANT, SUITE), PlantModel(plant(), SUITE)
     commanded = PlantModel(PLANT, SUITE, law=LAW)
     assert made == []

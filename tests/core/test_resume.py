@@ -409,7 +409,7 @@ def test_very_many_differences_are_counted(registry: Registry) -> None:
 def changed_environment(monkeypatch: pytest.MonkeyPatch, **facts: Any) -> None:
     true = hillsphere.base.environment.environment()
     for module in ("run_record", "stage_cache"):
-        monkeypatch.setattr(f"hillsphere.{module}.environment", lambda: {**true, **facts})
+        monkeypatch.setattr(f"hillsphere.runs.{module}.environment", lambda: {**true, **facts})
 
 
 def test_other_versions_and_processors_are_refused(

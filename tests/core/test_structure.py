@@ -165,3 +165,148 @@ def unused_by_two_with_a_lone_module(graph: dict[str, set[str]]) -> list[str]:
         return unused_by_two(planted, named_in_core())
     finally:
         del known["hillsphere.lone"]
+
+
+# --- constants
+
+
+def is_numeric(value: ast.expr) -> bool:
+    """Return whether an expression is made of numbers alone."""
+    match value:
+        case ast.Constant():
+            return isinstance(value.value, int | float | complex) and value.value not in (
+                True,
+                False,
+            )
+        case ast.UnaryOp():
+            return is_numeric(value.operand)
+        case ast.BinOp():
+            return is_numeric(value.left) and is_numeric(value.right)
+        case ast.Tuple() | ast.List():
+            return bool(value.elts) and all(map(is_numeric, value.elts))
+    return False
+
+
+def unexplained(text: str) -> list[str]:
+    """Return the numeric constants of a module that no comment and no docstring explains.
+
+    A word explains a constant beside it, in the line above, or in the string below it; a string
+    below several constants in a row explains all of them.
+    """
+    lines, body = text.split("\n"), ast.parse(text).body
+    missing: list[str] = []
+    row: list[str] = []
+    for node in body:
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            row = []
+            continue
+        if not (
+            isinstance(node, ast.Assign | ast.AnnAssign) and node.value and is_numeric(node.value)
+        ):
+            missing += row
+            row = []
+            continue
+        beside = lines[node.lineno - 2 : node.lineno - 1] if node.lineno > 1 else []
+        explained = any(line.lstrip().startswith("#") for line in beside)
+        explained |= any("#" in line for line in lines[node.lineno - 1 : node.end_lineno])
+        if not explained:
+            named = node.targets[0] if isinstance(node, ast.Assign) else node.target
+            row.append(ast.unparse(named))
+    return missing + row
+
+
+def test_every_numeric_constant_says_why() -> None:
+    found = {
+        str(path.relative_to(ROOT)): missing
+        for path in modules().values()
+        if (missing := unexplained(path.read_text("utf-8")))
+    }
+    assert found == {}
+
+
+def test_an_unexplained_constant_is_seen() -> None:
+    text = 'A = 1.0\n"""Why."""\nB = 2 * 3  # why\n# why\nC = (1, 2)\n\nD = -5\n'
+    assert unexplained(text) == ["D"]
+
+
+# --- names
+
+PAST = frozenset(
+    {
+        *("told", "kept", "seen", "made", "given", "taken", "found", "held", "drawn", "shown"),
+        *("known", "written", "left", "sent", "flown", "swept", "built", "chosen", "thrown"),
+        *("hidden", "driven", "gone", "grown", "met", "lost", "come", "begun", "worn"),
+    }
+)
+"""Irregular past forms with which no function's name begins."""
+VERBS_IN_ED = frozenset({"need", "seed", "feed", "speed", "proceed", "exceed", "embed"})
+PREPOSITIONS = frozenset(
+    {
+        *("to", "by", "of", "at", "in", "on", "out", "as", "for", "from", "with", "up", "along"),
+        *("it", "all", "about", "between", "over", "that", "so", "there", "alike", "anew"),
+    }
+)
+DECLARED = frozenset({"repeated"})
+"""Public names of the interface that mission authors' Specs use: they declare a field."""
+
+
+def misnamed(text: str) -> list[str]:
+    """Return functions of a module whose names are bare participles.
+
+    Before a noun a participle is an adjective (``bracketed_roots``); alone or before a preposition
+    it says neither what the function does nor what it returns.
+    """
+    wrong = []
+    for node in ast.parse(text).body:
+        if isinstance(node, ast.FunctionDef) and node.name not in DECLARED:
+            first, *rest = node.name.lstrip("_").split("_")
+            past = first in PAST or (first.endswith("ed") and first not in VERBS_IN_ED)
+            if past and (not rest or rest[0] in PREPOSITIONS):
+                wrong.append(node.name)
+    return wrong
+
+
+def test_functions_begin_with_a_verb_or_are_a_noun() -> None:
+    found = {
+        str(path.relative_to(ROOT)): names
+        for path in modules().values()
+        if (names := misnamed(path.read_text("utf-8")))
+    }
+    assert found == {}
+
+
+def test_a_participle_is_seen() -> None:
+    names = ("told", "_linked_to", "bracketed_roots", "seed_of", "hinf_norm", "_rested")
+    text = "".join(f"def {name}(): ...\n" for name in names)
+    assert misnamed(text) == ["told", "_linked_to", "_rested"]
+
+
+# --- stages
+
+
+def stage_modules() -> dict[str, str]:
+    """Return the module of every built-in stage by its type."""
+    pattern = re.compile(r'"stage",\s*"(\w+)",\s*"(hillsphere[\w.]+):')
+    texts = [path.read_text("utf-8") for name, path in modules().items() if name.count(".") <= 2]
+    return {type_: module for text in texts for type_, module in pattern.findall(text)}
+
+
+def test_a_stage_bears_the_name_of_its_type() -> None:
+    stages = stage_modules()
+    assert len(stages) >= 38
+    assert {t: m for t, m in stages.items() if t not in m.split(".")} == {}
+
+
+SHOWING = re.compile(r"presentation|figures|tables|verdict")
+
+
+def share_of_presentation(folder: Path) -> float:
+    """Return the lines of a plugin that show results, as a share of all its lines."""
+    lines = {path: len(path.read_text("utf-8").split("\n")) for path in folder.rglob("*.py")}
+    return sum(n for p, n in lines.items() if SHOWING.search(p.stem)) / sum(lines.values())
+
+
+def test_presentation_is_at_most_a_third_of_a_plugin() -> None:
+    folders = (ROOT / "plugins").iterdir()
+    shares = {folder.name: share_of_presentation(folder) for folder in folders}
+    assert {name: share for name, share in shares.items() if share > 1 / 3} == {}

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import hillsphere_campaigns
 from hillsphere.base.seeds import draws
 from hillsphere.interfaces import Array, Context, Parameter
 from hillsphere.interfaces.cases import LANES, CaseBatch, CaseResults, Histories
@@ -75,6 +76,7 @@ class Plugin:
 def registry() -> Registry:
     made = Registry(strict=True)
     made.add_plugin("hillsphere", components)
+    made.add_plugin("hillsphere_campaigns", hillsphere_campaigns)
     made.add_plugin("toys", Plugin())
     return made
 

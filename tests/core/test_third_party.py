@@ -109,6 +109,9 @@ def test_it_uses_no_private_door() -> None:
         for name in imports(path):
             top = name.partition(".")[0]
             if top.startswith("hillsphere"):
-                assert top in {"hillsphere", "hillsphere_dumbbell"}, f"{path.name}: {name}"
+                # Its tests fly the sensor with a filter, on the plant model of the estimators.
+                own = {"hillsphere", "hillsphere_dumbbell"}
+                tools = {"hillsphere_estimators"} if path.name.startswith("test_") else set()
+                assert top in own | tools, f"{path.name}: {name}"
                 private = [part for part in name.split(".") if part.startswith("_")]
                 assert not private, f"{path.name}: {name}"

@@ -72,7 +72,7 @@ def test_every_sensor_sees_the_asteroid_in_every_flight(fast: Run) -> None:
 def test_verdict_has_the_criteria(fast: Run) -> None:
     said = " ".join(fast.summary["verdict"]["notes"])
     assert "times their Cramér-Rao bound" in said
-    assert "in 4 of 4 sets" in said
+    assert "In 4 of 4 sets" in said
     assert "never measure" not in said
 
 

@@ -18,7 +18,7 @@ from hillsphere_controllers.linear_products import LinearModels, UncertainModels
 from hillsphere_controllers.stages.linearise.products import LinearisedFlight
 from hillsphere_controllers.stages.mu_analysis.products import MuAnalysis
 from hillsphere_controllers.stages.synthesis.products import Synthesis
-from hillsphere_controllers.stages.uncertain import lft_of
+from hillsphere_controllers.stages.uncertain import to_lft
 from hillsphere_controllers.systems.algebra import lower_lft
 from hillsphere_flight.products import ClosedLoopFlight
 from hillsphere_guidance.reference_trajectories.products import ReferenceTrajectories
@@ -186,7 +186,7 @@ def test_worst_case_of_mu_has_the_gain_that_it_says(run: Path) -> None:
         assert design.gamma < result.lower <= result.upper < 1.2 * result.lower
         # the largest uncertainty that counts is 1/µ times the declared one
         assert np.abs(result.normalised).max() <= 1.001 / result.lower
-        worst = lft_of(model).at(dict(zip(result.names, result.values, strict=True)))
+        worst = to_lft(model).at(dict(zip(result.names, result.values, strict=True)))
         loop = lower_lft(worst, design.controller)
         gain = np.linalg.norm(loop.response(np.array([result.frequency_rad_s]))[0], 2)
         assert gain >= 0.999 * result.lower

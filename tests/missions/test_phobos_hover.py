@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.special import sph_legendre_p_all
 
-from hillsphere.cases.case_classes import ended
+from hillsphere.cases.case_classes import has_ended
 from hillsphere.cases.checkpoints import Checkpoints
 from hillsphere.cases.executors.serial import Serial
 from hillsphere.cases.executors.specs import SerialSpec
@@ -185,7 +185,7 @@ def test_both_laws_saw_the_same(run: Run) -> None:
     assert first.inputs == second.inputs
     assert np.array_equal(first.input_values, second.input_values)
     row = next(r for r in run.rows("comparison_metrics") if r["metric"] == "dv")
-    both = ended(first) & ended(second)
+    both = has_ended(first) & has_ended(second)
     dv = [t.values[t.metrics.index("dv")][both] for t in (first, second)]
     assert row["difference"] == pytest.approx(float(np.mean(dv[1] - dv[0])), rel=1e-12)
     # Without filters a minute's delay is saved: less is spent in every single case.

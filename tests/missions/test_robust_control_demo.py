@@ -13,7 +13,7 @@ from hillsphere.products import ControlDesign, load_product
 from hillsphere_controllers.linear_products import UncertainModels
 from hillsphere_controllers.stages.mu_analysis.products import MuAnalysis
 from hillsphere_controllers.stages.synthesis.products import Synthesis
-from hillsphere_controllers.stages.uncertain import lft_of
+from hillsphere_controllers.stages.uncertain import to_lft
 from hillsphere_controllers.systems.algebra import lower_lft
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def test_worst_gain_is_reached_by_the_stiffness_found(run: Run) -> None:
     assert isinstance(product, MuAnalysis)
     assert isinstance(uncertain, UncertainModels)
     gained = next(one for one in product.results if one.analysis == "worst_case_gain")
-    worst = lft_of(uncertain.models[0]).at({"k": gained.values[0]})
+    worst = to_lft(uncertain.models[0]).at({"k": gained.values[0]})
     loop = lower_lft(worst, design.controller)
     omega = gained.frequency_rad_s * np.linspace(0.9, 1.1, 4001)
     reached = np.linalg.norm(loop.response(omega), 2, axis=(1, 2)).max()

@@ -27,8 +27,8 @@ STRAY_CODE = 70
 _FRAMEWORK = frozenset(
     f"hillsphere{part}"
     for part in (
-        "", "_controllers", "_estimators", "_gravity", "_guidance", "_orbits", "_plants",
-        "_sensors", "_tracking",
+        "", "_campaigns", "_controllers", "_dask", "_estimators", "_flight", "_gravity",
+        "_guidance", "_orbits", "_plants", "_sensors", "_tracking",
     )
 )  # fmt: skip
 """Packages to which a child must not come back: this one and those that come with it, which call

@@ -1,4 +1,4 @@
-"""What came of the cases of one block: rows, joined and divided without changing a bit."""
+"""Outcomes of the cases of a block, and lossless joining and division of such outcomes."""
 
 from __future__ import annotations
 
@@ -12,12 +12,19 @@ from hillsphere.base.arrays import Array, Integers
 from hillsphere.base.errors import StageError
 from hillsphere.interfaces.cases import Flags, Histories
 
-__all__ = ["BlockOutcome", "divided", "joined", "lost_rows", "named_alike", "reordered"]
+__all__ = [
+    "BlockOutcome",
+    "complete_metrics",
+    "divide_outcome",
+    "join_outcomes",
+    "lost_rows",
+    "reorder_cases",
+]
 
 
 @dataclass(frozen=True)
 class BlockOutcome:
-    """What came of the cases of a block, or of a part of one; lanes that only filled it are gone.
+    """Outcomes of the cases of a block, or of a part of one, without the filler lanes.
 
     Parameters
     ----------
@@ -35,9 +42,9 @@ class BlockOutcome:
     failed : ndarray of bool, shape (n,)
         Whether that counts as a failure; never of an undecided case.
     message_case : ndarray of int, shape (F,)
-        Numbers of the cases of which there is more to say.
+        Numbers of the cases that have a message.
     messages : tuple of str
-        What there is to say: class and text of the exception, on one line.
+        Class and text of the exception, on one line.
     histories : Histories or None
         Of all n cases, if they were asked for and the stage keeps any.
     tracebacks : tuple of str
@@ -66,7 +73,7 @@ class BlockOutcome:
 def lost_rows(
     numbers: Integers, status: str, cause: str, message: str, tracebacks: tuple[str, ...] = ()
 ) -> BlockOutcome:
-    """Return rows of undecided cases (n,) that came to no metric."""
+    """Return the outcome of undecided cases (n,) without metrics."""
     count = len(numbers)
     return BlockOutcome(
         numbers=numbers,
@@ -82,8 +89,8 @@ def lost_rows(
     )
 
 
-def named_alike(outcomes: Sequence[BlockOutcome]) -> list[BlockOutcome]:
-    """Return outcomes that all have the metrics of those that have any, NaN where they had none.
+def complete_metrics(outcomes: Sequence[BlockOutcome]) -> list[BlockOutcome]:
+    """Return the outcomes with the same metrics each; values that a block did not have are NaN.
 
     Raises
     ------
@@ -100,18 +107,19 @@ def named_alike(outcomes: Sequence[BlockOutcome]) -> list[BlockOutcome]:
             outcome = replace(outcome, metrics=known.metrics, units=known.units, values=empty)
         elif (outcome.metrics, outcome.units) != (known.metrics, known.units):
             raise StageError(
-                f"run_cases gave metrics {_told(outcome)} for cases {_span(outcome)}, but "
-                f"{_told(known)} for cases {_span(known)}; they must be the same for every block"
+                f"run_cases gave metrics {_format_metrics(outcome)} for cases {_span(outcome)}, "
+                f"but {_format_metrics(known)} for cases {_span(known)}; they must be the same for "
+                "every block"
             )
         found.append(outcome)
     return found
 
 
-def joined(outcomes: Sequence[BlockOutcome]) -> BlockOutcome:
+def join_outcomes(outcomes: Sequence[BlockOutcome]) -> BlockOutcome:
     """Return one outcome of the cases of several, in that order; at least one is given."""
     if len(outcomes) == 1:
         return outcomes[0]
-    parts = named_alike(outcomes)
+    parts = complete_metrics(outcomes)
     return BlockOutcome(
         numbers=np.concatenate([o.numbers for o in parts]),
         metrics=parts[0].metrics,
@@ -122,14 +130,14 @@ def joined(outcomes: Sequence[BlockOutcome]) -> BlockOutcome:
         failed=np.concatenate([o.failed for o in parts]),
         message_case=np.concatenate([o.message_case for o in parts]),
         messages=tuple(m for o in parts for m in o.messages),
-        histories=_joined_histories(parts),
+        histories=_join_histories(parts),
         tracebacks=tuple(t for o in parts for t in o.tracebacks),
         seconds=sum(o.seconds for o in parts),
-        step_error=_joined_errors(parts),
+        step_error=_join_errors(parts),
     )
 
 
-def _joined_errors(parts: Sequence[BlockOutcome]) -> Array | None:
+def _join_errors(parts: Sequence[BlockOutcome]) -> Array | None:
     if all(o.step_error is None for o in parts):
         return None
     return np.concatenate(
@@ -137,8 +145,8 @@ def _joined_errors(parts: Sequence[BlockOutcome]) -> Array | None:
     )
 
 
-def reordered(outcome: BlockOutcome, order: Integers) -> BlockOutcome:
-    """Return the same cases in another order, that of their places `order` (n,)."""
+def reorder_cases(outcome: BlockOutcome, order: Integers) -> BlockOutcome:
+    """Return the outcomes with the case at place `order[i]` (n,) in row i."""
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))
     number_of = {number: i for i, number in enumerate(outcome.numbers.tolist())}
@@ -160,10 +168,10 @@ def reordered(outcome: BlockOutcome, order: Integers) -> BlockOutcome:
     )
 
 
-def divided(
+def divide_outcome(
     outcome: BlockOutcome, counts: Sequence[int], seconds: Sequence[float]
 ) -> list[BlockOutcome]:
-    """Return the parts that were joined, of so many cases and seconds each, without histories."""
+    """Return the parts of a joined outcome, by their numbers of cases and seconds; no histories."""
     ends = np.cumsum(counts)
     # Messages are in the order of the cases, but not every case has one.
     place = {number: i for i, number in enumerate(outcome.numbers.tolist())}
@@ -192,7 +200,7 @@ def divided(
     return parts
 
 
-def _joined_histories(parts: Sequence[BlockOutcome]) -> Histories | None:
+def _join_histories(parts: Sequence[BlockOutcome]) -> Histories | None:
     known = next((o.histories for o in parts if o.histories is not None), None)
     if known is None:
         return None
@@ -217,7 +225,7 @@ def _joined_histories(parts: Sequence[BlockOutcome]) -> Histories | None:
     return replace(known, time_s=time, values=values, end_s=end, end_values=end_values)
 
 
-def _told(outcome: BlockOutcome) -> str:
+def _format_metrics(outcome: BlockOutcome) -> str:
     return ", ".join(f"{m} ({u})" for m, u in zip(outcome.metrics, outcome.units, strict=True))
 
 

@@ -24,8 +24,8 @@ __all__ = [
     "FailureRatio",
     "case_class",
     "decided_failures",
-    "ended",
     "failure_ratio",
+    "has_ended",
     "is_undecided",
     "ratio_at_points",
     "ratio_interval",
@@ -76,7 +76,7 @@ Flags = NDArray[np.bool_]
 
 
 class Judged(Protocol):
-    """Rows of cases (N,) with how each ended: `CaseTable`, `BlockOutcome`, `CaseResults`."""
+    """Outcomes of N cases with their statuses: `CaseTable`, `BlockOutcome`, `CaseResults`."""
 
     @property
     def status(self) -> NDArray[np.str_]:
@@ -90,24 +90,27 @@ class Judged(Protocol):
 
 
 def is_undecided(status: Iterable[str] | NDArray[np.str_]) -> Flags:
-    """Return which statuses (N,) are those of undecided cases."""
+    """Return the mask (N,) of the statuses of undecided cases."""
     words = status if isinstance(status, np.ndarray) else np.array(list(status), dtype=np.str_)
     return np.asarray(np.isin(words, tuple(UNDECIDED)))
 
 
 def decided_failures(table: Judged) -> Flags:
-    """Return which cases (N,) are decided and failed."""
+    """Return the mask (N,) of decided cases that failed."""
     return np.asarray(table.failed & ~is_undecided(table.status))
 
 
-def ended(table: Judged) -> Flags:
-    """Return which cases (N,) came to their end: a success, or short of a requirement."""
+def has_ended(table: Judged) -> Flags:
+    """Return the mask (N,) of cases that ended regularly, whose metrics enter the statistics.
+
+    These are the successes, and the cases that only missed a requirement.
+    """
     sound = ~table.failed | (table.status == "requirement")
     return np.asarray(sound & ~is_undecided(table.status))
 
 
 def case_class(status: str, failed: bool) -> str:
-    """Return the class of a case in words: what a table shows."""
+    """Return the class of a case in words, for tables."""
     if status in UNDECIDED:
         return f"undecided ({UNDECIDED[status]})"
     return "failure" if failed else "success"

@@ -11,7 +11,7 @@ import numpy as np
 from hillsphere.base.arrays import Array, Integers
 from hillsphere.base.atomic import PART_SUFFIX
 from hillsphere.base.errors import InputError, StageError
-from hillsphere.cases.block_outcome import BlockOutcome, divided, joined
+from hillsphere.cases.block_outcome import BlockOutcome, divide_outcome, join_outcomes
 from hillsphere.interfaces.cases import Histories
 from hillsphere.products.product_codec import load_product, save_product
 
@@ -123,7 +123,7 @@ class Checkpoints:
             first=first,
             counts=np.array([len(o.numbers) for o in outcomes], dtype=np.int64),
             seconds=np.array([o.seconds for o in outcomes]),
-            cases=joined(outcomes),
+            cases=join_outcomes(outcomes),
         )
         path = self.directory / f"blocks-{first:07d}-{last:07d}.npz"
         try:
@@ -158,7 +158,9 @@ class Checkpoints:
 
     def _read(self, path: Path) -> dict[int, BlockOutcome]:
         checkpoint = self._checkpoint(path)
-        parts = divided(checkpoint.cases, checkpoint.counts.tolist(), checkpoint.seconds.tolist())
+        parts = divide_outcome(
+            checkpoint.cases, checkpoint.counts.tolist(), checkpoint.seconds.tolist()
+        )
         return dict(enumerate(parts, checkpoint.first))
 
     def _checkpoint(self, path: Path) -> Checkpoint:

@@ -18,7 +18,7 @@ import numpy as np
 from hillsphere.base.arrays import Integers
 from hillsphere.base.errors import InputError, StageError
 from hillsphere.base.matching import match_names
-from hillsphere.cases.block_outcome import BlockOutcome, joined, lost_rows, reordered
+from hillsphere.cases.block_outcome import BlockOutcome, join_outcomes, lost_rows, reorder_cases
 from hillsphere.cases.case_classes import is_undecided
 from hillsphere.interfaces.cases import CaseBatch, CaseResults, Histories
 from hillsphere.interfaces.stages import CaseStage
@@ -84,20 +84,20 @@ def compute(
                 middle = (len(lanes) + 1) // 2
                 waiting += [lanes[middle:], lanes[:middle]]
             else:
-                rows.append(_raised(batch.numbers[lanes], error, history))
+                rows.append(_rows_of_error(batch.numbers[lanes], error, history))
             continue
         _check(stage, results, len(batch.numbers))
         kept = results.histories if history else _of_bands(stage, results.histories, bands)
         rows.append(_rows(results, lanes, batch.numbers[lanes], kept, history))
-    outcome = joined(rows)
+    outcome = join_outcomes(rows)
     if impossible:
-        outcome = reordered(outcome, np.argsort(outcome.numbers, kind="stable"))
+        outcome = reorder_cases(outcome, np.argsort(outcome.numbers, kind="stable"))
     # In the order of memory that a checkpoint gives back, whoever computed it.
     return replace(canonical(outcome), seconds=perf_counter() - begin)
 
 
 def _impossible_inputs(stage: CaseStage, batch: CaseBatch) -> dict[int, tuple[str, str]]:
-    """Return the lanes whose draw means nothing, such as a negative density, with input and why."""
+    """Return the lanes with an impossible draw (a negative density), with input and reason."""
     found: dict[int, tuple[str, str]] = {}
     for q in stage.case_inputs():
         if q.name not in batch.names:
@@ -126,13 +126,13 @@ def only(batch: CaseBatch, lanes: Integers) -> CaseBatch:
     )
 
 
-def _shortened(text: str) -> str:
+def _shorten(text: str) -> str:
     """Return a text on one line, of at most `LONGEST_MESSAGE` characters."""
     line = " ".join(text.split())
     return line if len(line) <= LONGEST_MESSAGE else line[: LONGEST_MESSAGE - 1] + "…"
 
 
-def _raised(number: Integers, error: Exception, history: bool) -> BlockOutcome:
+def _rows_of_error(number: Integers, error: Exception, history: bool) -> BlockOutcome:
     name = type(error).__name__
     kind = "memory" if isinstance(error, MemoryError) else "error"
     if isinstance(error, InputError):
@@ -146,7 +146,7 @@ def _raised(number: Integers, error: Exception, history: bool) -> BlockOutcome:
         number,
         kind,
         name,
-        _shortened(f"{name}: {text}" if text else name),
+        _shorten(f"{name}: {text}" if text else name),
         ("".join(traceback.format_exception(error)),) if history else (),
     )
 
@@ -174,7 +174,7 @@ def _rows(
     kept: Histories | None,
     tracebacks: bool,
 ) -> BlockOutcome:
-    """Return the rows of these lanes; a sound case whose metrics are not finite is none."""
+    """Return the rows of these lanes; a case with metrics that are not finite is undecided."""
     values = np.array(results.values, dtype=np.float64)[:, lanes]
     status = [results.status[i] for i in lanes]
     cause = [results.cause[i] for i in lanes]
@@ -185,7 +185,7 @@ def _rows(
     for j in bad:
         wrong = np.flatnonzero(~np.isfinite(values[:, j]))
         told = ", ".join(f"{results.metrics[i]} = {values[i, j]}" for i in wrong)
-        messages.append(_shortened(f"{status[j]}, but not finite: {told}"))
+        messages.append(_shorten(f"{status[j]}, but not finite: {told}"))
         status[j], cause[j] = "not_finite", results.metrics[wrong[0]]
     values[:, bad] = np.nan
     errors = results.step_error

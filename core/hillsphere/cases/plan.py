@@ -16,12 +16,15 @@ from hillsphere.interfaces.cases import LANES, CaseBatch
 from hillsphere.products.products import Ladder
 from hillsphere.uncertainty.dispersed import Dispersed, Quantity
 
-__all__ = ["Plan", "Variant"]
+__all__ = ["Plan", "SweepVariant"]
 
 
 @dataclass(frozen=True)
-class Variant:
-    """A mission, possibly with changed keys, and what the cases at its points are given.
+class SweepVariant:
+    """One resolved mission of a sweep and the consecutive swept points that share it.
+
+    A swept key that changes the mission needs a variant of its own. A swept quantity that the stage
+    accepts per case (an initial offset, a gain) does not: see `per_case`.
 
     Parameters
     ----------
@@ -30,13 +33,13 @@ class Variant:
     points : int
         Number of its points, which follow each other.
     dispersed : Dispersed
-        What differs at random.
+        The quantities that are drawn at random.
     sample : Design
         Random numbers of the repetitions, a row for each `active` quantity.
     active : ndarray of bool, shape (k,)
         Which of the dispersed quantities the design draws; the others stay at their median.
-    set_there : mapping of int to Quantity
-        Row of the swept names → what the stage takes case by case for it.
+    per_case : mapping of int to Quantity
+        Swept quantities that the stage accepts per case, by their rows among the swept names.
     """
 
     repeated: Repeated
@@ -44,7 +47,7 @@ class Variant:
     dispersed: Dispersed
     sample: Design
     active: NDArray[np.bool_]
-    set_there: Mapping[int, Quantity]
+    per_case: Mapping[int, Quantity]
 
 
 class Plan:
@@ -57,7 +60,7 @@ class Plan:
 
     Parameters
     ----------
-    variants : sequence of Variant
+    variants : sequence of SweepVariant
         In the order of their points.
     swept : Swept
         The points.
@@ -88,7 +91,7 @@ class Plan:
 
     def __init__(
         self,
-        variants: Sequence[Variant],
+        variants: Sequence[SweepVariant],
         swept: Swept,
         swept_units: Sequence[str],
         *,
@@ -114,7 +117,10 @@ class Plan:
 
     @property
     def points(self) -> Array | None:
-        """Values (d, P) of what is swept, of what is no number its place; None for no sweep."""
+        """Swept values, shape (d, P): d quantities at P points; None without a sweep.
+
+        A quantity that is not a number is given by its index in the list of the mission.
+        """
         return self._swept.points if self.swept else None
 
     @property
@@ -164,7 +170,7 @@ class Plan:
             names += quantity.inputs
             rows += [row] * len(quantity.inputs)
         dispersed = {quantity.name for quantity in quantities}
-        for i, quantity in variant.set_there.items():
+        for i, quantity in variant.per_case.items():
             if quantity.name not in dispersed:  # else its distribution lies about the swept value
                 names += quantity.inputs
                 rows += [self._at_points(i, cases)] * len(quantity.inputs)
@@ -194,12 +200,12 @@ class Plan:
                 values[into[:, None], part] = self._drawn(variant, cases[part])
         return values
 
-    def _drawn(self, variant: Variant, cases: Integers) -> Array:
-        """Return the values (k, N) of what differs at random in a variant."""
+    def _drawn(self, variant: SweepVariant, cases: Integers) -> Array:
+        """Return the values (k, N) of the dispersed quantities of a variant, SI."""
         u = np.full((len(variant.active), len(cases)), 0.5)
         u[variant.active] = variant.sample.unit(cases % self.repetitions)
         dispersed = {quantity.name for quantity in variant.dispersed.quantities}
-        about = {i: q.name for i, q in variant.set_there.items() if q.name in dispersed}
+        about = {i: q.name for i, q in variant.per_case.items() if q.name in dispersed}
         if not about:
             return variant.dispersed.values(u)
         values = np.empty(u.shape)

@@ -1,4 +1,4 @@
-"""The stage that a campaign repeats: sent to workers as its Specs, built there once."""
+"""The stage that a campaign repeats: sent to the workers as Specs, and built there once."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Repeated:
     nominal: Any = field(default=None, repr=False)
 
     def warnings(self) -> tuple[str, ...]:
-        """Return what the stage's own run warns of, which holds for what repeats it too."""
+        """Return the warnings of the stage's own run that hold for campaigns too."""
         if self.nominal is None:
             return ()
         warn = getattr(self.build(), "case_warnings", None)

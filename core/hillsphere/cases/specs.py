@@ -1,4 +1,4 @@
-"""What the stages ``monte_carlo`` and ``sweep`` can be told."""
+"""Specs of the stages ``monte_carlo`` and ``sweep``."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class StopSpec(Spec):
 
 
 class CampaignSpec(StageSpec):
-    """What all campaigns share."""
+    """Parameters that all campaigns share."""
 
     produces: ClassVar[str] = "hillsphere.products:CaseTable"
 
@@ -162,7 +162,7 @@ class RangeSpec(Spec):
 
 
 class SweepNeeds(Spec):
-    """What a sweep takes from earlier stages."""
+    """Products of earlier stages that a sweep takes."""
 
     examples: ClassVar[tuple[dict[str, Any], ...]] = ({},)
 
@@ -254,7 +254,7 @@ class SweepSpec(CampaignSpec):
     def misfits(
         self, tables: Mapping[str, Mapping[str, Spec]]
     ) -> Iterator[tuple[tuple[str | int, ...], str]]:
-        """Yield what keeps the campaign behind from being one of the same flight."""
+        """Yield the reasons why `needs.behind` is not a campaign of the same flight."""
         behind, stages = self.needs.behind, tables.get("stage", {})
         other = None if behind is None else stages.get(behind.name)
         if behind is not None and isinstance(other, CampaignSpec):
@@ -264,7 +264,7 @@ class SweepSpec(CampaignSpec):
     def _not_behind(
         self, name: str, other: CampaignSpec, stages: Mapping[str, Spec]
     ) -> Iterator[str]:
-        """Yield what is wrong with a campaign of this name behind the lines."""
+        """Yield the errors of `needs.behind` naming this campaign."""
         if isinstance(other, SweepSpec):
             yield f"stage {name!r} is a sweep, which has no bands; name a monte_carlo that has some"
         elif isinstance(other, MonteCarloSpec) and not other.bands:
@@ -284,9 +284,10 @@ class SweepSpec(CampaignSpec):
             for here in self._taken(key, flights[0], _value(own, key)):
                 if here != there:
                     yield (
-                        f"stage {name!r} is of another flight: {key} is {_told(there)} in its "
-                        f"stage {flights[1]!r}, but {_told(here)} in {flights[0]!r} here; name a "
-                        f"campaign that repeats {flights[0]!r}, or give both the same {key}"
+                        f"stage {name!r} is of another flight: {key} is "
+                        f"{_format_setting(there)} in its stage {flights[1]!r}, but "
+                        f"{_format_setting(here)} in {flights[0]!r} here; name a campaign that "
+                        f"repeats {flights[0]!r}, or give both the same {key}"
                     )
                     break
 
@@ -299,14 +300,14 @@ class SweepSpec(CampaignSpec):
 
 
 def _value(spec: Spec, key: str) -> Any:
-    """Return what stands at a dotted key, a reference as its name; None if nothing does."""
+    """Return the value at a dotted key, a reference as its name; None if there is no such key."""
     found: Any = spec
     for part in key.split("."):
         found = getattr(found, part, None)
     return found.name if isinstance(found, Ref) else found
 
 
-def _told(value: Any) -> str:
+def _format_setting(value: Any) -> str:
     if isinstance(value, RangeSpec):
         return "swept"
     return "left out" if value is None or value == "" else repr(value)

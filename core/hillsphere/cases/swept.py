@@ -1,4 +1,4 @@
-"""What a sweep changes from point to point, before it is known what the stage makes of it."""
+"""Points of a sweep, before they are resolved to keys of the mission or inputs of the stage."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ class Swept:
     design : str
         ``"grid"``, ``"latin_hypercube"``, ``"sobol"``, ``"list"``; ``""`` for no sweep.
     names : tuple of str
-        The d things that are changed, by table and key.
+        Names of the d swept quantities, by table and key.
     levels : tuple of tuple
-        The values that each takes, as a mission would write them.
+        The values of each, as a mission would write them.
     index : ndarray of int, shape (d, P)
-        Which of them it takes at each of the P points.
+        Index of the value of each at the P points.
     labels : tuple of str
         One name per point; empty for names made of the values.
     units : tuple of str
-        What its numbers are said to be in, one per name, ``""`` for nothing said; may be empty.
+        Units that a list declares, one per name, ``""`` where it declares none; may be empty.
     ladder : Ladder or None
         Of the P points, if a list has one.
     """
@@ -49,7 +49,7 @@ class Swept:
 
     @cached_property
     def numeric(self) -> tuple[bool, ...]:
-        """Whether each takes numbers only."""
+        """Whether each swept quantity takes numbers only."""
         return tuple(
             all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
             for values in self.levels
@@ -57,7 +57,7 @@ class Swept:
 
     @cached_property
     def points(self) -> Array:
-        """Values (d, P); of what is no number its place in the list."""
+        """Values (d, P); a quantity that is not a number is given by its index in `levels`."""
         made = np.empty(self.index.shape)
         for i, (values, number) in enumerate(zip(self.levels, self.numeric, strict=True)):
             table = np.array(values, dtype=float) if number else np.arange(len(values), dtype=float)
@@ -65,7 +65,7 @@ class Swept:
         return made
 
     def reordered(self, order: Integers) -> Swept:
-        """Return the same points in another order."""
+        """Return the points in another order."""
         labels = tuple(self.labels[i] for i in order.tolist()) if self.labels else ()
         index = np.ascontiguousarray(self.index[:, order])
         ladder = self.ladder
@@ -75,7 +75,7 @@ class Swept:
         return replace(self, index=index, labels=labels, ladder=ladder)
 
     def of_stage(self, stage: str) -> Swept:
-        """Return the same with the repeated stage's name where ``repeat`` stands for it.
+        """Return the points with ``repeat`` in their names replaced by the name of the stage.
 
         Raises
         ------
@@ -94,7 +94,7 @@ class Swept:
             return self.labels
         texts = [
             [
-                f"{name} = {_shown(value)}{'' if unit in ('', '-') else ' ' + unit}"
+                f"{name} = {_format_value(value)}{'' if unit in ('', '-') else ' ' + unit}"
                 for value in level
             ]
             for name, level, unit in zip(self.names, self.levels, units, strict=True)
@@ -106,11 +106,11 @@ class Swept:
 
 
 def no_sweep() -> Swept:
-    """Return the one point at which nothing is changed."""
+    """Return a sweep of one point that changes nothing."""
     return Swept("", (), (), np.empty((0, 1), dtype=np.int64))
 
 
-def _shown(value: Any) -> str:
+def _format_value(value: Any) -> str:
     if isinstance(value, list | tuple) and all(isinstance(one, str) for one in value):
         return " + ".join(value) or "none"  # no commas: they separate the parts of a point's name
     if isinstance(value, bool) or not isinstance(value, int | float):

@@ -1,8 +1,8 @@
-"""Present import paths of product classes that have moved since an earlier version."""
+"""Paths and field names of products that an earlier version stored under other names."""
 
 from __future__ import annotations
 
-__all__ = ["current_class"]
+__all__ = ["current_class", "current_field"]
 
 # fmt: off
 _MOVED = {
@@ -39,6 +39,19 @@ _MOVED = {
 # fmt: on
 """Module in an earlier version → present module."""
 
+_RENAMED_FIELDS = {
+    "hillsphere_orbits.coverage.products:Coverage": {
+        "sun_elevation_min_rad": "min_sun_elevation_rad",
+    },
+    "hillsphere_orbits.fidelity_ladder.products:FidelityLadder": {
+        "altitude_min_m": "min_altitude_m",
+    },
+    "hillsphere_orbits.transfers_reflown.products:TransfersReflown": {
+        "altitude_min_m": "min_altitude_m",
+    },
+}
+"""Path of a class today → field of an earlier version → the same field today."""
+
 
 def current_class(path: str) -> str:
     """Return the present import path of a product's class, ``"module:Class"``.
@@ -55,3 +68,21 @@ def current_class(path: str) -> str:
     """
     module, _, name = path.partition(":")
     return f"{_MOVED.get(module, module)}:{name}"
+
+
+def current_field(path: str, name: str) -> str:
+    """Return the name that a stored field of a product has today.
+
+    Parameters
+    ----------
+    path : str
+        Of the product's class, ``"module:Class"``, as a file says it.
+    name : str
+        Of the field, as the file says it.
+
+    Returns
+    -------
+    str
+        The name itself if the field was not renamed.
+    """
+    return _RENAMED_FIELDS.get(current_class(path), {}).get(name, name)

@@ -32,7 +32,7 @@ from hillsphere.base.npz import read_arrays as read_members
 from hillsphere.base.private_cache import is_private
 from hillsphere.base.regular_files import open_regular
 from hillsphere.products.fields import dimension_sizes
-from hillsphere.products.moved_classes import current_class
+from hillsphere.products.moved_classes import current_class, current_field
 
 __all__ = ["canonical", "load_product", "read_arrays", "read_fault", "save_product"]
 
@@ -308,7 +308,10 @@ def _decode(node: Any, arrays: dict[str, np.ndarray[Any, Any]], file: str) -> An
         return node
     if "product" in node:
         cls = _product_class(node["product"], file)
-        table = {k: _decode(v, arrays, file) for k, v in node["fields"].items()}
+        table = {
+            current_field(node["product"], name): _decode(value, arrays, file)
+            for name, value in node["fields"].items()
+        }
         if set(table) != set(_stored_fields(cls)):
             raise InputError(
                 f"{file}: {cls.__name__} has other fields now than when the file was written; "

@@ -34,7 +34,7 @@ from hillsphere.runs.run_result import RunResult
 from hillsphere.runs.stage_cache import StageCache
 from hillsphere.runs.stage_context import StageContext
 from hillsphere.runs.store import RunDirectory, plain_json
-from hillsphere.runs.wiring import inputs_of, repeated_with_products, takes_from
+from hillsphere.runs.wiring import inputs_of, stages_to_repeat, takes_from
 from hillsphere.show.drawing import Drawing, draw
 from hillsphere.show.presentation import Figure, check_presentation
 
@@ -377,7 +377,7 @@ class _Run:
         self, record: StageRecord, inputs: Mapping[str, Any], context: StageContext
     ) -> Any:
         expected = self.classes[record.name]
-        repeated = repeated_with_products(self.mission, record.name, self.products)
+        repeated = stages_to_repeat(self.mission, record.name, self.products)
         product = self.stages[record.name].run(context, **repeated, **inputs)
         if not isinstance(product, expected):
             raise StageError(

@@ -31,7 +31,7 @@ from hillsphere.runs.wiring import (
     inputs_of,
     product_class,
     repeated_stages,
-    repeated_with_products,
+    stages_to_repeat,
     takes_from,
 )
 from hillsphere.show.drawing import draw
@@ -208,7 +208,7 @@ def _plan(earlier: EarlierRun, mission: Mission, name: str) -> tuple[Plan, str]:
                 f"stage {need!r}, whose product is needed, is not finished in this run; resume it"
             )
         products[need] = earlier.product(need, product_class(mission, need))
-    repeated = repeated_with_products(mission, name, products)[field]
+    repeated = stages_to_repeat(mission, name, products)[field]
     component = Assembly(mission).get("stage", name)
     plan: Plan = component.plan(repeated, **inputs_of(specs[name], products))
     return plan, other

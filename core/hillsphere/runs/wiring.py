@@ -23,7 +23,7 @@ __all__ = [
     "product_class",
     "repeat_faults",
     "repeated_stages",
-    "repeated_with_products",
+    "stages_to_repeat",
     "takes_from",
 ]
 
@@ -157,7 +157,7 @@ def _resolve_product(value: Any, products: Mapping[str, Any]) -> Any:
     return value
 
 
-def repeated_with_products(
+def stages_to_repeat(
     mission: Mission, stage: str, products: Mapping[str, Any]
 ) -> dict[str, Repeated]:
     """Return the repeated stages by field, each with the products that it needs itself."""

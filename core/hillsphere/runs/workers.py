@@ -20,7 +20,7 @@ from typing import Any, Generic, Protocol, TypeAlias, TypeVar
 from hillsphere.base.errors import HillsphereError, StageError
 from hillsphere.base.stray_processes import end_child_of
 from hillsphere.cases.executors.sending import Unsendable
-from hillsphere.cases.executors.worker import told
+from hillsphere.cases.executors.worker import format_error
 from hillsphere.interfaces.stages import Context
 from hillsphere.interfaces.tasks import Crew, Failed, Finished, Job, Lost
 
@@ -252,7 +252,7 @@ class _Refusing:
 
 def _sendable(error: Exception) -> Exception:
     """Return an error with its traceback as a note; as a `StageError` if it cannot be pickled."""
-    message, trace = told(error)
+    message, trace = format_error(error)
     try:
         return _with_trace(pickle.loads(pickle.dumps(error)), trace)
     except Exception:  # whatever the error's class makes of it

@@ -243,9 +243,9 @@ class FieldColumns:
         field : str
             Name of the field.
         **words : str
-            One per entry: the part of the column's name before the unit, and the word before the
-            field's label. ``least="lowest"`` of ``altitude_m`` gives ``altitude_least_km``,
-            "lowest altitude".
+            One per entry: the prefix of the column's name, and the word before the field's label.
+            ``min="lowest"`` of ``altitude_m`` gives ``min_altitude_km``, "lowest altitude". It is a
+            prefix because ``_min`` before a unit reads as minutes.
 
         Returns
         -------
@@ -267,7 +267,7 @@ class FieldColumns:
         return [
             self._column(
                 declared, part, declared.shape.dimensions[1:],
-                f"{stem}_{key}_{unit}".removesuffix("_"), f"{word} {mark.text}", None,
+                f"{key}_{stem}_{unit}".removesuffix("_"), f"{word} {mark.text}", None,
             )
             for part, (key, word) in zip(values, words.items(), strict=True)
         ]  # fmt: skip

@@ -12,14 +12,14 @@ def hillsphere_components() -> list[Component]:
         Component(
             "stage",
             "monte_carlo",
-            "hillsphere_campaigns.stages:MonteCarlo",
+            "hillsphere_campaigns.monte_carlo:MonteCarlo",
             "hillsphere.cases.specs:MonteCarloSpec",
             "many cases of another stage, with what is uncertain drawn at random",
         ),
         Component(
             "stage",
             "sweep",
-            "hillsphere_campaigns.stages:Sweep",
+            "hillsphere_campaigns.sweep:Sweep",
             "hillsphere.cases.specs:SweepSpec",
             "another stage at chosen points, with many cases at each if asked",
         ),

@@ -9,7 +9,7 @@ import numpy as np
 from hillsphere.presentation import PALETTE, Figure
 from hillsphere.products.products import Bands
 from hillsphere.show.history import time_unit
-from hillsphere_campaigns.figures import grid_of, grid_size, labelled, legend_below, remark
+from hillsphere_campaigns.figures import axis_label, grid_of, grid_size, legend_below, remark
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,6 +21,8 @@ MOST_PANELS = 9
 """Panels of the figure: a page."""
 
 _MOST_SAMPLES = 1000
+"""Samples drawn per line at most: a panel is narrower than 1000 pixels, more would not be seen."""
+
 _SHADES = (0.35, 0.65, 0.9)
 """Opacity of the bands, from the outermost inwards."""
 
@@ -56,7 +58,7 @@ def _panel(axes: Axes, bands: Bands, quantity: int) -> None:
     unit, scale = time_unit(float(bands.time_s[-1]))
     draw_bands(axes, bands, quantity, scale)
     axes.set_xlabel(f"time ({unit})")
-    axes.set_ylabel(labelled(bands.names[quantity], bands.units[quantity]))
+    axes.set_ylabel(axis_label(bands.names[quantity], bands.units[quantity]))
     some = bands.count[quantity][bands.count[quantity] > 0]
     if some.size and some.min() < some.max():
         remark(axes, f"{some[0]} to {some[-1]} cases")

@@ -62,7 +62,7 @@ def bands_of(
     count = np.zeros((q, samples), dtype=np.int64)
     step = max(1, room_bytes // (8 * q * cases.size))
     for begin in range(0, samples, step):
-        some = _gathered(parts, cases, q, slice(begin, min(begin + step, samples)))
+        some = _gather_samples(parts, cases, q, slice(begin, min(begin + step, samples)))
         for i, k in np.ndindex(some.shape[:2]):
             there = some[i, k][np.isfinite(some[i, k])]
             count[i, begin + k] = there.size
@@ -99,7 +99,7 @@ def lines_of(parts: Parts, cases: Integers) -> Lines | None:
     if grid.known is None or not grid.time_s.size:
         return None
     names, units = grid.known
-    whole = _gathered(parts, cases, len(names), slice(0, grid.time_s.size))
+    whole = _gather_samples(parts, cases, len(names), slice(0, grid.time_s.size))
     end_s, end_values = _ends(parts, cases, len(names))
     if not np.isfinite(end_s).any():
         return Lines(names, units, cases, grid.time_s, whole)
@@ -107,7 +107,7 @@ def lines_of(parts: Parts, cases: Integers) -> Lines | None:
 
 
 def _places(numbers: Integers, cases: Integers) -> tuple[Integers, Integers]:
-    """Return which of the numbers are among the cases, and where."""
+    """Return the places of `numbers` that are cases, and their places among `cases`."""
     if not cases.size:
         return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
     place = np.minimum(np.searchsorted(cases, numbers), cases.size - 1)
@@ -115,7 +115,7 @@ def _places(numbers: Integers, cases: Integers) -> tuple[Integers, Integers]:
     return here, place[here]
 
 
-def _gathered(parts: Parts, cases: Integers, q: int, samples: slice) -> Array:
+def _gather_samples(parts: Parts, cases: Integers, q: int, samples: slice) -> Array:
     """Return the values (q, k, N) of all cases at some samples, NaN where a case has none."""
     found = np.full((q, samples.stop - samples.start, cases.size), np.nan)
     for numbers, histories in parts():

@@ -1,4 +1,4 @@
-"""Making the plan of a campaign: from names in a mission to what cases are given."""
+"""Planning of a campaign: from names in a mission to the inputs of cases."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hillsphere.base.arrays import Integers
 from hillsphere.base.problems import did_you_mean, format_value
 from hillsphere.cases.designs import Design, DesignName
-from hillsphere.cases.plan import Plan, Variant
+from hillsphere.cases.plan import Plan, SweepVariant
 from hillsphere.cases.repeated import Repeated
 from hillsphere.cases.swept import Swept, no_sweep
 from hillsphere.errors import InputError
@@ -72,7 +72,7 @@ def plan_of(
     """
     swept = no_sweep() if swept is None else swept.of_stage(repeated.stage)
     inputs = repeated.case_inputs()
-    quantities = _set_there(swept, repeated, inputs)
+    quantities = _quantities_per_case(swept, repeated, inputs)
     keys = [i for i in range(len(swept.names)) if i not in quantities]
     for i in keys:
         _require_used(swept.names[i], repeated, dispersions)
@@ -85,7 +85,7 @@ def plan_of(
     for first, last in parts:
         choice = {swept.names[i]: int(swept.index[i, first]) for i in keys}
         values = {swept.names[i]: swept.levels[i][choice[swept.names[i]]] for i in keys}
-        there = _changed(repeated, values, inputs)
+        there = _change_keys(repeated, values, inputs)
         # A dispersion that changes leaves the stage as it is: it need not be built again.
         of_stage = tuple(pair for pair in choice.items() if not pair[0].startswith("dispersions."))
         if of_stage not in stages:
@@ -94,13 +94,15 @@ def plan_of(
         assembly = Assembly(there.mission)
         models: dict[str, Dispersion] = {n: assembly.get("dispersions", n) for n in dispersions}
         dispersed = resolve(models, there, offered)
-        active, groups = _drawn(dispersed, design, cases)
+        active, groups = _select_drawn(dispersed, design, cases)
         if groups not in samples:
             samples[groups] = Design(design, cases, groups, root, stream)
-        set_there = _set_there(swept, there, offered)
-        _require_untouched(quantities, set_there, swept)
-        _check_overlap(set_there, dispersed, swept)
-        variants.append(Variant(stage, last - first, dispersed, samples[groups], active, set_there))
+        per_case = _quantities_per_case(swept, there, offered)
+        _require_untouched(quantities, per_case, swept)
+        _check_overlap(per_case, dispersed, swept)
+        variants.append(
+            SweepVariant(stage, last - first, dispersed, samples[groups], active, per_case)
+        )
     totals = {variant.sample.total for variant in variants}
     if len(totals) > 1:
         raise InputError(
@@ -115,10 +117,10 @@ def plan_of(
     return Plan(variants, swept, units, seed=root, stream=stream)
 
 
-def _set_there(
+def _quantities_per_case(
     swept: Swept, repeated: Repeated, inputs: Sequence[Parameter]
 ) -> dict[int, Quantity]:
-    """Return which swept names the stage takes case by case, by their row."""
+    """Return the swept quantities that the stage accepts per case, by their rows."""
     found: dict[int, Quantity] = {}
     taken: dict[str, str] = {}
     for i, name in enumerate(swept.names):
@@ -189,7 +191,7 @@ def _require_apart(names: Sequence[str], repeated: Repeated) -> None:
 def _require_untouched(
     before: Mapping[int, Quantity], after: Mapping[int, Quantity], swept: Swept
 ) -> None:
-    """Raise if a swept key means a quantity that is set case by case: its value would not count."""
+    """Raise if a swept key sets a quantity that is also swept per case, which would override it."""
     for i, quantity in after.items():
         pair = [before[i].nominal, quantity.nominal]
         if not np.array_equal(pair[:1], pair[1:], equal_nan=True):
@@ -199,7 +201,7 @@ def _require_untouched(
 
 
 def _by_variant(swept: Swept, keys: Sequence[int]) -> tuple[Swept, list[tuple[int, int]]]:
-    """Bring the points of each variant together; return where those of each begin and end."""
+    """Sort the points by variant; return them with the first and last place of each variant."""
     count = swept.index.shape[1]
     if not keys:
         return swept, [(0, count)]
@@ -212,10 +214,10 @@ def _by_variant(swept: Swept, keys: Sequence[int]) -> tuple[Swept, list[tuple[in
     return swept, list(pairwise(bounds))
 
 
-def _changed(
+def _change_keys(
     repeated: Repeated, values: Mapping[str, Any], inputs: Sequence[Parameter]
 ) -> Repeated:
-    """Return the stage with changed keys; a fault names what the stage takes case by case too."""
+    """Return the stage with changed keys; errors also suggest quantities accepted per case."""
     if not values:
         return repeated
     # A range yields 4.0 where a key may ask for a whole number; no key refuses 4 for 4.0.
@@ -234,7 +236,7 @@ def _changed(
         raise
 
 
-def _drawn(
+def _select_drawn(
     dispersed: Dispersed, design: DesignName, cases: int
 ) -> tuple[NDArray[np.bool_], tuple[tuple[str, int], ...]]:
     """Return which quantities a design draws (k,), and how many of each group."""
@@ -272,9 +274,9 @@ def _require_independent(dispersed: Dispersed) -> None:
             )
 
 
-def _check_overlap(set_there: Mapping[int, Quantity], dispersed: Dispersed, swept: Swept) -> None:
-    """Raise if a swept quantity is dispersed in a way that the swept value has no influence on."""
-    for i, quantity in set_there.items():
+def _check_overlap(per_case: Mapping[int, Quantity], dispersed: Dispersed, swept: Swept) -> None:
+    """Raise if a swept quantity has a dispersion that does not depend on its nominal value."""
+    for i, quantity in per_case.items():
         for group in dispersed.groups:
             for row, other in enumerate(group.quantities):
                 if set(quantity.inputs).isdisjoint(other.inputs):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hillsphere.cases.block_outcome import BlockOutcome, joined
+from hillsphere.cases.block_outcome import BlockOutcome, join_outcomes
 from hillsphere.cases.plan import Plan
 from hillsphere.products import CaseTable
 
@@ -32,7 +32,7 @@ def table_of(plan: Plan, outcomes: Sequence[BlockOutcome], stage: str, stopped: 
     CaseTable
         One row per case.
     """
-    rows = joined(outcomes)
+    rows = join_outcomes(outcomes)
     return CaseTable(
         stage=stage,
         design=plan.design,

@@ -1,4 +1,4 @@
-"""How the estimates of a campaign settle as it grows."""
+"""Convergence of the estimates of a campaign with the number of cases."""
 
 from __future__ import annotations
 

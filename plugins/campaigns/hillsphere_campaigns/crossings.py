@@ -1,4 +1,4 @@
-"""Where along a sweep failures become more frequent than is allowed."""
+"""Points along a sweep at which the failure ratio exceeds a threshold."""
 
 from __future__ import annotations
 

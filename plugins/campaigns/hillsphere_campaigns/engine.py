@@ -1,4 +1,4 @@
-"""The run of a campaign: blocks become tasks, and outcomes a list that no order of work changes."""
+"""The run of a campaign: tasks of blocks, with outcomes that do not depend on their order."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from hillsphere.base.errors import StageError
-from hillsphere.cases.block_outcome import BlockOutcome, joined, lost_rows, named_alike
+from hillsphere.cases.block_outcome import BlockOutcome, complete_metrics, join_outcomes, lost_rows
 from hillsphere.cases.case_classes import decided_failures
 from hillsphere.cases.checkpoints import Checkpoints
 from hillsphere.cases.isolation import only
@@ -175,10 +175,10 @@ class _Campaign:
         return bool(self.stopped) or len(self._prefix) == self.plan.blocks
 
     def outcomes(self) -> list[BlockOutcome]:
-        return named_alike(self._prefix)
+        return complete_metrics(self._prefix)
 
     def resume(self) -> None:
-        """Take up what was kept."""
+        """Read the blocks that an interrupted run has finished."""
         kept = self.checkpoints.load() if self.checkpoints else {}
         for number in sorted(kept):
             if number < self.plan.blocks:
@@ -262,7 +262,7 @@ class _Campaign:
         return max(1, min(int(worth), self._left // (2 * slots)))
 
     def _take(self, outcome: Outcome) -> _Blocks:
-        """Return the blocks that are finished with this."""
+        """Return the blocks that this outcome completes."""
         piece = self._under_way.pop(outcome.task.number)
         match outcome:
             case Finished():
@@ -282,7 +282,7 @@ class _Campaign:
                 raise error
 
     def _lost(self, piece: _Piece, lost: Lost) -> _Blocks:
-        """Try again, or divide; of a single case say that it was lost."""
+        """Repeat or divide a lost task; a single case that is lost is undecided."""
         if piece.attempts > 1:
             self._again.append(replace(piece, attempts=piece.attempts - 1))
             return []
@@ -312,16 +312,16 @@ class _Campaign:
         if sum(len(o.numbers) for o in parts.values()) < cases:
             return []
         del self._parts[piece.first]
-        return [(piece.first, [joined([parts[lane] for lane in sorted(parts)])])]
+        return [(piece.first, [join_outcomes([parts[lane] for lane in sorted(parts)])])]
 
     def _book(self, number: int, outcome: BlockOutcome) -> None:
-        """Take a finished block into the list."""
+        """Enter a finished block into the list of outcomes."""
         if self._known is None:
             self._known = outcome if outcome.metrics else None
             if self._known and self.tell_metrics:
                 self.tell_metrics(outcome.metrics)
         else:
-            named_alike([self._known, outcome])
+            complete_metrics([self._known, outcome])
         self._done[number] = outcome
         if (failed := decided_failures(outcome)).any():
             self._failures += int(failed.sum())

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Shown",
+    "axis_label",
     "draw_convergence",
     "draw_correlations",
     "draw_cumulative",
@@ -30,13 +31,16 @@ __all__ = [
     "draw_sobol",
     "grid_of",
     "grid_size",
-    "labelled",
     "legend_below",
     "remark",
 ]
 
 _MOST_DOTS = 2000
+"""Dots of a scatter plot at most: more of them merge into an area and slow the drawing down."""
+
 _MOST_STEPS = 500
+"""Steps of a distribution function at most: a panel is some 400 pixels wide."""
+
 _FENCE = 8.0
 """Interquartile ranges beyond the quartiles from which on values are not drawn but counted."""
 
@@ -51,10 +55,10 @@ class Shown:
     @property
     def label(self) -> str:
         """Axis label."""
-        return labelled(self.statistics.name, self.statistics.unit)
+        return axis_label(self.statistics.name, self.statistics.unit)
 
 
-def labelled(name: str, unit: str) -> str:
+def axis_label(name: str, unit: str) -> str:
     """Return ``"name (unit)"``, a long name shortened, without the unit if there is none."""
     short = name if len(name) <= 34 else f"{name[:12]}…{name[-21:]}"
     return f"{short} ({unit})" if unit not in ("", "-") else short
@@ -76,7 +80,7 @@ def grid_of(figure: Figure, count: int) -> list[Axes]:
 
 
 def _within(values: Array) -> tuple[Array, str]:
-    """Return the values that are drawn, and how many lie too far out for it."""
+    """Return the values that are drawn, and the number of outliers that are not."""
     low, high = np.quantile(values, [0.25, 0.75])
     reach = _FENCE * (high - low)
     kept = values if reach == 0.0 else values[(values >= low - reach) & (values <= high + reach)]
@@ -149,7 +153,7 @@ def draw_cumulative(figure: Figure, shown: Sequence[Shown], level: float) -> Non
 def draw_convergence(
     figure: Figure, traces: Sequence[tuple[str, Convergence]], level: float
 ) -> None:
-    """Draw how estimates and their intervals settle as the campaign grows."""
+    """Draw the convergence of estimates and their intervals with the number of cases."""
     for axes, (label, trace) in zip(grid_of(figure, len(traces)), traces, strict=True):
         low, high = trace.interval
         axes.fill_between(trace.cases, low, high, color=PALETTE["sky"], alpha=0.4, lw=0,
@@ -178,10 +182,10 @@ def draw_scatter(
     units: Sequence[str],
     failed: NDArray[np.bool_],
 ) -> None:
-    """Draw metrics against the inputs that they go with most; for failure, who fails where."""
+    """Draw metrics and failures against the inputs with the strongest rank correlation."""
     for axes, (i, j) in zip(grid_of(figure, len(pairs)), pairs, strict=True):
         x = given.values[i]
-        axes.set_xlabel(labelled(given.names[i], given.units[i]))
+        axes.set_xlabel(axis_label(given.names[i], given.units[i]))
         axes.set_title(f"rank correlation {found.rho[i, j]:+.2f}", fontsize=9)
         if j >= len(values):
             for colour, which, label in (
@@ -197,7 +201,7 @@ def draw_scatter(
         rows = np.flatnonzero(np.isfinite(values[j]))
         rows = rows[np.unique(np.linspace(0, rows.size - 1, _MOST_DOTS).round().astype(int))]
         axes.plot(x[rows], values[j, rows], ".", ms=2.5, color=PALETTE["blue"], rasterized=True)
-        axes.set_ylabel(labelled(found.metrics[j], units[j]))
+        axes.set_ylabel(axis_label(found.metrics[j], units[j]))
 
 
 def draw_correlations(
@@ -218,7 +222,7 @@ def draw_correlations(
     low, high = np.array([found.interval[:, i, j] for i, j in pairs]).T
     axes.hlines(rows, low, high, color=PALETTE["black"], lw=1.2)
     axes.axvline(0.0, color=PALETTE["black"], lw=0.8)
-    names = [f"{labelled(found.inputs[i], '')} → {found.metrics[j]}" for i, j in pairs]
+    names = [f"{axis_label(found.inputs[i], '')} → {found.metrics[j]}" for i, j in pairs]
     axes.set_yticks(rows, names, fontsize=8)
     axes.set_ylim(rows.size - 0.4, -0.6)
     axes.set_xlim(-1.05, 1.05)
@@ -239,11 +243,11 @@ def draw_sobol(figure: Figure, found: SobolIndices, metrics: Sequence[int], most
             axes.barh(rows + shift, index[order, j], height=0.38, color=PALETTE[colour],
                       label=label)  # fmt: skip
             axes.hlines(rows + shift, *interval[:, order, j], color=PALETTE["black"], lw=1.0)
-        axes.set_yticks(rows, [labelled(found.inputs[i], "") for i in order], fontsize=7)
+        axes.set_yticks(rows, [axis_label(found.inputs[i], "") for i in order], fontsize=7)
         axes.set_ylim(rows.size - 0.4, -0.6)
         axes.set_xlim(left=min(0.0, axes.get_xlim()[0]))
         axes.grid(axis="y", visible=False)
-        axes.set_xlabel(f"share of the variance of {labelled(found.metrics[j], '')}", fontsize=8)
+        axes.set_xlabel(f"share of the variance of {axis_label(found.metrics[j], '')}", fontsize=8)
     legend_below(figure)
 
 

@@ -1,4 +1,4 @@
-"""The sentences at the head of a campaign's report."""
+"""Verdict sentences of a campaign."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ from hillsphere.products import CaseTable
 from hillsphere_campaigns.sensitivity import RankCorrelations
 from hillsphere_campaigns.statistics import classes
 
-__all__ = ["clearest", "outcome", "worst_points"]
+__all__ = ["failure_sentences", "strongest_correlations", "worst_points"]
 
 _WORTH_SAYING = 0.1
-"""A smaller rank correlation is no headline, however many cases make it sure."""
+"""Smallest absolute rank correlation that the verdict names. A smaller one explains less than 1 %
+of the variance of the ranks, however many cases make it significant."""
 
 
 def _percent(value: float) -> str:
     return f"{100.0 * value:.3g} %"
 
 
-def outcome(table: CaseTable, level: float, drawn: bool) -> list[str]:
-    """Say how many cases failed and how; `drawn` says whether they are independent."""
+def failure_sentences(table: CaseTable, level: float, drawn: bool) -> list[str]:
+    """Return sentences on the failures; with an interval if the cases are independent (`drawn`)."""
     total = table.case.size
     if total == 0:
         return [f"No case of stage {table.stage!r} was computed."]
@@ -39,11 +40,11 @@ def outcome(table: CaseTable, level: float, drawn: bool) -> list[str]:
             low, high = ratio.interval
             said += f" ({100 * level:g} % interval {100 * low:.3g} to {_percent(high)})"
     sentences = [said + "."]
-    if told := undecided_sentence(table):
-        sentences.append(told)
+    if undecided := undecided_sentence(table):
+        sentences.append(undecided)
     found = classes(table, level=level)
     for question, some in (
-        ("How they failed", [one for one in found if one.failed]),
+        ("Failures", [one for one in found if one.failed]),
         ("Undecided", [one for one in found if one.undecided]),
     ):
         if not some:
@@ -57,7 +58,9 @@ def outcome(table: CaseTable, level: float, drawn: bool) -> list[str]:
         words += [f"{more} in {len(some) - 4} further classes"] if more else []
         sentences.append(f"{question}: {'; '.join(words)}.")
     if table.stopped:
-        sentences.append(f"It ended after {total} of {table.planned} cases: {table.stopped}.")
+        sentences.append(
+            f"The campaign ended after {total} of {table.planned} cases: {table.stopped}."
+        )
     elif total < table.planned:
         sentences.append(f"{table.planned - total} of {table.planned} planned cases are missing.")
     sentences += [f"Warning of the nominal flight: {warning}" for warning in table.warnings]
@@ -88,12 +91,12 @@ def worst_points(table: CaseTable, level: float) -> list[str]:
     return [f"Failures are {'; '.join(words)}."]
 
 
-def clearest(found: RankCorrelations, level: float) -> list[str]:
-    """Name the input that goes most with failure and with each of the first metrics."""
+def strongest_correlations(found: RankCorrelations, level: float) -> list[str]:
+    """Name the strongest rank correlations with failure and with the first metrics."""
     said: dict[int, str] = {}
     for i, j in found.strongest():
         sure = found.p_holm[i, j] < 1.0 - level
         if j not in said and sure and abs(found.rho[i, j]) >= _WORTH_SAYING:
-            said[j] = f"{found.metrics[j]} with {found.inputs[i]} ({found.rho[i, j]:+.2f})"
+            said[j] = f"{found.metrics[j]} with {found.inputs[i]} (ρ = {found.rho[i, j]:+.2f})"
     words = [said[j] for j in sorted(said)[:4]]
-    return [f"Clearest rank correlations: {', '.join(words)}."] if words else []
+    return [f"Strongest rank correlations: {', '.join(words)}."] if words else []

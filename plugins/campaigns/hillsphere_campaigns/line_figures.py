@@ -14,7 +14,7 @@ from hillsphere.products import CaseTable
 from hillsphere.products.products import Bands, Lines, LinesToEnds
 from hillsphere.show.history import time_unit
 from hillsphere_campaigns.band_figures import MOST_PANELS, draw_bands
-from hillsphere_campaigns.figures import grid_of, grid_size, labelled, legend_below
+from hillsphere_campaigns.figures import axis_label, grid_of, grid_size, legend_below
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,6 +25,7 @@ __all__ = ["MOST_LINES", "line_figure"]
 MOST_LINES = 1000
 """Cases of which lines are drawn at most."""
 _THIN, _FAINT = 0.9, 0.75
+"""Width, points, and opacity of the lines, so that crossing lines and bands behind stay visible."""
 
 
 def line_figure(table: CaseTable, lines: Lines, bands: Bands | None) -> Figure:
@@ -68,7 +69,7 @@ def _draw(figure: Canvas, table: CaseTable, lines: Lines, bands: Bands | None, c
             draw_bands(axes, bands, bands.names.index(name), scale)
         _panel(axes, lines, quantity, failed, undecided, scale)
         axes.set_xlabel(f"time ({unit})")
-        axes.set_ylabel(labelled(name, lines.units[quantity]))
+        axes.set_ylabel(axis_label(name, lines.units[quantity]))
     legend_below(figure)
 
 

@@ -1,4 +1,4 @@
-"""Which cases of two campaigns are pairs: those that saw the same draws."""
+"""Pairs of cases of two campaigns: cases with the same random draws."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ case on; of two campaigns of other sizes this many suffice to show it, and take 
 
 
 class Drawn(Protocol):
-    """What cases drew: a `hillsphere.products.CaseTable`, or what is planned of one.
+    """Random draws of cases: of a `hillsphere.products.CaseTable`, or as planned.
 
     Parameters
     ----------

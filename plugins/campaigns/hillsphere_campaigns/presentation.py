@@ -1,4 +1,4 @@
-"""What a campaign shows: sentences, metrics, tables and figures, however large it is."""
+"""Report of a campaign: verdict, metrics, tables and figures of bounded size."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hillsphere.cases.case_classes import (
     LEVEL,
     UNDECIDED,
     decided_failures,
-    ended,
+    has_ended,
     is_undecided,
     ratio_at_points,
     ratio_of,
@@ -25,6 +25,7 @@ from hillsphere_campaigns.band_figures import band_figure
 from hillsphere_campaigns.convergence import convergence_of_failures, convergence_of_mean
 from hillsphere_campaigns.figures import (
     Shown,
+    axis_label,
     draw_convergence,
     draw_correlations,
     draw_cumulative,
@@ -32,9 +33,8 @@ from hillsphere_campaigns.figures import (
     draw_scatter,
     draw_sobol,
     grid_size,
-    labelled,
 )
-from hillsphere_campaigns.headlines import clearest, outcome, worst_points
+from hillsphere_campaigns.headlines import failure_sentences, strongest_correlations, worst_points
 from hillsphere_campaigns.result_tables import (
     class_table,
     correlation_table,
@@ -64,7 +64,10 @@ _PANELS = 6
 """Panels of a figure; a campaign has a dozen figures at most, however many metrics it has."""
 
 _BARS = 20
+"""Bars of correlations at most: with more their labels overlap in a figure of one page."""
+
 _METRICS = 20
+"""Metrics of the campaign that enter the summary of the run at most; the tables hold all."""
 
 _CAVEATS = {
     "latin_hypercube": "The cases of a Latin hypercube are more even than random ones: the "
@@ -121,7 +124,7 @@ def present_campaign(
     drawn = not repeated and table.design in ("random", "latin_hypercube", "sobol")
     tables: dict[str, Table] = {"campaign_classes": class_table(table, level, drawn)}
     metrics = _counts(table, level, drawn)
-    verdict = outcome(table, level, drawn)
+    verdict = failure_sentences(table, level, drawn)
     if decided_failures(table).any():
         tables["campaign_failed"] = failed_table(table)
     if is_undecided(table.status).any():
@@ -146,7 +149,7 @@ def present_campaign(
     if correlations.strongest() and table.design != "list":  # of chosen cases ρ says nothing
         tables["campaign_correlations"] = correlation_table(correlations, level)
         figures |= _sensitivities(table, correlations, level)
-        verdict += clearest(correlations, level)
+        verdict += strongest_correlations(correlations, level)
     if table.design == "sobol_indices":
         indices = sobol_of(table, level=level)
         if isinstance(indices, str):
@@ -207,7 +210,7 @@ def _metric_values(found: Sequence[MetricStatistics]) -> dict[str, Metric]:
 def _distributions(
     table: CaseTable, found: Sequence[MetricStatistics], level: float
 ) -> dict[str, Figure]:
-    usable = independent_cases(table) & ended(table)
+    usable = independent_cases(table) & has_ended(table)
     varied = [
         (Shown(values[usable & np.isfinite(values)], one), values)
         for one, values in zip(found, table.values, strict=True)
@@ -294,7 +297,7 @@ def _medians(table: CaseTable, count: int, repeated: bool) -> list[PointValues]:
     """Return median, 5 % and 95 % of the first metrics at every point."""
     order = np.argsort(table.point, kind="stable")
     parts = np.split(order, np.searchsorted(table.point[order], np.arange(1, count)))
-    made, sound = [], ended(table)
+    made, sound = [], has_ended(table)
     for name, unit, values in zip(table.metrics, table.units, table.values, strict=True):
         ends = np.full((3, count), np.nan)
         for p, rows in enumerate(parts):
@@ -303,7 +306,7 @@ def _medians(table: CaseTable, count: int, repeated: bool) -> list[PointValues]:
                 ends[:, p] = np.quantile(kept, [0.05, 0.5, 0.95])
         known = ends[1][np.isfinite(ends[1])]
         if known.size > 1 and np.nanmin(ends) < np.nanmax(ends):
-            label = labelled(name, unit)
+            label = axis_label(name, unit)
             made.append(
                 PointValues(label, ends[1], ends[0], ends[2])
                 if repeated
@@ -319,7 +322,7 @@ def _sensitivities(table: CaseTable, found: RankCorrelations, level: float) -> d
     rows = independent_cases(table) & ~is_undecided(table.status)
     given = explanatory(table)
     arguments: Mapping[str, Any] = {
-        "values": np.where(ended(table), table.values, np.nan)[:, rows],
+        "values": np.where(has_ended(table), table.values, np.nan)[:, rows],
         "units": table.units,
         "failed": decided_failures(table)[rows],
     }

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hillsphere.cases.case_classes import (
     case_class,
     decided_failures,
-    ended,
+    has_ended,
     is_undecided,
     ratio_at_points,
     undecided_sentence,
@@ -52,7 +52,7 @@ _INTERVALS = (
 
 
 def number(value: float) -> float | None:
-    """Return a table's cell: nothing for what is not finite."""
+    """Return a table's cell: None for a number that is not finite."""
     return float(value) if np.isfinite(value) else None
 
 
@@ -169,7 +169,7 @@ def class_table(table: CaseTable, level: float, drawn: bool) -> Table:
 
 
 def _step_error_notes(table: CaseTable) -> list[str]:
-    """Say how large the step errors are."""
+    """Return a note on the size of the step errors."""
     errors = table.step_error
     if errors is None or not (known := np.flatnonzero(np.isfinite(errors))).size:
         return []
@@ -181,13 +181,13 @@ def _step_error_notes(table: CaseTable) -> list[str]:
 
 
 def failed_table(table: CaseTable) -> Table:
-    """Return the first failed cases, so that they can be repeated one by one."""
+    """Return the first failed cases with the numbers by which they can be repeated."""
     why = too_few_failures(table)
     return _cases_table("Failed cases", table, decided_failures(table), [why] if why else [])
 
 
 def undecided_table(table: CaseTable) -> Table:
-    """Return the first undecided cases with what left them so."""
+    """Return the first undecided cases with the reasons."""
     left = is_undecided(table.status)
     notes = [
         "Neither successes nor failures: no ratio and no statistics counts them.",
@@ -237,7 +237,7 @@ def extreme_table(table: CaseTable, each: int = 3) -> Table:
     """Return the cases with the least and the largest values of every metric."""
     rows: list[dict[str, Cell]] = []
     for name, unit, values in zip(table.metrics, table.units, table.values, strict=True):
-        kept = np.flatnonzero(ended(table) & np.isfinite(values))
+        kept = np.flatnonzero(has_ended(table) & np.isfinite(values))
         if kept.size < 2 or np.ptp(values[kept]) == 0.0:
             continue
         order = kept[np.argsort(values[kept], kind="stable")]

@@ -1,4 +1,4 @@
-"""What the results of a campaign depend on: rank correlations and Sobol indices."""
+"""Sensitivity of the results of a campaign: rank correlations and Sobol indices."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy.special import ndtri, stdtr
 from scipy.stats import norm, rankdata, tiecorrect
 
 from hillsphere.base.arrays import Array
-from hillsphere.cases.case_classes import LEVEL, decided_failures, ended, is_undecided
+from hillsphere.cases.case_classes import LEVEL, decided_failures, has_ended, is_undecided
 from hillsphere.products import CaseTable
 
 __all__ = [
@@ -43,7 +43,7 @@ SAMPLES = 1000
 
 @dataclass(frozen=True)
 class Explanatory:
-    """What differed from case to case.
+    """Explanatory quantities: the inputs that differ from case to case.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def rank_correlations(table: CaseTable, level: float = LEVEL) -> RankCorrelation
     """
     given = explanatory(table)
     usable = independent_cases(table)
-    failed, sound = decided_failures(table)[usable], ended(table)[usable]
+    failed, sound = decided_failures(table)[usable], has_ended(table)[usable]
     decided = ~is_undecided(table.status)[usable]
     failures = int(np.count_nonzero(failed))
     both = min(failures, int(np.count_nonzero(decided)) - failures) >= LEAST_FOR_CORRELATION
@@ -189,8 +189,8 @@ def rank_correlations(table: CaseTable, level: float = LEVEL) -> RankCorrelation
             continue
         key = rows.tobytes()
         if key not in ranks_of:
-            ranks_of[key] = _centred(rankdata(inputs[:, rows], axis=1))
-        rho[:, j] = ranks_of[key] @ _centred(rankdata(metric[rows])[None])[0]
+            ranks_of[key] = _centre_ranks(rankdata(inputs[:, rows], axis=1))
+        rho[:, j] = ranks_of[key] @ _centre_ranks(rankdata(metric[rows])[None])[0]
         rho[:, j] = np.clip(rho[:, j], -1.0, 1.0)
         p[:, j], interval[:, :, j] = _spearman_chance(rho[:, j], int(n), level)
     if dependent:
@@ -199,7 +199,7 @@ def rank_correlations(table: CaseTable, level: float = LEVEL) -> RankCorrelation
 
 
 def too_few_failures(table: CaseTable) -> str:
-    """Say why failure is correlated with nothing; ``""`` if it is, or none or all failed."""
+    """Explain why no correlation with failure is given; ``""`` where nothing is to explain."""
     usable = independent_cases(table) & ~is_undecided(table.status)
     failures = int(np.count_nonzero(decided_failures(table) & usable))
     others = int(np.count_nonzero(usable)) - failures
@@ -213,8 +213,8 @@ def too_few_failures(table: CaseTable) -> str:
     )
 
 
-def _centred(ranks: Array) -> Array:
-    """Return ranks (k, n) about their mean, of length one; NaN where all are equal."""
+def _centre_ranks(ranks: Array) -> Array:
+    """Return ranks (k, n) minus their mean, normalised to length one; NaN where all are equal."""
     about = ranks - ranks.mean(axis=1, keepdims=True)
     size = np.sqrt(np.sum(about**2, axis=1, keepdims=True))
     unit: Array = np.divide(about, size, out=np.full_like(about, np.nan), where=size > 0)
@@ -282,7 +282,7 @@ def independent_cases(table: CaseTable) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class SobolIndices:
-    """Which share of the variance of each metric comes from which input.
+    """Shares of the variance of each metric that are due to each input.
 
     Parameters
     ----------
@@ -347,13 +347,15 @@ def sobol_of(
     constant = np.ptp(table.values, axis=1) == 0.0
     found = np.full((2, k, len(table.metrics)), np.nan)
     for j in np.flatnonzero(~constant):
-        found[:, :, j] = _resampled(f_a[j], f_b[j], f_ab[:, j], np.full((1, n), 1.0 / n))[:, 0]
+        found[:, :, j] = _resample_indices(f_a[j], f_b[j], f_ab[:, j], np.full((1, n), 1.0 / n))[
+            :, 0
+        ]
     bounds = np.full((2, 2, k, len(table.metrics)), np.nan)
     varies = np.flatnonzero(~constant)
     samples: list[list[Array]] = [[] for _ in varies]
     for weights in _weights(n, resamples, seed):
         for kept, j in zip(samples, varies, strict=True):
-            kept.append(_resampled(f_a[j], f_b[j], f_ab[:, j], weights))
+            kept.append(_resample_indices(f_a[j], f_b[j], f_ab[:, j], weights))
     tails = [0.5 * (1.0 - level), 0.5 * (1.0 + level)]
     for kept, j in zip(samples, varies, strict=True):
         sample = np.concatenate(kept, axis=1)
@@ -362,7 +364,7 @@ def sobol_of(
 
 
 def _weights(n: int, resamples: int, seed: int) -> Iterator[Array]:
-    """Yield how much each of n rows counts in bootstrap samples, (R, n), a few megabytes each."""
+    """Yield the weights (R, n) of n rows in bootstrap samples, a few megabytes at a time."""
     random = np.random.default_rng(np.random.SeedSequence(seed))
     left = resamples
     while left > 0:
@@ -371,7 +373,7 @@ def _weights(n: int, resamples: int, seed: int) -> Iterator[Array]:
         left -= some
 
 
-def _resampled(f_a: Array, f_b: Array, f_ab: Array, weights: Array) -> Array:
+def _resample_indices(f_a: Array, f_b: Array, f_ab: Array, weights: Array) -> Array:
     """Return first and total indices (2, R, k) of resampled rows, by the rows' weights (R, n)."""
     centre = 0.5 * (f_a.mean() + f_b.mean())
     a, b, ab = f_a - centre, f_b - centre, f_ab - centre
@@ -395,7 +397,7 @@ def _samples(table: CaseTable, given: Explanatory) -> list[int] | str:
         return f"design {table.design!r} does not allow Sobol indices; use 'sobol_indices'"
     if total < table.planned:
         return f"Sobol indices need all {table.planned} cases; {total} were computed"
-    lost = ~ended(table)
+    lost = ~has_ended(table)
     if count := int(np.count_nonzero(lost)):
         return (
             f"Sobol indices need every case; {count} of {total} did not come to their end, the "

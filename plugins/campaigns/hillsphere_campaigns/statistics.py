@@ -1,9 +1,9 @@
 """Statistics of a campaign, each with its confidence interval.
 
 Means, deviations and quantiles of a metric are those of the cases that came to their end, whether
-or not they met what is required (`ended`), and say how many these were: the final error of a flight
-that was lost on the way says nothing about flights, nor does that of a case that numerics left
-undecided (`hillsphere.cases.case_classes`). All intervals are two-sided and take the cases
+or not they met what is required (`has_ended`), and say how many these were: the final error of a
+flight that was lost on the way says nothing about flights, nor does that of a case that numerics
+left undecided (`hillsphere.cases.case_classes`). All intervals are two-sided and take the cases
 for independent draws. For a Latin hypercube or a Sobol sequence they are usually too wide; for a
 grid or a list they mean nothing.
 """
@@ -19,7 +19,7 @@ from scipy.special import ndtri, stdtrit
 from scipy.stats import binom, trim_mean
 
 from hillsphere.base.arrays import Array, Integers
-from hillsphere.cases.case_classes import LEVEL, ended, is_undecided, ratio_interval
+from hillsphere.cases.case_classes import LEVEL, has_ended, is_undecided, ratio_interval
 from hillsphere.products import CaseTable
 
 __all__ = [
@@ -255,7 +255,7 @@ def metric_statistics(
     tuple of MetricStatistics
         One per metric.
     """
-    kept = ended(table) if rows is None else ended(table) & rows
+    kept = has_ended(table) if rows is None else has_ended(table) & rows
     made = []
     for name, unit, values in zip(table.metrics, table.units, table.values, strict=True):
         which = kept & np.isfinite(values)

@@ -19,7 +19,7 @@ __all__ = ["Block", "StopCriteria"]
 
 
 class Block(Protocol):
-    """What a rule reads of a finished block of n cases."""
+    """The part of a finished block of n cases that a stopping rule reads."""
 
     @property
     def metrics(self) -> tuple[str, ...]:

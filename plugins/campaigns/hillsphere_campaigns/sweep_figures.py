@@ -1,4 +1,4 @@
-"""Figures of a sweep: what changes from point to point."""
+"""Figures of a sweep: metrics and failure ratios over the points."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from hillsphere.base.arrays import Array, Integers
 from hillsphere.presentation import PALETTE
 from hillsphere.products import CaseTable
-from hillsphere_campaigns.figures import grid_of, labelled
+from hillsphere_campaigns.figures import axis_label, grid_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,7 +72,7 @@ def points_of(table: CaseTable) -> Points:
         size = [value.size for value, _ in axes]
         if np.prod(size) == count == np.unique(places, axis=1).shape[1]:
             ticks = tuple(_ticks(table, axis, value) for axis, (value, _) in enumerate(axes))
-            labels = tuple(map(labelled, table.swept, table.swept_units))
+            labels = tuple(map(axis_label, table.swept, table.swept_units))
             values = tuple(
                 value if unit else np.arange(float(value.size))
                 for unit, (value, _) in zip(table.swept_units, axes, strict=True)

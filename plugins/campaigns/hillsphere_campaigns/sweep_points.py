@@ -19,7 +19,7 @@ from hillsphere.errors import InputError
 from hillsphere.products import CaseList
 from hillsphere.uncertainty.samples import read_columns
 
-__all__ = ["MOST_POINTS", "case_list", "crossed", "grid", "listed", "sampled"]
+__all__ = ["MOST_POINTS", "case_list", "cross_points", "grid", "points_of_list", "sample_ranges"]
 
 MOST_POINTS = 10_000_000
 """Points of a sweep at most: their table alone would fill a gigabyte."""
@@ -63,7 +63,7 @@ def grid(over: Mapping[str, Sequence[Any] | RangeSpec]) -> Swept:
     return Swept("grid", tuple(over), tuple(levels), index)
 
 
-def sampled(
+def sample_ranges(
     over: Mapping[str, RangeSpec],
     design: Literal["latin_hypercube", "sobol"],
     count: int,
@@ -100,7 +100,7 @@ def sampled(
     return Swept(design, tuple(over), levels, index)
 
 
-def listed(cases: CaseList) -> Swept:
+def points_of_list(cases: CaseList) -> Swept:
     """Return the points of a list.
 
     Parameters
@@ -144,7 +144,7 @@ def listed(cases: CaseList) -> Swept:
     return Swept("list", cases.names, tuple(levels), index, cases.labels, cases.units, ladder)
 
 
-def crossed(rows: Swept, others: Swept) -> Swept:
+def cross_points(rows: Swept, others: Swept) -> Swept:
     """Return every row of a list with every point of a grid, those of the grid varying fastest.
 
     Parameters
@@ -216,7 +216,7 @@ def case_list(path: str | Path) -> CaseList:
 
 
 def _in_range(given: RangeSpec, u: Array) -> Array:
-    """Return values at shares u of the way from one end to the other; both ends exactly."""
+    """Return values that divide a range at the fractions u; exact at both ends."""
     if given.spacing == "log":
         inner = given.first * (given.last / given.first) ** u
     else:

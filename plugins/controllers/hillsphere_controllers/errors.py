@@ -1,4 +1,4 @@
-"""What can go wrong in synthesis and analysis, by name."""
+"""Named errors of synthesis and analysis."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class SingularProblemError(HillsphereError):
 
 
 class SynthesisFailedError(HillsphereError):
-    """The method did not find a controller, or what it found did not pass its own check."""
+    """The method found no controller, or its controller failed the check of the closed loop."""
 
 
 class InfeasibleError(SynthesisFailedError):

@@ -1,4 +1,4 @@
-"""Linear feedback as impulses."""
+"""Impulsive control: linear feedback as changes of velocity at samples."""
 
 from __future__ import annotations
 
@@ -40,6 +40,7 @@ class Impulsive:
                 f"gain has {self._gain.shape[1]} columns; the law sees {len(y)} values"
             )
         u = self._gain @ (ref - y)
+        # dead band and maximum act on the length of Δv, so that its direction is kept
         size = np.sqrt(np.sum(u * u, axis=0))
         u = np.where(size < self.spec.dead_band_m_s, 0.0, u)
         if self.spec.maximum_m_s is not None:

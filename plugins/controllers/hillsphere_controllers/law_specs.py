@@ -1,4 +1,4 @@
-"""Specs of laws that follow from a design: what a mission may write in ``[compensator.NAME]``."""
+"""Specs of laws that follow from a design: keys of their tables ``[compensator.NAME]``."""
 
 from __future__ import annotations
 
@@ -77,10 +77,10 @@ class LtiSpec(Spec):
         default="sampled",
     )
     method: Literal["bilinear", "held", "mean"] = option(
-        "how a controller in continuous time is brought to samples: 'bilinear', whose phase is "
-        "that of K but for the hold, half a period; 'held', exact for inputs that are held, which "
-        "costs a strictly proper K another period; 'mean', likewise, but u is the mean over the "
-        "period of what K would then command, which costs none",
+        "how a controller in continuous time is discretised: 'bilinear' keeps the phase of K, the "
+        "hold adds half a period of delay; 'held' is exact for held inputs, but a strictly proper "
+        "K then acts on the previous sample; 'mean' is like 'held' with the mean of K's output "
+        "over the period as u, which acts at once",
         default="bilinear",
     )
     file: DataPath | None = data_path(
@@ -128,7 +128,7 @@ class LtiSpec(Spec):
 
 
 class PointSpec(Spec):
-    """A state near which a plant's motion is taken to first order."""
+    """A state at which a plant's motion is linearised."""
 
     examples = ({"position_km": [0, 300, 0]},)
 
@@ -267,7 +267,7 @@ class LqgSpec(_RegulatorSpec):
 
 
 class LyapunovSpec(Spec):
-    """Command that lets a quadratic Lyapunov function of the deviation fall most in each period."""
+    """Command that minimises a quadratic Lyapunov function of the deviation after each period."""
 
     examples = (
         {"period_s": 60, "time_constant_s": 300},

@@ -1,4 +1,4 @@
-"""The motion of a spacecraft near a state, to first order."""
+"""Linearisation of a plant's equations of motion at a state."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from hillsphere.engine.simulation.flow import velocity_rows
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
 
-__all__ = ["Linearised", "linearised"]
+__all__ = ["LinearisedPlant", "linearise_plant"]
 
 
 @dataclass(frozen=True)
-class Linearised:
-    """ẋ = A x + B u + f of the deviation x from a state.
+class LinearisedPlant:
+    """Linearised motion ẋ = A x + B u + f of the deviation x from a state.
 
     Parameters
     ----------
@@ -35,14 +35,14 @@ class Linearised:
     names: tuple[str, ...]
 
 
-def linearised(
+def linearise_plant(
     plant: Plant,
     position_m: Sequence[float],
     velocity_m_s: Sequence[float] = (),
     others: dict[str, float] | None = None,
     time_s: float = 0.0,
-) -> Linearised:
-    """Return a plant's motion near a state.
+) -> LinearisedPlant:
+    """Linearise a plant's equations of motion at a state.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def linearised(
 
     Returns
     -------
-    Linearised
+    LinearisedPlant
         Of the positions and velocities.
 
     Raises
@@ -94,7 +94,7 @@ def linearised(
         raise InputError(f"the plant's rates are not finite at {x.tolist()}; is it inside a body?")
     moving = sorted([*places, *rates])
     matrix = jacobian[:, :, 0]
-    return Linearised(
+    return LinearisedPlant(
         np.ascontiguousarray(matrix[np.ix_(moving, moving)]),
         np.ascontiguousarray(matrix[moving, len(names) :]),
         np.ascontiguousarray(rate[moving, 0]),

@@ -1,4 +1,4 @@
-"""Linear controllers as they come from a synthesis or a file, flown."""
+"""Control laws from linear controllers: from a synthesis, a file or matrices."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from hillsphere.interfaces import Array, Variable
 from hillsphere.lti import LtiSystem
 from hillsphere.symbolic import Expr
 from hillsphere_controllers.law_specs import LtiSpec
-from hillsphere_controllers.stages.signals import places
-from hillsphere_controllers.state_space import of_error
+from hillsphere_controllers.stages.signals import find_signals
+from hillsphere_controllers.state_space import error_feedback
 from hillsphere_controllers.systems.algebra import series
 from hillsphere_controllers.systems.exchange import load_mat
 from hillsphere_controllers.systems.sampling import sampled_controller
 
-__all__ = ["ContinuousLti", "LinearLaw", "Lti", "flown_controller", "lti"]
+__all__ = ["ContinuousLti", "LinearLaw", "Lti", "build_flight_controller", "lti"]
 
 
 @runtime_checkable
 class LinearLaw(Contract, Protocol):
-    """A law that can say what it makes of a controller at any period, for an analysis of it."""
+    """A law that gives its linear controller at any sampling period, for analysis."""
 
     @property
     def period_s(self) -> float:
@@ -47,8 +47,8 @@ def lti(spec: LtiSpec) -> Lti | ContinuousLti:
     return ContinuousLti(spec) if spec.states == "continuous" else Lti(spec)
 
 
-def flown_controller(spec: LtiSpec, controller: LtiSystem) -> LtiSystem:
-    """Return what a law makes of a controller.
+def build_flight_controller(spec: LtiSpec, controller: LtiSystem) -> LtiSystem:
+    """Return the controller as the law flies it: inputs chosen, filtered, brought to samples.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def flown_controller(spec: LtiSpec, controller: LtiSystem) -> LtiSystem:
     """
     made = controller
     if spec.measurements:
-        seen = places(made.inputs, spec.measurements, "measurements")
+        seen = find_signals(made.inputs, spec.measurements, "measurements")
         made = LtiSystem(made.a, made.b[:, seen], made.c, made.d[:, seen], made.dt_s)
     if made.dt_s is not None and (spec.states == "continuous" or spec.low_pass_hz is not None):
         what = "states = 'continuous'" if spec.states == "continuous" else "low_pass_hz"
@@ -84,7 +84,7 @@ def flown_controller(spec: LtiSpec, controller: LtiSystem) -> LtiSystem:
 
 
 class _Law:
-    """What both laws share: where the controller comes from, and what is made of it."""
+    """Common part of both laws: the controller's origin and its form in flight."""
 
     def __init__(self, spec: LtiSpec) -> None:
         self.spec = spec
@@ -92,7 +92,7 @@ class _Law:
         self._sign = 1.0 if spec.sees == "error" else -1.0
         self._given: LtiSystem | None = None
         self._controller: LtiSystem | None = None
-        given = _given(spec)
+        given = _load_controller(spec)
         if given is not None:
             self._take(given)
 
@@ -103,7 +103,7 @@ class _Law:
 
     @property
     def controller(self) -> LtiSystem:
-        """What flies, see `flown_controller`."""
+        """Controller in flight, see `build_flight_controller`."""
         if self._controller is None:
             raise InputError(
                 "the law has no controller: give its matrices or a file, or the flight the "
@@ -116,12 +116,12 @@ class _Law:
         raw = self._given if controller is None else controller
         if raw is None:
             raise InputError("the law has no controller; name one")
-        made = flown_controller(self.spec.model_copy(update={"period_s": period_s}), raw)
+        made = build_flight_controller(self.spec.model_copy(update={"period_s": period_s}), raw)
         return replace(made, b=-self._sign * made.b, d=-self._sign * made.d)
 
     def _take(self, controller: LtiSystem) -> None:
         self._given = controller
-        self._controller = flown_controller(self.spec, controller)
+        self._controller = build_flight_controller(self.spec, controller)
 
 
 class Lti(_Law):
@@ -217,17 +217,17 @@ class ContinuousLti(_Law):
     ) -> tuple[Expr, ...]:
         """Return A x + B e."""
         made = self.controller
-        return of_error(made.a, self._sign * made.b, xc, y, ref)
+        return error_feedback(made.a, self._sign * made.b, xc, y, ref)
 
     def control(
         self, xc: tuple[Expr, ...], y: tuple[Expr, ...], ref: tuple[Expr, ...], t: Expr
     ) -> tuple[Expr, ...]:
         """Return C x + D e."""
         made = self.controller
-        return of_error(made.c, self._sign * made.d, xc, y, ref)
+        return error_feedback(made.c, self._sign * made.d, xc, y, ref)
 
 
-def _given(spec: LtiSpec) -> LtiSystem | None:
+def _load_controller(spec: LtiSpec) -> LtiSystem | None:
     """Return the controller of the file or the matrices."""
     if spec.file is not None:
         path = Path(spec.file)

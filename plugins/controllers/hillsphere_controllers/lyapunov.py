@@ -1,4 +1,4 @@
-"""Control by a Lyapunov function."""
+"""Sampled control by a quadratic Lyapunov function."""
 
 from __future__ import annotations
 
@@ -12,15 +12,18 @@ from hillsphere.engine.simulation.flow import thrust_vectors, velocity_rows
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere_controllers.law_specs import LyapunovSpec
-from hillsphere_controllers.systems.holding import discretised
+from hillsphere_controllers.systems.holding import zero_order_hold_matrices
 
 __all__ = ["Lyapunov"]
 
 _FALLS = 1e-12
+"""P is scaled to ones on its diagonal, so V falls if the largest eigenvalue of its change is below
+minus this rounding. A smaller value would accept a P for which V stays constant in some
+direction."""
 
 
 class Lyapunov:
-    r"""The held acceleration for which V = xᵀ P x is least one period later.
+    r"""The held acceleration that minimises V = xᵀ P x one period later.
 
     Each axis is a chain of two integrators, x = (position, velocity) minus the reference, once the
     plant's own acceleration is cancelled. Over a period h with u held, x goes to A x + B u exactly,
@@ -73,11 +76,15 @@ class Lyapunov:
         if not np.allclose(self.p, self.p.T, rtol=1e-10, atol=0.0):
             raise InputError("p must be symmetric")
         # sizes of positions and velocities differ: compared in units in which P has ones
-        if np.diag(self.p).min() <= 0.0 or np.linalg.eigvalsh(_scaled(self.p, self.p))[0] <= 0.0:
+        if (
+            np.diag(self.p).min() <= 0.0
+            or np.linalg.eigvalsh(_normalise_by(self.p, self.p))[0] <= 0.0
+        ):
             raise InputError("p must be positive definite")
+        # minimum of V after one period over u
         self.gain = np.linalg.solve(b.T @ self.p @ b, b.T @ self.p @ a)
         closed = a - b @ self.gain
-        change = _scaled(closed.T @ self.p @ closed - self.p, self.p)
+        change = _normalise_by(closed.T @ self.p @ closed - self.p, self.p)
         if np.linalg.eigvalsh(change)[-1] >= -_FALLS:
             raise InputError(
                 "p gives no Lyapunov function: from some state V does not fall over a period of "
@@ -154,23 +161,24 @@ def _function(spec: LyapunovSpec, h: float) -> Array:
     tau = spec.time_constant_s
     free = np.array([[0.0, 1.0], [0.0, 0.0]])
     wanted = np.array([[0.0, 1.0], [-1.0, -2.0 * spec.damping]])
-    a, b = discretised(free, np.array([[0.0], [1.0]]), h / tau)
-    poles, _ = discretised(wanted, np.zeros((2, 0)), h / tau)
+    a, b = zero_order_hold_matrices(free, np.array([[0.0], [1.0]]), h / tau)
+    poles, _ = zero_order_hold_matrices(wanted, np.zeros((2, 0)), h / tau)
     # the held command that puts the poles where those of the wanted motion are after h
-    closed = a - b @ _placed(a, b, np.trace(poles), float(np.linalg.det(poles)))
+    closed = a - b @ _place_poles(a, b, np.trace(poles), float(np.linalg.det(poles)))
     p = solve_discrete_lyapunov(closed.T, np.eye(2))
+    # back from time constants to seconds: velocity times τ is a length
     unit = np.array([1.0, tau])
     return np.asarray(p * np.outer(unit, unit))
 
 
-def _placed(a: Array, b: Array, trace: float, determinant: float) -> Array:
+def _place_poles(a: Array, b: Array, trace: float, determinant: float) -> Array:
     """Return K (1, 2) for which A − B K has this trace and determinant (Ackermann's formula)."""
     reach = np.hstack([b, a @ b])
     polynomial = a @ a - trace * a + determinant * np.eye(2)
     return np.asarray(np.linalg.solve(reach.T, np.array([0.0, 1.0]))[None] @ polynomial)
 
 
-def _scaled(matrix: Array, p: Array) -> Array:
+def _normalise_by(matrix: Array, p: Array) -> Array:
     """Return a matrix in units in which P has ones on its diagonal."""
     root = np.sqrt(np.diag(p))
     return np.asarray(matrix / np.outer(root, root))

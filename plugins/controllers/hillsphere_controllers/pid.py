@@ -1,4 +1,4 @@
-"""Proportional, integral and derivative action."""
+"""Sampled PID control with derivative filter and anti-windup."""
 
 from __future__ import annotations
 
@@ -75,6 +75,7 @@ class Pid:
         if spec.maximum_m_s2 is not None:
             u = np.clip(wanted, -spec.maximum_m_s2, spec.maximum_m_s2)
             if spec.integral:
+                # back-calculation: the integral runs back by the part of the command that was cut
                 integral = integral - self._back * (u - wanted)
         return u, np.concatenate([integral, derivative, e])
 

@@ -1,4 +1,4 @@
-"""Optimal regulators whose gains are worked out from a motion and weights."""
+"""Linear-quadratic laws (LQR, LQG) whose gains follow from a motion and weights."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hillsphere.lti import LtiSystem
 from hillsphere_controllers.full_order.lqg import kalman, lqr
 from hillsphere_controllers.full_order.sampled_data import sampled_cost, sampled_noise
 from hillsphere_controllers.law_specs import LqgSpec, LqrSpec
-from hillsphere_controllers.linearisation import linearised
+from hillsphere_controllers.linearisation import linearise_plant
 from hillsphere_controllers.specs import Matrix
 
 __all__ = ["LinearQuadraticGaussian", "LinearQuadraticRegulator"]
@@ -166,12 +166,12 @@ class LinearQuadraticGaussian:
 
 
 class _Motion:
-    """A, B, Q, R and u₀ of a Spec."""
+    """Motion A, B, weights Q, R and trim command u₀ of a Spec."""
 
     def __init__(self, spec: LqrSpec | LqgSpec) -> None:
         if spec.plant is not None and spec.point is not None:
             point = spec.point
-            found = linearised(
+            found = linearise_plant(
                 spec.plant.get(), point.position_m, point.velocity_m_s, point.others, point.time_s
             )
             self.a, self.b, drift = found.a, found.b, found.drift

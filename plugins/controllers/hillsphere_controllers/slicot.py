@@ -1,4 +1,4 @@
-"""SLICOT, by the optional package slycot, where it saves time: its numbers are checked guesses.
+"""Initial guesses from SLICOT, by the optional package slycot; every guess is checked.
 
 Nothing depends on whether it is installed: it is used only where it is asked for.
 """

@@ -1,4 +1,4 @@
-"""Specs of the controllers: what a mission may write in ``[compensator.NAME]``."""
+"""Specs of the controllers: keys of their tables ``[compensator.NAME]``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Linear compensators by their matrices."""
+"""Linear compensators given by their matrices."""
 
 from __future__ import annotations
 
@@ -10,10 +10,14 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Variable
 from hillsphere.symbolic import Expr, constant, sum_of
 from hillsphere_controllers.specs import Matrix, StateSpaceSpec
-from hillsphere_controllers.systems.holding import discretised
+from hillsphere_controllers.systems.holding import zero_order_hold_matrices
 
 __all__ = [
-    "ContinuousStateSpace", "SampledStateSpace", "discretised", "of_error", "state_space",
+    "ContinuousStateSpace",
+    "SampledStateSpace",
+    "error_feedback",
+    "state_space",
+    "zero_order_hold_matrices",
 ]  # fmt: skip
 
 
@@ -28,7 +32,7 @@ class SampledStateSpace:
     Parameters
     ----------
     spec : StateSpaceSpec
-        Matrices; those of a continuous form are discretised by `discretised`.
+        Matrices; those of a continuous form are discretised by `zero_order_hold_matrices`.
     """
 
     def __init__(self, spec: StateSpaceSpec) -> None:
@@ -37,7 +41,7 @@ class SampledStateSpace:
         self.actuation: Literal["hold", "impulse"] = spec.actuation
         a, b, c, d = _matrices(spec)
         if spec.form == "continuous":
-            a, b = discretised(a, b, spec.period_s)
+            a, b = zero_order_hold_matrices(a, b, spec.period_s)
         self._order, self._inputs = b.shape
         self._all = np.block([[a, b], [c, d]])
 
@@ -86,13 +90,13 @@ class ContinuousStateSpace:
         self, xc: tuple[Expr, ...], y: tuple[Expr, ...], ref: tuple[Expr, ...], t: Expr
     ) -> tuple[Expr, ...]:
         """Return A x + B e."""
-        return of_error(self._a, self._b, xc, y, ref)
+        return error_feedback(self._a, self._b, xc, y, ref)
 
     def control(
         self, xc: tuple[Expr, ...], y: tuple[Expr, ...], ref: tuple[Expr, ...], t: Expr
     ) -> tuple[Expr, ...]:
         """Return C x + D e."""
-        return of_error(self._c, self._d, xc, y, ref)
+        return error_feedback(self._c, self._d, xc, y, ref)
 
 
 def _matrices(spec: StateSpaceSpec) -> tuple[Array, Array, Array, Array]:
@@ -105,7 +109,7 @@ def _matrices(spec: StateSpaceSpec) -> tuple[Array, Array, Array, Array]:
     return made(spec.a, m, m), made(spec.b, m, q), made(spec.c, p, m), made(spec.d, p, q)
 
 
-def of_error(
+def error_feedback(
     left: Array,
     right: Array,
     xc: tuple[Expr, ...],

@@ -1,4 +1,4 @@
-"""A dispersion seen by whoever works on a model rather than on cases: filters, LFTs."""
+"""Dispersions as means, covariances and bounds of a model's parameters, for filters and LFTs."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Parametric(Protocol):
 
 @dataclass(frozen=True)
 class Uncertain:
-    """Parameters of a model and how far they may be from nominal.
+    """Uncertain parameters of a model: means, covariance and bounds.
 
     Parameters
     ----------
@@ -51,12 +51,12 @@ class Uncertain:
 
 
 def uncertain(model: Parametric, dispersion: Dispersion, *, sigmas: float = 3.0) -> Uncertain:
-    """Return the parameters of a model that a dispersion stands for.
+    """Return the parameters that a dispersion varies, with mean, covariance and bounds.
 
     Parameters
     ----------
     model : Parametric
-        What the dispersion's table `of` makes; the caller sees to it.
+        Component that the dispersion's key `of` names; the caller ensures this.
     dispersion : Dispersion
         The distribution.
     sigmas : float

@@ -22,8 +22,8 @@ from itertools import count
 from typing import TYPE_CHECKING, Any
 
 from hillsphere.base.environment import environment, package_versions
-from hillsphere.cases.executors.sending import pickled
-from hillsphere.cases.executors.worker import MOST_FAULTS, is_passing, told
+from hillsphere.cases.executors.sending import pickle_work
+from hillsphere.cases.executors.worker import MOST_FAULTS, format_error, is_passing
 from hillsphere.interfaces.tasks import Failed, Finished, Job, Work, unready
 from hillsphere.plugins import ENTRY_POINT_GROUP
 from hillsphere.runs.stage_cache import source_digest
@@ -144,7 +144,7 @@ class Registry:
     ) -> None:
         self._client = client
         self._scheduler: Any = client.scheduler
-        self._work = pickled(work)
+        self._work = pickle_work(work)
         self._at_most = at_most
         self._news = news
         self._members: dict[str, Member] = {}
@@ -230,7 +230,7 @@ class Registry:
                 error = await _failure(do)
                 if error is None or not is_passing(error):
                     break
-            broken = None if error is None else told(error)
+            broken = None if error is None else format_error(error)
             self._news.put(Hired(member))
             while True:
                 task = await member.todo.get()
@@ -283,7 +283,7 @@ class Registry:
             if fault is None or not is_passing(fault):
                 break
         if fault is not None:
-            return Failed(task, *told(fault))
+            return Failed(task, *format_error(fault))
         waiting = asyncio.ensure_future(_result(self._submit(member, operator.call, do, sent)))
         try:
             done, _ = await asyncio.wait({waiting}, timeout=task.limit_s)
@@ -296,7 +296,7 @@ class Registry:
             raise
         # Whatever the work's function raised over there.
         except Exception as error:
-            return Failed(task, *told(error))
+            return Failed(task, *format_error(error))
         finally:
             waiting.cancel()
 
@@ -387,20 +387,20 @@ def differences(here: Mapping[str, str], there: Mapping[str, str]) -> list[str]:
         What is different, and what to do. A plugin that only one of them has is none: work that
         needs it fails by itself.
     """
-    told = [
+    lines = [
         f"{name} is {there.get(name, 'missing')} there, {value} here"
         for name, value in here.items()
         if name != "threads of BLAS"
         and there.get(name) != value
         and (name in there or not name.startswith("sources of "))
     ]
-    if told:
-        told[-1] += ": start its workers from the same environment, on the same type of processor"
+    if lines:
+        lines[-1] += ": start its workers from the same environment, on the same type of processor"
     if (threads := there.get("threads of BLAS")) != "1":
-        told.append(
+        lines.append(
             f"its BLAS may use {threads} threads: start it with a nanny, or with OMP_NUM_THREADS=1"
         )
-    return told
+    return lines
 
 
 def make_ready(do: Any, task: Job) -> None:

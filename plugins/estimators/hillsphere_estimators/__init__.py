@@ -1,4 +1,4 @@
-"""Built-in estimators plugin: filters, smoothers and what they are judged by."""
+"""Built-in estimators plugin: filters, smoothers, bounds and consistency tests."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Batch least squares: the states at the start that fit a prior and all measurements best.
 
-Gauss's and Newton's method with halved steps; the motion is without process noise. Measurements
-enter one time after the other by orthogonal triangularisation, so that memory does not grow with
-their number and normal equations are never formed.
+A Gauss-Newton iteration with halved steps; the motion has no process noise. The measurements enter
+one time after the other by QR decomposition, so that memory does not grow with their number and the
+normal equations are never formed [1]_.
 
 References
 ----------
@@ -20,11 +20,15 @@ from numpy.typing import NDArray
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel, Integers
-from hillsphere_estimators.gauss_newton import HALVINGS, SHORT, expected_by_slopes
+from hillsphere_estimators.convergence import freeze_converged, step_in_sigmas
+from hillsphere_estimators.gauss_newton import (
+    MOST_HALVINGS,
+    NEVER_HALVED_SIGMAS,
+    linearise_measurements,
+)
 from hillsphere_estimators.information import information_root
-from hillsphere_estimators.innovations import usable, whitened
-from hillsphere_estimators.linearisation import shown, transition
-from hillsphere_estimators.resting import distance, rested
+from hillsphere_estimators.innovations import usable, whiten
+from hillsphere_estimators.linearisation import predict_measurement, transition
 from hillsphere_estimators.roots import lower_root, upper_triangle
 
 __all__ = ["Fit", "batch_least_squares"]
@@ -32,21 +36,21 @@ __all__ = ["Fit", "batch_least_squares"]
 
 @dataclass(frozen=True)
 class Fit:
-    """The best fit of each case.
+    """The best fit of N cases.
 
     Parameters
     ----------
     belief : Belief
-        The states at the start, after all measurements.
+        States at the start, given all measurements.
     squares : ndarray, shape (N,)
-        Sum of the squared residuals in units of their noise, the prior's with them: of a good fit
-        χ² with as many degrees of freedom as rows were used.
+        Sum of the squared residuals, with those of the prior, in units of their noise. For a
+        correct model it is χ² distributed with as many degrees of freedom as rows were used.
     rows : ndarray of int, shape (N,)
-        How many rows were used.
+        Number of measured rows that were used.
     iterations : ndarray of int, shape (N,)
-        Steps taken.
+        Number of steps.
     settled : ndarray of bool, shape (N,)
-        Where the last step was shorter than the tolerance.
+        Whether the last step was shorter than the tolerance.
     """
 
     belief: Belief
@@ -72,7 +76,7 @@ def batch_least_squares(
     model : EstimationModel
         Motion and measurements; its process noise is not used.
     prior : Belief
-        Of the states at the start; wide where little is known.
+        States at the start; wide where little is known.
     measurements : sequence of MeasurementSet
         At K times, in order.
     controls : sequence of ndarray, shape (p, N), optional
@@ -80,7 +84,7 @@ def batch_least_squares(
     iterations : int
         Steps at most.
     tolerance_sigmas : float
-        A case rests when a step is shorter, in standard deviations.
+        A case has converged when a step is shorter, in standard deviations.
 
     Returns
     -------
@@ -90,7 +94,7 @@ def batch_least_squares(
     Raises
     ------
     InputError
-        If there is not one control for each time.
+        If there is not one control for each time, or the prior covariance is singular.
     """
     cases = len(prior.t_s)
     if controls is None:
@@ -106,16 +110,17 @@ def batch_least_squares(
     squares = _squares(model, prior, known, now.x, measurements, controls)
     for _ in range(iterations):
         there = _step(model, prior, known, now, measurements, controls)
-        far = distance(there, now)
+        far = step_in_sigmas(there, now)
+        # halve the steps of cases whose sum of squares rises
         share, x = np.ones(cases), there.x
-        for _ in range(HALVINGS):
+        for _ in range(MOST_HALVINGS):
             reached = _squares(model, prior, known, x, measurements, controls)
-            bad = moving & (far > SHORT) & ~(reached <= squares)
+            bad = moving & (far > NEVER_HALVED_SIGMAS) & ~(reached <= squares)
             if not bad.any():
                 break
             share = np.where(bad, 0.5 * share, share)
             x = np.where(share < 1.0, now.x + share * (there.x - now.x), there.x)
-        now = rested(moving, Belief(x, there.root, prior.t_s), now)
+        now = freeze_converged(moving, Belief(x, there.root, prior.t_s), now)
         squares, count = np.where(moving, reached, squares), count + moving
         moving &= far > tolerance_sigmas
         if not moving.any():
@@ -132,8 +137,9 @@ def _step(
     measurements: Sequence[MeasurementSet],
     controls: Sequence[Array],
 ) -> Belief:
-    """Return the solution of the problem linearised about states at the start."""
+    """Return the solution of the least squares problem linearised about states at the start."""
     n, cases = at.x.shape
+    # the triangle [R | R (x̄ − x)] of the prior; each time adds rows [HΦ | ν]
     upper = np.concatenate([known, known @ (prior.x - at.x).T[:, :, None]], axis=2)
     phi = np.broadcast_to(np.eye(n), (cases, n, n))
     # differences take the prior's standard deviations for their steps, at every time
@@ -142,12 +148,14 @@ def _step(
         x, step = transition(model, now, measured.t_s, control)
         phi, now = step @ phi, Belief(x, prior.root, measured.t_s)
         layout, used = usable(measured)
-        expected = expected_by_slopes(model, now, layout, measured, used)
+        expected = linearise_measurements(model, now, layout, measured, used)
+        # derivatives by the states at the start: H Φ
         rows = np.swapaxes(expected.linear, 1, 2) @ phi
         more = np.concatenate([rows, expected.residual[:, :, None]], axis=2)
         upper = upper_triangle(np.concatenate([upper, more], axis=1))
     root, ends = upper[:, :n, :n], upper[:, :n, n:]
     step = np.linalg.solve(root, ends)[:, :, 0]
+    # P = R⁻¹ R⁻ᵀ of the final triangle R
     inverse = np.swapaxes(np.linalg.inv(root), 1, 2)
     return Belief(at.x + step.T, lower_root(inverse), prior.t_s)
 
@@ -160,6 +168,7 @@ def _squares(
     measurements: Sequence[MeasurementSet],
     controls: Sequence[Array],
 ) -> Array:
+    """Return the sum of squares (N,) of prior and measurements for states x at the start."""
     off = (known @ (x - prior.x).T[:, :, None])[:, :, 0]
     total = np.sum(off**2, axis=1)
     t_s, case = prior.t_s, np.arange(x.shape[1])
@@ -168,7 +177,7 @@ def _squares(
         t_s = measured.t_s
         layout, used = usable(measured)
         none = np.zeros((len(t_s), 0, layout.rows))
-        z = shown(model, Belief(x, prior.root, t_s), layout)
-        residual = whitened(layout, measured, used, z, 0.0, none, none).residual
+        z = predict_measurement(model, Belief(x, prior.root, t_s), layout)
+        residual = whiten(layout, measured, used, z, 0.0, none, none).residual
         total = total + np.sum(residual**2, axis=1)
     return np.asarray(total)

@@ -1,14 +1,14 @@
-"""Biases as further states of a model: constant or wandering, estimated or only reckoned with.
+"""Biases as additional states of a model, estimated or considered.
 
-A bias b enters by constant matrices: the sensors show B b more, the controls are C b larger than
-commanded (an error of thrust, or an acceleration that is not modelled, where the plant takes it as
-a control). Between measurements it decays with its correlation time τ and is driven by noise that
-holds its standard deviation σ (Gauss–Markov):
+A bias b enters by constant matrices: B b is added to the measurements, C b to the controls (an
+error of thrust, or an acceleration that is not modelled, if the plant takes it as a control).
+Between measurements it is a first-order Gauss–Markov process of correlation time τ and constant
+standard deviation σ:
 
     b' = e^(−Δt/τ) b + w,  Var w = σ² (1 − e^(−2Δt/τ)).
 
-A considered bias is never estimated, but its uncertainty and its correlation with the states are
-carried along, so that the filter does not believe more than it may (Schmidt's filter) [1]_.
+A considered bias is not estimated, but its uncertainty and its correlation with the states are
+carried along, so that the covariance of the states accounts for it (Schmidt's filter) [1]_.
 
 References
 ----------
@@ -27,25 +27,30 @@ from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array, ConsiderModel, EstimationModel, Integers
 
-__all__ = ["BiasStates", "Biased"]
+__all__ = ["BiasAugmentedModel", "BiasStates"]
 
 
 @dataclass(frozen=True)
 class BiasStates:
-    """k biases and how they enter.
+    """Parameters of k biases.
 
     Parameters
     ----------
     sigma : ndarray, shape (k,)
-        Standard deviations, positive, each in the bias's own unit.
+        Standard deviations, positive, each in the unit of the bias.
     time_s : ndarray, shape (k,)
         Correlation times; infinite for constants.
     shown : ndarray, shape (m, k)
-        B: what they add to the measured rows, SI. Those of directions cannot have any.
+        B: what the biases add to the measured rows, SI. Rows of directions cannot have any.
     commanded : ndarray, shape (p, k)
         C: what they add to the controls, SI.
     considered : ndarray of bool, shape (k,)
-        Which are not estimated.
+        Biases that are not estimated.
+
+    Raises
+    ------
+    InputError
+        If the shapes do not fit, or a standard deviation or correlation time is not positive.
     """
 
     sigma: Array
@@ -68,8 +73,8 @@ class BiasStates:
             raise InputError("standard deviations and correlation times of biases must be positive")
 
 
-class Biased:
-    """An `EstimationModel` of a model's n states and k biases behind them (see the module).
+class BiasAugmentedModel:
+    """An `EstimationModel` of the n states of another model followed by k biases; see the module.
 
     Parameters
     ----------
@@ -82,7 +87,8 @@ class Biased:
 
     Notes
     -----
-    Between two times a bias of the controls is held: take steps short beside its correlation time.
+    A bias of the controls is constant during the motion between two times: the steps must be short
+    beside its correlation time.
     """
 
     def __init__(self, model: EstimationModel, states: int, biases: BiasStates) -> None:
@@ -90,8 +96,8 @@ class Biased:
         own = model.considered if isinstance(model, ConsiderModel) else np.zeros(states, bool)
         self._considered = np.concatenate([own, biases.considered])
 
-    def started(self, belief: Belief) -> Belief:
-        """Return a belief of the n states with the biases appended, zero and uncertain by σ."""
+    def append_biases(self, belief: Belief) -> Belief:
+        """Return a belief with the biases appended, of zero mean and variance σ²."""
         n, k, cases = len(belief.x), len(self.biases.sigma), len(belief.t_s)
         root = np.zeros((cases, n + k, n + k))
         root[:, :n, :n] = belief.root
@@ -100,7 +106,7 @@ class Biased:
 
     @property
     def considered(self) -> NDArray[np.bool_]:
-        """Which of the n + k states are not estimated."""
+        """Whether a state or bias is considered and not estimated, (n + k,)."""
         return self._considered
 
     def advance(self, x: Array, t0_s: Array, t1_s: Array, control: Array, case: Integers) -> Array:
@@ -119,17 +125,20 @@ class Biased:
         root = np.zeros((cases, n + k, r + k))
         root[:, :n, :r] = noise
         rows = np.arange(k)
+        # 1 − e^(−2Δt/τ) without cancellation for times that are short beside τ
         driven = -np.expm1(-2.0 * (t1_s - t0_s) / self.biases.time_s[:, None])
         root[:, n + rows, r + rows] = (self.biases.sigma[:, None] * np.sqrt(driven)).T
         return root
 
     def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
-        """Return what sensors show, biases and all."""
+        """Return the measurements (m, N) of perfect sensors plus B b."""
         own, bias = self._split(x)
         return np.asarray(self._model.observe(own, t_s, case) + self.biases.shown @ bias)
 
     def _split(self, x: Array) -> tuple[Array, Array]:
+        """Return the n states and the k biases of x (n + k, N)."""
         return np.ascontiguousarray(x[: self._n]), x[self._n :]
 
     def _decay(self, dt_s: Array) -> Array:
+        """Return e^(−Δt/τ) (k, N)."""
         return np.asarray(np.exp(-dt_s / self.biases.time_s[:, None]))

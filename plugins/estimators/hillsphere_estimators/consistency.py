@@ -1,4 +1,6 @@
-"""Whether a filter's errors are as large as it says: NEES and NIS, with their bands.
+"""Consistency of a filter: normalised errors and innovations (NEES, NIS), and their χ² bands.
+
+A filter is consistent if its errors are as large as its covariance states.
 
 References
 ----------
@@ -17,32 +19,33 @@ from scipy.stats import chi2
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, Innovation
 from hillsphere.interfaces import Array
-from hillsphere_estimators.resting import regular_root
+from hillsphere_estimators.convergence import regular_root
 
 __all__ = ["MeanNis", "chi_square_band", "mean_nis", "nees"]
 
 
 def nees(belief: Belief, truth: Array, states: ArrayLike | None = None) -> Array:
-    """Return the normalised estimation errors squared.
+    """Return the normalised estimation errors squared (NEES).
 
     Parameters
     ----------
     belief : Belief
-        What is believed of n states.
+        Estimates of n states of N cases.
     truth : ndarray, shape (n, N)
         True states, SI.
     states : array_like of int, optional
-        Which of them; all if left out.
+        States that count; all by default.
 
     Returns
     -------
     ndarray, shape (N,)
-        (x̂ − x)ᵀ P⁻¹ (x̂ − x): of a consistent filter χ² with as many degrees of freedom as states.
+        (x̂ − x)ᵀ P⁻¹ (x̂ − x); for a consistent filter χ² distributed with as many degrees of freedom
+        as states.
 
     Raises
     ------
     InputError
-        If the truth is not of the belief's shape.
+        If the truth has another shape than the estimates.
     """
     if np.shape(truth) != belief.x.shape:
         raise InputError(f"truth must be {belief.x.shape}, as the belief, got {np.shape(truth)}")
@@ -56,16 +59,16 @@ def nees(belief: Belief, truth: Array, states: ArrayLike | None = None) -> Array
 
 
 def chi_square_band(dof: ArrayLike, runs: ArrayLike = 1, probability: float = 0.999) -> Array:
-    """Return between which limits the mean of χ² numbers falls with a probability.
+    """Return the band in which the mean of χ² numbers lies with a given probability.
 
     Parameters
     ----------
     dof : array_like
-        Degrees of freedom of each.
+        Degrees of freedom of each number.
     runs : array_like
-        Over how many independent ones the mean is taken.
+        Number of independent ones in the mean.
     probability : float
-        Of lying within, half of the rest on either side.
+        That the mean lies in the band; the rest is divided equally between both sides.
 
     Returns
     -------
@@ -75,13 +78,14 @@ def chi_square_band(dof: ArrayLike, runs: ArrayLike = 1, probability: float = 0.
     Raises
     ------
     InputError
-        If the probability is not between 0 and 1, or a mean is taken over nothing.
+        If the probability is not between 0 and 1, or a mean is over no number.
     """
     if not 0.0 < probability < 1.0:
         raise InputError(f"probability must lie between 0 and 1, got {probability:g}")
     if not (np.asarray(runs) > 0).all():
         raise InputError(f"runs must be above zero, got {np.min(runs):g}")
     tail = 0.5 * (1.0 - probability)
+    # the sum of independent χ² numbers is χ² with the sum of their degrees of freedom
     total = np.multiply(dof, runs)
     ends = np.array([chi2.ppf(tail, total), chi2.isf(tail, total)])
     return np.asarray(ends / np.asarray(runs, dtype=float), dtype=float)
@@ -89,15 +93,15 @@ def chi_square_band(dof: ArrayLike, runs: ArrayLike = 1, probability: float = 0.
 
 @dataclass(frozen=True)
 class MeanNis:
-    """Innovations over many cases beside what they should be.
+    """Mean normalised innovation squared over all cases, per degree of freedom, with its band.
 
     Parameters
     ----------
     mean : ndarray, shape (K,)
-        At each of K times the sum of all cases' NIS over that of their degrees of freedom; NaN
-        where nothing was used. It should be 1.
+        At each of K times the sum of the NIS of all cases over the sum of their degrees of freedom,
+        1 on average for a consistent filter; NaN where nothing was used.
     low, high : ndarray, shape (K,)
-        Its band.
+        Limits of the band.
     """
 
     mean: Array
@@ -106,21 +110,21 @@ class MeanNis:
 
     @property
     def inside(self) -> NDArray[np.bool_]:
-        """Where it lies within the band, (K,); so it does where nothing was used."""
+        """Whether the mean lies in the band (K,), True where nothing was used."""
         return np.isnan(self.mean) | ((self.mean >= self.low) & (self.mean <= self.high))
 
 
 def mean_nis(
     innovations: list[Innovation], rows: slice = slice(None), probability: float = 0.999
 ) -> MeanNis:
-    """Return the mean normalised innovations squared over all cases, at each time.
+    """Return the mean normalised innovation squared over all cases, at each time.
 
     Parameters
     ----------
     innovations : list of Innovation
         At K times.
     rows : slice
-        Of which rows: those of one sensor, for instance.
+        Rows that count, for instance those of one sensor.
     probability : float
         That of the band.
 
@@ -133,7 +137,7 @@ def mean_nis(
     for k, brought in enumerate(innovations):
         used = brought.used[rows]
         residual = np.where(used, brought.residual[rows], 0.0).T[:, :, None]
-        # rows that are not used are independent of the others and add nothing
+        # rows that are not used have the covariance 1 and the residual 0: they add nothing
         solved = np.linalg.solve(brought.covariance[:, rows, rows], residual)
         total[k], dof[k] = np.sum(solved * residual), used.sum()
     some = np.maximum(dof, 1.0)

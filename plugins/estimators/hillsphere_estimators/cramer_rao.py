@@ -1,16 +1,16 @@
-r"""The posterior Cramér–Rao bound: what no filter's mean square error falls below.
+"""The posterior Cramér–Rao bound of the mean square error of any filter.
 
-With the information J of the states at one time, motion x' = f(x) + w, w ~ N(0, Q), and noise of
-unit variance on measurements whose slopes are H, for motions whose Φ hardly differ between the
-trajectories [1]_
+The information J of the states follows from one time to the next, for motion x' = f(x) + w,
+w ~ N(0, Q), and measurements with the derivatives H and noise of unit variance, by (eq. 21 of [1]_,
+with the matrix inversion lemma)
 
 .. math::
 
-    J' = E[H^T H] + (Φ J^{-1} Φ^T + Q)^{-1},
+    J' = E[H^T H] + (Φ J^{-1} Φ^T + Q)^{-1}.
 
-the expectation over true trajectories. Φ, and HᵀH unless it is pooled, are those along each
-trajectory: the bound is that of flights near it. This form holds for a singular Q as well; it is
-computed by roots.
+The expectation is over the true trajectories. Here Φ and, unless it is pooled, HᵀH are those along
+each trajectory: the bound then holds for flights near that trajectory. This form needs no inverse
+of Q and is computed by roots of J⁻¹.
 
 References
 ----------
@@ -27,7 +27,7 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
-from hillsphere_estimators.gauss_newton import expected_by_slopes
+from hillsphere_estimators.gauss_newton import linearise_measurements
 from hillsphere_estimators.innovations import usable
 from hillsphere_estimators.linearisation import transition
 from hillsphere_estimators.roots import lower_root, upper_triangle
@@ -49,20 +49,19 @@ def cramer_rao(
     Parameters
     ----------
     model : EstimationModel
-        Motion, its noise, and measurements; those that are not smooth, such as the centroid of the
-        points that a camera sees, must be replaced by smooth ones.
+        Motion, its noise, and measurements. Measurements that are not smooth, such as the centroid
+        of the points that a camera sees, must be replaced by smooth ones.
     truth : sequence of ndarray, shape (n, N)
         True states of N trajectories at K times, SI.
     prior : ndarray, shape (N, n, n)
         Covariance of the first states before any measurement.
     measurements : sequence of MeasurementSet
-        At the K times: which rows there are, with which errors. Values count for nothing.
+        At the K times. Only which rows are present, and their standard deviations, are used.
     controls : sequence of ndarray, shape (p, N), optional
         K − 1: between the times.
     pooled : bool
-        Whether the information of the measurements is averaged over the trajectories. Where these
-        lie apart that is a bound as well, but a lower one than need be: some see better than
-        others.
+        Whether HᵀH is averaged over the trajectories. For trajectories that lie apart the result is
+        still a bound, but a lower one: some of them have better measurements than others.
 
     Returns
     -------
@@ -80,45 +79,50 @@ def cramer_rao(
             f"{len(measurements)}"
         )
     now = Belief.of(truth[0], prior, measurements[0].t_s)
-    found = []
+    bounds = []
     for k, (x, measured) in enumerate(zip(truth, measurements, strict=True)):
         if k:
             control = np.zeros((0, x.shape[1])) if controls is None else controls[k - 1]
             _, phi = transition(model, now, measured.t_s, control)
             noise = model.process_noise(now.x, now.t_s, measured.t_s, control)
+            # Φ J⁻¹ Φᵀ + Q by its rows
             rows = np.concatenate([phi @ now.root, noise], axis=2)
             now = Belief(x, lower_root(np.swapaxes(rows, 1, 2)), measured.t_s)
-        now = Belief(x, _informed(model, now, measured, pooled), measured.t_s)
-        found.append(now)
-    return found
+        now = Belief(x, _add_information(model, now, measured, pooled), measured.t_s)
+        bounds.append(now)
+    return bounds
 
 
 def rms(bounds: Belief, states: slice | Sequence[int]) -> float:
-    """Return the root mean square over trajectories of the length of some states' error.
+    """Return the root mean square error, over trajectories, that the bound allows for some states.
 
     Parameters
     ----------
     bounds : Belief
         At one time.
     states : slice or sequence of int
-        Which states, of one unit: a position's three, for instance.
+        States of one unit, for instance the three of a position.
 
     Returns
     -------
     float
-        √(mean of the trace), SI.
+        √(mean over trajectories of the sum of variances), SI.
     """
     return float(np.sqrt(np.mean(np.sum(bounds.sigma[states] ** 2, axis=0))))
 
 
-def _informed(model: EstimationModel, now: Belief, measured: MeasurementSet, pooled: bool) -> Array:
-    """Return the root of (P⁻¹ + HᵀH)⁻¹ = S (1 + SᵀHᵀHS)⁻¹ Sᵀ, which needs no inverse of S."""
+def _add_information(
+    model: EstimationModel, now: Belief, measured: MeasurementSet, pooled: bool
+) -> Array:
+    """Return the root of (P⁻¹ + HᵀH)⁻¹ = S (1 + SᵀHᵀHS)⁻¹ Sᵀ, without an inverse of S."""
     layout, used = usable(measured)
-    slopes = expected_by_slopes(model, now, layout, measured, used).linear
+    slopes = linearise_measurements(model, now, layout, measured, used).linear
     if pooled:
         cases, n, m = slopes.shape
         every: Array = slopes.transpose(0, 2, 1).reshape(1, cases * m, n)
+        # a root of the mean of HᵀH over the cases
         slopes = np.repeat(lower_root(every) * float(cases) ** -0.5, cases, axis=0)
+    # Uᵀ U = 1 + (HS)ᵀ HS
     inner = upper_triangle(_under_unit(np.swapaxes(slopes, 1, 2) @ now.root))
     # S U⁻¹, and its lower triangular form
     return lower_root(
@@ -127,6 +131,6 @@ def _informed(model: EstimationModel, now: Belief, measured: MeasurementSet, poo
 
 
 def _under_unit(rows: Array) -> Array:
-    """Return rows (N, k, n) with those of the unit matrix above them."""
+    """Return the unit matrix above the rows (N, k, n)."""
     cases, _, n = rows.shape
     return np.concatenate([np.broadcast_to(np.eye(n), (cases, n, n)), rows], axis=1)

@@ -1,9 +1,9 @@
-"""Differences of measured values by the kinds of their channels.
+"""Differences of measured values by the kind of their channel.
 
-Numbers are subtracted. Angles differ the short way round. Of a direction (a unit vector, three
-rows) the difference is where a lies as seen from b: two coordinates across b, whose length is the
-angle between both, and an empty third row. Means are taken of such differences from one value
-near all of them, so that they, too, are safe at the turn of an angle.
+Numbers are subtracted. Angles differ by less than half a turn. The difference of two directions
+(unit vectors, three rows) is the position of a as seen from b: two coordinates in the plane across
+b, whose length is the angle between both, and a third row that is always zero. Means are formed of
+such differences from one value near all of them, so that they are right where an angle wraps.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ __all__ = ["Layout", "across", "layout_of"]
 
 @dataclass(frozen=True)
 class Layout:
-    """Which rows of a measurement are what.
+    """Kinds of the rows of a measurement.
 
     Parameters
     ----------
     rows : int
-        m.
+        Number of rows, m.
     angles : tuple of int
         Rows that are angles.
     directions : tuple of int
         First rows of directions.
     blocks : tuple of slice
-        Rows of each block.
+        Rows of each block, that is of each sensor.
     """
 
     rows: int
@@ -43,19 +43,19 @@ class Layout:
 
     @cached_property
     def real(self) -> NDArray[np.bool_]:
-        """Which rows of a difference are not empty, (m,)."""
+        """Whether a row of a difference can be nonzero, (m,): all but the third of a direction."""
         real = np.ones(self.rows, dtype=bool)
         real[[row + 2 for row in self.directions]] = False
         real.flags.writeable = False
         return real
 
     def fitting(self, shown: Array) -> Array:
-        """Return what a model shows (m, …), if it has the rows of the measurements.
+        """Return the output (m, …) of a model after a check of its number of rows.
 
         Raises
         ------
         InputError
-            If it has more or fewer.
+            If it has more or fewer rows than the measurements.
         """
         if len(shown) != self.rows:
             raise InputError(
@@ -65,7 +65,7 @@ class Layout:
         return shown
 
     def difference(self, a: Array, b: Array) -> Array:
-        """Return a minus b.
+        """Return the difference a − b, row by row as the module says.
 
         Parameters
         ----------
@@ -75,11 +75,12 @@ class Layout:
         Returns
         -------
         ndarray, shape (m, ...)
-            As the module says.
+            Of directions the two coordinates are an angle, rad.
         """
         off = np.asarray(a - b)
         if self.angles:
             rows = list(self.angles)
+            # the nearest whole number of turns
             turns = np.rint(off[rows] / (2.0 * np.pi))
             if turns.any():
                 off[rows] -= 2.0 * np.pi * turns
@@ -88,25 +89,26 @@ class Layout:
             first, second = across(b[own])
             one, other = np.sum(first * a[own], axis=0), np.sum(second * a[own], axis=0)
             sine, cosine = np.hypot(one, other), np.sum(a[own] * b[own], axis=0)
+            # the coordinates have the length sin θ: stretched to θ, by 1 for equal directions
             small = sine < 1e-30
             stretch = np.where(small, 1.0, np.arctan2(sine, cosine) / np.where(small, 1.0, sine))
             off[row], off[row + 1], off[row + 2] = one * stretch, other * stretch, 0.0
         return off
 
     def tangent(self, slopes: Array, at: Array) -> Array:
-        """Return derivatives of a difference from those of the values.
+        """Return the derivatives of a difference from the derivatives of the values.
 
         Parameters
         ----------
         slopes : ndarray, shape (N, m, n)
-            Derivatives of the values.
+            Derivatives of the values by n states.
         at : ndarray, shape (m, N)
             The values.
 
         Returns
         -------
         ndarray, shape (N, m, n)
-            Derivatives of `difference` from these values, there.
+            Derivatives of `difference` from these values, at these values.
         """
         if not self.directions:
             return slopes
@@ -131,7 +133,7 @@ def across(direction: Array) -> tuple[Array, Array]:
     Returns
     -------
     first, second : ndarray, shape (3, ...)
-        Without a singular place but one, at which they jump [1]_.
+        Continuous but for the direction (0, 0, −1) of a negative zero [1]_, at which they jump.
 
     References
     ----------
@@ -149,7 +151,7 @@ def across(direction: Array) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=64)
 def layout_of(blocks: tuple[tuple[Channel, ...], ...]) -> Layout:
-    """Return which rows are what, for the channels of each block."""
+    """Return the layout of the rows of blocks of channels."""
     angles, directions, slices, row = [], [], [], 0
     for block in blocks:
         start = row

@@ -1,8 +1,18 @@
-"""Linearise, solve, repeat: the most probable states by Gauss's and Newton's method, damped.
+"""Gauss-Newton iteration of a measurement update, with step halving.
 
-What is made least is |S⁻¹(x − x̄)|² + |ν(x)|², S the root of the prior covariance and ν what was
-measured minus what x would show, in units of the noise. A long step that does not lessen it is
-halved.
+The maximum a posteriori states of a prior x̄ with covariance S Sᵀ and measurements of normal noise
+minimise the sum of squares
+
+    J(x) = |S⁻¹ (x − x̄)|² + |ν(x)|²,
+
+where ν is the innovation (measured minus predicted) in units of the noise. Each iteration
+linearises the measurements about the last states and solves the linear update; a step that does not
+reduce J is halved until it does [1]_.
+
+References
+----------
+.. [1] Bell, Cathey (1993), The iterated Kalman filter update as a Gauss–Newton method, IEEE Trans.
+   Automatic Control 38(2).
 """
 
 from __future__ import annotations
@@ -15,37 +25,68 @@ from numpy.typing import NDArray
 
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
+from hillsphere_estimators.convergence import freeze_converged, regular_root, step_in_sigmas
 from hillsphere_estimators.differences import Layout
-from hillsphere_estimators.innovations import Expected, whitened
-from hillsphere_estimators.linearisation import sensitivity, shown
-from hillsphere_estimators.resting import distance, regular_root, rested
+from hillsphere_estimators.innovations import WhitenedInnovation, whiten
+from hillsphere_estimators.linearisation import predict_measurement, sensitivity
 
-__all__ = ["HALVINGS", "SHORT", "Solver", "expected_by_slopes", "settled", "shortened"]
+__all__ = [
+    "MOST_HALVINGS",
+    "NEVER_HALVED_SIGMAS",
+    "Solver",
+    "halve_rising_steps",
+    "iterate_update",
+    "linearise_measurements",
+]
 
-Solver: TypeAlias = Callable[[Belief, Array, Expected], Belief]
-"""Prior, the states (n, N) about which is linearised, and the measurements beside what these
-would show, with the rows of `linear` the transposed derivatives; to the belief that solves it."""
+Solver: TypeAlias = Callable[[Belief, Array, WhitenedInnovation], Belief]
+"""Linear update: prior, states (n, N) of the linearisation, and the innovation there, whose rows
+`linear` are the transposed derivatives by the states → belief after the measurements."""
 
-HALVINGS = 30
-SHORT = 0.1
-"""Steps shorter than this, in standard deviations, are never halved: what they make of the sum of
-squares may drown in its rounding."""
+MOST_HALVINGS = 30
+"""Halvings of one step at most. A step of 2⁻³⁰, about 1e-9, of the Gauss-Newton step changes the
+sum of squares by little more than its rounding; further halvings only cost model evaluations."""
+NEVER_HALVED_SIGMAS = 0.1
+"""Length of a step, in standard deviations, below which it is not halved. The change of the sum of
+squares goes with the square of the step and drowns in rounding: with a smaller limit a converged
+step might be halved to nothing, with a much larger one a diverging step would pass unchecked."""
 
 
-def expected_by_slopes(
+def linearise_measurements(
     model: EstimationModel,
     at: Belief,
     layout: Layout,
     measurements: MeasurementSet,
     used: NDArray[np.bool_],
-) -> Expected:
-    """Compare measurements with what means would show; linear rows are derivatives by states."""
+) -> WhitenedInnovation:
+    """Linearise the predicted measurements about the means of a belief.
+
+    Parameters
+    ----------
+    model : EstimationModel
+        Measurement model.
+    at : Belief
+        Means about which is linearised; its standard deviations set the steps of finite
+        differences.
+    layout : Layout
+        Kinds of the m rows.
+    measurements : MeasurementSet
+        Values and standard deviations of the noise.
+    used : ndarray of bool, shape (m, N)
+        Rows that are used.
+
+    Returns
+    -------
+    WhitenedInnovation
+        Residuals at the means; its linear rows (N, n, m) are the derivatives by the states, over
+        the noise. There are no rows of curvature.
+    """
     z, slopes = sensitivity(model, at, layout)
     none = np.zeros((len(slopes), 0, layout.rows))
-    return whitened(layout, measurements, used, z, 0.0, np.swapaxes(slopes, 1, 2), none)
+    return whiten(layout, measurements, used, z, 0.0, np.swapaxes(slopes, 1, 2), none)
 
 
-def settled(
+def iterate_update(
     model: EstimationModel,
     prior: Belief,
     layout: Layout,
@@ -57,91 +98,97 @@ def settled(
     *,
     damped: bool = True,
 ) -> Belief:
-    """Return the belief at which repeated linear updates of the prior rest.
+    """Repeat a linear update about its own result until it converges.
 
     Parameters
     ----------
     model : EstimationModel
-        What sensors show.
+        Measurement model.
     prior : Belief
         Before the measurements.
     layout : Layout
-        Kinds of the rows.
+        Kinds of the m rows.
     measurements : MeasurementSet
-        What was measured.
+        Values and standard deviations of the noise.
     used : ndarray of bool, shape (m, N)
-        Which rows are used.
+        Rows that are used.
     solve : Solver
         The linear update.
     iterations : int
-        At most so many.
+        Iterations at most; 1 is the update of the extended Kalman filter.
     tolerance : float
-        A case rests when its mean moves by less, in standard deviations.
+        A case has converged when its mean moves by less, in standard deviations.
     damped : bool
-        Whether steps are halved.
+        Whether steps that raise the sum of squares are halved.
 
     Returns
     -------
     Belief
-        After the measurements. A case that does not rest keeps the best that was found.
+        After the measurements. A case that has not converged keeps its last iterate.
     """
+    # `now` is the last iterate, at first the prior
     now = prior
     moving = np.ones(len(prior.t_s), dtype=bool)
     for _ in range(iterations):
-        expected = expected_by_slopes(model, now, layout, measurements, used)
+        expected = linearise_measurements(model, now, layout, measurements, used)
         there = solve(prior, now.x, expected)
-        far = distance(there, now)
-        long = moving & (far > SHORT)
+        far = step_in_sigmas(there, now)
+        # only steps of iterated updates can diverge: a single one is the extended filter's
+        long = moving & (far > NEVER_HALVED_SIGMAS)
         if damped and iterations > 1 and long.any():
             before = _squares(prior, now.x, expected.residual)
 
             def rises(x: Array, limit: Array = before) -> NDArray[np.bool_]:
-                z = shown(model, Belief(x, prior.root, prior.t_s), layout)
+                z = predict_measurement(model, Belief(x, prior.root, prior.t_s), layout)
                 none = np.zeros((len(prior.t_s), 0, layout.rows))
-                off = whitened(layout, measurements, used, z, 0.0, none, none).residual
+                off = whiten(layout, measurements, used, z, 0.0, none, none).residual
+                # a sum that is not a number counts as a rise
                 return ~(_squares(prior, x, off) <= limit)
 
-            there = shortened(now, there, long, rises)
-        now = rested(moving, there, now)
+            there = halve_rising_steps(now, there, long, rises)
+        now = freeze_converged(moving, there, now)
+        # a step of the full length that is this short ends the case
         moving &= far > tolerance
         if not moving.any():
             break
     return now
 
 
-def shortened(
+def halve_rising_steps(
     now: Belief,
     there: Belief,
     moving: NDArray[np.bool_],
     rises: Callable[[Array], NDArray[np.bool_]],
 ) -> Belief:
-    """Halve the steps of cases that would raise a sum of squares.
+    """Halve the steps of cases that would raise their sum of squares.
 
     Parameters
     ----------
     now, there : Belief
-        From where to where the means step.
+        Before and after the step.
     moving : ndarray of bool, shape (N,)
-        Whose steps may be halved.
+        Cases whose steps may be halved.
     rises : callable
-        States (n, N) → where (N,) the sum is greater than now.
+        States (n, N) → ndarray of bool (N,): where the sum of squares exceeds that of `now`.
 
     Returns
     -------
     Belief
-        `there`, its means moved towards those of now.
+        `there` with shortened steps of the means; its covariance is unchanged.
     """
     share = np.ones(len(now.t_s))
     x = there.x
-    for _ in range(HALVINGS):
+    for _ in range(MOST_HALVINGS):
         bad = moving & rises(x)
         if not bad.any():
             break
         share = np.where(bad, 0.5 * share, share)
+        # steps of full length keep the bits of `there`
         x = np.where(share < 1.0, now.x + share * (there.x - now.x), there.x)
     return Belief(x, there.root, there.t_s)
 
 
 def _squares(prior: Belief, x: Array, residual: Array) -> Array:
+    """Return the sum of squares J (N,) at states x (n, N) with the residuals ν (N, m) there."""
     off = np.linalg.solve(regular_root(prior), (x - prior.x).T[:, :, None])[:, :, 0]
     return np.asarray(np.sum(off**2, axis=1) + np.sum(residual**2, axis=1))

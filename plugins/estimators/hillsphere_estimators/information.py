@@ -1,9 +1,9 @@
-"""The square-root information filter, on all cases at once.
+"""The square-root information filter, for all cases at once.
 
-It keeps an upper triangular R and says that R (x − x̂) is white noise of unit variance; a covariance
-never appears. Prediction and update are orthogonal triangularisations of the same statement about
-later states and with more rows [1]_. Nothing of its algebra is that of the filters in covariance
-form: it is their check.
+The belief is carried as an upper triangular R with R (x − x̂) white noise of unit variance, so that
+P = R⁻¹ R⁻ᵀ; no covariance appears. Prediction and update are QR decompositions of the same
+equations for the later states and with the rows of the measurements [1]_. None of its algebra is
+shared with the filters in covariance form, which makes it an independent check of them.
 
 References
 ----------
@@ -17,12 +17,12 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
-from hillsphere_estimators.gauss_newton import expected_by_slopes, settled
-from hillsphere_estimators.innovations import Expected, about_prior, usable_at
+from hillsphere_estimators.convergence import regular_root
+from hillsphere_estimators.gauss_newton import iterate_update, linearise_measurements
+from hillsphere_estimators.innovations import WhitenedInnovation, refer_to_prior, usable_at
 from hillsphere_estimators.linearisation import transition
-from hillsphere_estimators.resting import regular_root
 from hillsphere_estimators.roots import upper_triangle
-from hillsphere_estimators.sigma_points import considered
+from hillsphere_estimators.sigma_points import update_mask
 from hillsphere_estimators.specs import InformationSpec
 
 __all__ = ["Information", "information_root"]
@@ -47,7 +47,8 @@ class Information:
         x, phi = transition(model, belief, t_to_s, control)
         noise = model.process_noise(belief.x, belief.t_s, t_to_s, control)
         cases, n, r = noise.shape
-        # x' = Φ x + G w: of w and x' we know that w is white, and R Φ⁻¹ (x' − G w) − R x̂ too
+        # x' = Φ x + G w with white w: the equations are w = 0 and R Φ⁻¹ (x' − G w) = R x̂, each with
+        # noise of unit variance; the triangle of both without the columns of w is R of x'
         back = np.linalg.solve(np.swapaxes(phi, 1, 2), np.swapaxes(information_root(belief), 1, 2))
         back = np.swapaxes(back, 1, 2)
         rows = np.zeros((cases, r + n, r + n))
@@ -68,33 +69,36 @@ class Information:
         """
         spec = self.spec
         layout, used = usable_at(belief, measurements)
-        if considered(model, len(belief.x)) is not None:
+        if update_mask(model, len(belief.x)) is not None:
             raise InputError(
                 "the information filter estimates all states, but the model has considered ones; "
                 "take an estimator of type unscented or iterated_extended"
             )
-        first = expected_by_slopes(model, belief, layout, measurements, used)
-        after = settled(
-            model, belief, layout, measurements, used, _solved,
+        first = linearise_measurements(model, belief, layout, measurements, used)
+        after = iterate_update(
+            model, belief, layout, measurements, used, _solve_linearised,
             spec.iterations, spec.tolerance_sigmas,
         )  # fmt: skip
-        innovation = about_prior(belief, belief.x, first).innovation(measurements.sigma)
+        innovation = refer_to_prior(belief, belief.x, first).innovation(measurements.sigma)
         return after, innovation
 
 
 def information_root(belief: Belief) -> Array:
-    """Return the R of a belief (N, n, n), the inverse of the covariance's root.
+    """Return R = S⁻¹ (N, n, n) of a belief with the root S.
 
     Raises
     ------
     InputError
-        If a state is known exactly: its information has no end.
+        If the covariance is singular: its information is infinite.
     """
     return np.asarray(np.linalg.inv(regular_root(belief)))
 
 
-def _solved(prior: Belief, x: Array, expected: Expected) -> Belief:
-    """Return the belief of the rows of prior and measurements, linearised at x."""
+def _solve_linearised(prior: Belief, x: Array, expected: WhitenedInnovation) -> Belief:
+    """Return the belief that solves the equations of prior and measurements, linearised at x.
+
+    The rows are R d = R (x̄ − x) and H d = ν(x) for the correction d of x.
+    """
     m = expected.linear.shape[2]
     n = len(x)
     known = information_root(prior)
@@ -109,5 +113,6 @@ def _solved(prior: Belief, x: Array, expected: Expected) -> Belief:
 
 
 def _belief(x: Array, known: Array, t_s: Array) -> Belief:
+    """Return the belief of means x with the information root R."""
     rows = np.swapaxes(np.linalg.inv(known), 1, 2)
     return Belief(x, np.swapaxes(upper_triangle(rows), 1, 2), t_s)

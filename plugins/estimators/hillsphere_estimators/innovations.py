@@ -1,4 +1,4 @@
-"""What measurements say beside what was expected: in units of their noise, within a gate."""
+"""Innovations, measured minus predicted, in units of the noise, and their gate."""
 
 from __future__ import annotations
 
@@ -15,35 +15,37 @@ from hillsphere.interfaces import Array
 from hillsphere_estimators.differences import Layout, layout_of
 
 __all__ = [
-    "Expected",
-    "about_prior",
+    "WhitenedInnovation",
+    "apply_gate",
     "gate_threshold",
-    "gated",
+    "refer_to_prior",
     "usable",
     "usable_at",
-    "whitened",
+    "whiten",
 ]
 
-_LATE = 1e-9
-"""Of two times, s and as a part of them, that count as the same."""
+_SAME_TIME = 1e-9
+"""Difference of two times, absolute (s) and relative, that is rounding: a belief and measurements
+that differ by more belong to different times."""
 
 
 @dataclass(frozen=True)
-class Expected:
-    """Measurements beside what was expected, all in units of the noise's standard deviations.
+class WhitenedInnovation:
+    """Innovation of N cases, all in units of the standard deviations of the noise.
 
     Rows that are not used hold zeros.
 
     Parameters
     ----------
     residual : ndarray, shape (N, m)
-        Measured minus expected.
+        Measured minus predicted.
     linear : ndarray, shape (N, k, m)
-        Rows of what the states' uncertainty makes of the measurements.
+        Rows whose squares are the covariance of the predicted measurements by the uncertainty of
+        the states, to first order.
     bent : ndarray, shape (N, l, m)
-        Rows of what comes of curvature; independent of the former.
+        Rows of the covariance that curvature adds; uncorrelated with the former.
     used : ndarray of bool, shape (m, N)
-        Which rows are used.
+        Rows that are used.
     """
 
     residual: Array
@@ -52,7 +54,7 @@ class Expected:
     used: NDArray[np.bool_]
 
     def covariance(self) -> Array:
-        """Return the covariance of the residual (N, m, m), noise with it."""
+        """Return the covariance of the residual (N, m, m), with that of the noise, 1."""
         total = np.swapaxes(self.linear, 1, 2) @ self.linear
         if self.bent.shape[1]:
             total += np.swapaxes(self.bent, 1, 2) @ self.bent
@@ -61,19 +63,19 @@ class Expected:
         return np.asarray(total)
 
     def innovation(self, sigma: Array, nis: Array | None = None) -> Innovation:
-        """Return it in SI.
+        """Return the innovation in SI units.
 
         Parameters
         ----------
         sigma : ndarray, shape (m, N)
             Standard deviations of the noise.
         nis : ndarray, shape (N,), optional
-            Normalised innovation squared, where the update has found it; else it is found here.
+            Normalised innovation squared, if the update has computed it already.
 
         Returns
         -------
         Innovation
-            Of the measurements.
+            Residual, covariance, used rows and NIS.
         """
         covariance = self.covariance()
         if nis is None:
@@ -84,32 +86,35 @@ class Expected:
         covariance *= unit[:, None]
         return Innovation((self.residual * unit).T, covariance, self.used, nis)
 
-    def without(self, used: NDArray[np.bool_]) -> Expected:
-        """Return it with fewer rows used."""
+    def without(self, used: NDArray[np.bool_]) -> WhitenedInnovation:
+        """Return the innovation with the rows `used` (m, N) only; the others become zero."""
         keep = used.T.astype(float)
-        return Expected(
+        return WhitenedInnovation(
             self.residual * keep, self.linear * keep[:, None], self.bent * keep[:, None], used
         )
 
 
 def usable(measurements: MeasurementSet) -> tuple[Layout, NDArray[np.bool_]]:
-    """Return the layout of the rows, and which of them hold something (m, N)."""
+    """Return the layout of the measured rows, and which hold a measurement (m, N).
+
+    The third row of a direction never does: a difference of directions has two coordinates.
+    """
     layout = layout_of(measurements.blocks)
     return layout, measurements.present & layout.real[:, None]
 
 
 def usable_at(belief: Belief, measurements: MeasurementSet) -> tuple[Layout, NDArray[np.bool_]]:
-    """Return the same for an update of a belief.
+    """Return layout and usable rows of measurements that are to update a belief.
 
     Raises
     ------
     InputError
-        If the measurements are of another number of cases, or of another time.
+        If the measurements have another number of cases or another time than the belief.
     """
     at, then = belief.t_s, measurements.t_s
     if at.shape != then.shape:
         raise InputError(f"the belief has {len(at)} cases, the measurements have {len(then)}")
-    late = np.abs(then - at) > _LATE * (1.0 + np.abs(at))
+    late = np.abs(then - at) > _SAME_TIME * (1.0 + np.abs(at))
     if late.any():
         case = int(np.argmax(late))
         raise InputError(
@@ -119,7 +124,7 @@ def usable_at(belief: Belief, measurements: MeasurementSet) -> tuple[Layout, NDA
     return usable(measurements)
 
 
-def whitened(
+def whiten(
     layout: Layout,
     measurements: MeasurementSet,
     used: NDArray[np.bool_],
@@ -127,39 +132,36 @@ def whitened(
     shift: Array | float,
     linear: Array,
     bent: Array,
-) -> Expected:
-    """Compare measurements with what was expected.
+) -> WhitenedInnovation:
+    """Return the innovation in units of the noise.
 
     Parameters
     ----------
     layout : Layout
-        Kinds of the rows.
+        Kinds of the m rows.
     measurements : MeasurementSet
-        What was measured.
+        Values and standard deviations of the noise.
     used : ndarray of bool, shape (m, N)
-        Which rows are used.
+        Rows that are used.
     middle : ndarray, shape (m, N)
-        What the mean would show.
+        Predicted measurements of the mean, SI.
     shift : ndarray, shape (m, N), or float
-        By how much more is expected.
+        Mean of the predicted measurements minus `middle`.
     linear, bent : ndarray, shape (N, k, m) and (N, l, m)
-        Rows of its uncertainty, SI.
-
-    Returns
-    -------
-    Expected
-        In units of the noise.
+        Rows of their covariance, SI; see `WhitenedInnovation`.
     """
+    # without missing rows the masks below change nothing and cost as much as the rest
     if used.all():
         residual = layout.difference(measurements.values, middle) - shift
         scale = 1.0 / measurements.sigma
         row = scale.T[:, None]
-        return Expected((residual * scale).T, linear * row, bent * row, used)
+        return WhitenedInnovation((residual * scale).T, linear * row, bent * row, used)
+    # missing values are NaN: the predicted ones in their place keep all that follows finite
     values = np.where(measurements.present, measurements.values, middle)
     residual = layout.difference(values, middle) - shift
     scale = 1.0 / np.where(used, measurements.sigma, 1.0)
     row, keep = scale.T[:, None], used.T[:, None]
-    return Expected(
+    return WhitenedInnovation(
         np.where(used, residual * scale, 0.0).T,
         np.where(keep, linear * row, 0.0),
         np.where(keep, bent * row, 0.0),
@@ -167,28 +169,30 @@ def whitened(
     )
 
 
-def gated(layout: Layout, expected: Expected, sigmas: float) -> Expected:
-    """Leave out blocks that lie too far from what was expected.
+def apply_gate(layout: Layout, expected: WhitenedInnovation, sigmas: float) -> WhitenedInnovation:
+    """Reject blocks of measurements whose innovation is improbably large.
 
-    Where the curvature of the expectation exceeds the noise the expectation is no measure, and the
-    block is taken: so a filter that begins with a wide belief, or comes back after a long silence,
-    is not locked out.
+    The squared innovation of a block over its covariance is compared with a χ² limit. The test is
+    skipped, and the block taken, where the variance by curvature exceeds that of the noise: there
+    the prediction is no measure of the measurement. A filter that begins with a wide belief, or
+    resumes after a long outage, would otherwise reject all that could correct it.
 
     Parameters
     ----------
     layout : Layout
-        Which rows belong together.
-    expected : Expected
-        Measurements and expectation.
+        Rows of each block; a block is taken or rejected as a whole.
+    expected : WhitenedInnovation
+        The innovation.
     sigmas : float
-        A block is left out if it lies as improbably far off as a normal number beyond this.
+        Limit, as the deviation of a single normal number of the same probability.
 
     Returns
     -------
-    Expected
-        With the blocks that stay.
+    WhitenedInnovation
+        With the blocks that are taken.
     """
     covariance = expected.covariance()
+    # variance of each row by curvature, in units of the noise's
     bend = np.sum(expected.bent**2, axis=1)
     used = expected.used.copy()
     for rows in layout.blocks:
@@ -197,14 +201,30 @@ def gated(layout: Layout, expected: Expected, sigmas: float) -> Expected:
         distance = np.sum(own * solved, axis=1)
         straight = (bend[:, rows] <= 1.0).all(axis=1)
         limit = gate_threshold(sigmas, rows.stop - rows.start)[used[rows].sum(axis=0)]
+        # rows of zeros add nothing to the distance: the limit is that of the rows that are there
         used[rows] &= (distance <= limit) | ~straight
     return expected if np.array_equal(used, expected.used) else expected.without(used)
 
 
-def about_prior(prior: Belief, x: Array, expected: Expected) -> Expected:
-    """Return what slopes at x (n, N) say of the prior: its linear rows go with those of Sᵀ."""
+def refer_to_prior(prior: Belief, x: Array, expected: WhitenedInnovation) -> WhitenedInnovation:
+    """Return a linearisation at x as the innovation of a prior.
+
+    Parameters
+    ----------
+    prior : Belief
+        With the mean x̄ and the root S.
+    x : ndarray, shape (n, N)
+        States of the linearisation.
+    expected : WhitenedInnovation
+        Residual ν(x), and as linear rows Hᵀ, the transposed derivatives by the states.
+
+    Returns
+    -------
+    WhitenedInnovation
+        Residual ν(x) + H (x − x̄), that of the linear model at x̄; linear rows Sᵀ Hᵀ.
+    """
     off = (x - prior.x).T[:, None]
-    return Expected(
+    return WhitenedInnovation(
         expected.residual + (off @ expected.linear)[:, 0],
         np.swapaxes(prior.root, 1, 2) @ expected.linear,
         expected.bent,
@@ -214,6 +234,9 @@ def about_prior(prior: Belief, x: Array, expected: Expected) -> Expected:
 
 @lru_cache(maxsize=256)
 def gate_threshold(sigmas: float, most: int) -> Array:
-    """Return χ² limits for 0 … most rows with the two-sided normal probability beyond `sigmas`."""
+    """Return the χ² limits of the gate for blocks of 0 to `most` rows.
+
+    Each has the probability of a normal number beyond ±`sigmas`; a block without rows has no limit.
+    """
     tail = 2.0 * norm.sf(sigmas)
     return np.array([np.inf, *(float(chi2.isf(tail, k)) for k in range(1, most + 1))])

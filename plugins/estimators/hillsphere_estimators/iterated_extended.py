@@ -1,4 +1,4 @@
-"""The damped iterated extended Kalman filter in square-root form, on all cases at once.
+"""The damped iterated extended Kalman filter in square-root form, for all cases at once.
 
 References
 ----------
@@ -12,22 +12,27 @@ import numpy as np
 
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
-from hillsphere_estimators.gauss_newton import expected_by_slopes, settled
-from hillsphere_estimators.innovations import Expected, about_prior, gated, usable_at
+from hillsphere_estimators.gauss_newton import iterate_update, linearise_measurements
+from hillsphere_estimators.innovations import (
+    WhitenedInnovation,
+    apply_gate,
+    refer_to_prior,
+    usable_at,
+)
 from hillsphere_estimators.linearisation import transition
 from hillsphere_estimators.roots import lower_root
-from hillsphere_estimators.sigma_points import considered
+from hillsphere_estimators.sigma_points import update_mask
 from hillsphere_estimators.specs import IteratedExtendedSpec
-from hillsphere_estimators.unscented import absorbed
+from hillsphere_estimators.unscented import linear_update
 
 __all__ = ["IteratedExtended"]
 
 
 class IteratedExtended:
-    """The extended filter, its update iterated to the most probable states [1]_ (see the module).
+    """An extended Kalman filter whose update is iterated to the maximum a posteriori states [1]_.
 
-    Its gate takes the prior's slopes at their word: it knows of no curvature, and is for beliefs
-    that have converged.
+    Its gate relies on the derivatives at the prior and has no measure of curvature. It is meant for
+    beliefs that have converged.
 
     Parameters
     ----------
@@ -53,17 +58,17 @@ class IteratedExtended:
         """Return the belief after measurements; see `hillsphere.interfaces.Estimator`."""
         spec = self.spec
         layout, used = usable_at(belief, measurements)
-        free = considered(model, len(belief.x))
-        at_prior = expected_by_slopes(model, belief, layout, measurements, used)
-        first = about_prior(belief, belief.x, at_prior)
+        free = update_mask(model, len(belief.x))
+        at_prior = linearise_measurements(model, belief, layout, measurements, used)
+        first = refer_to_prior(belief, belief.x, at_prior)
         if spec.gate_sigmas is not None:
-            first = gated(layout, first, spec.gate_sigmas)
+            first = apply_gate(layout, first, spec.gate_sigmas)
 
-        def solve(prior: Belief, x: Array, expected: Expected) -> Belief:
-            return absorbed(prior, about_prior(prior, x, expected), 1.0, free)
+        def solve(prior: Belief, x: Array, expected: WhitenedInnovation) -> Belief:
+            return linear_update(prior, refer_to_prior(prior, x, expected), 1.0, free)
 
-        # the cost that damping watches is not what a step that leaves states out lessens
-        after = settled(
+        # with considered states a step need not reduce the sum of squares: it is not damped
+        after = iterate_update(
             model, belief, layout, measurements, first.used, solve,
             spec.iterations, spec.tolerance_sigmas, damped=free is None,
         )  # fmt: skip

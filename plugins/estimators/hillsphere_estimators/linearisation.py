@@ -1,4 +1,7 @@
-"""Derivatives of models: exact where a model knows them, else by differences, all in one call."""
+"""Derivatives of motion and measurements: exact if the model has them, else finite differences.
+
+All cases and all points of the differences are evaluated in one call of the model.
+"""
 
 from __future__ import annotations
 
@@ -8,37 +11,38 @@ from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array, EstimationModel, LinearisedModel
 from hillsphere_estimators.differences import Layout
 
-__all__ = ["sensitivity", "shown", "transition"]
+__all__ = ["predict_measurement", "sensitivity", "transition"]
 
 _STEP = 0.03
-"""Of a difference, in standard deviations of the belief: there the fifth derivative of a model says
-nothing, and its noise of rounding is small beside the difference."""
+"""Step of the differences in standard deviations of the belief. Their error is of fourth order: the
+fifth derivative times 0.03⁴, about 1e-6, which is small beside the linearisation itself. A much
+smaller step would lose the difference in the rounding of the states."""
 _STENCIL = np.array([[1.0, -1.0, 2.0, -2.0], [2.0 / 3.0, -2.0 / 3.0, -1.0 / 12.0, 1.0 / 12.0]])
-"""Reach and weight of central differences of fourth order."""
+"""Offsets in steps, and weights, of the central first difference of fourth order."""
 
 
 def transition(
     model: EstimationModel, belief: Belief, t_to_s: Array, control: Array
 ) -> tuple[Array, Array]:
-    """Return where means move, and the derivatives of that.
+    """Move the means of a belief to other times, and return the transition matrices.
 
     Parameters
     ----------
     model : EstimationModel
-        How states move.
+        Motion model; a `LinearisedModel` has exact derivatives.
     belief : Belief
-        About which.
+        Of N cases of n states.
     t_to_s : ndarray, shape (N,)
-        Times, s.
+        Times to which they move, s.
     control : ndarray, shape (p, N)
         Controls.
 
     Returns
     -------
     x : ndarray, shape (n, N)
-        Means then, SI.
+        Means at these times, SI.
     phi : ndarray, shape (N, n, n)
-        Derivatives by the states.
+        Transition matrices Φ, the derivatives of these by the means before.
     """
     n, cases = belief.x.shape
     case = np.arange(cases)
@@ -54,32 +58,38 @@ def transition(
     return moved[:, 0], _slopes(moved[:, 1:] - moved[:, :1], steps)
 
 
-def shown(model: EstimationModel, belief: Belief, layout: Layout) -> Array:
-    """Return what sensors would show of the means (m, N), SI; refused if it has other rows."""
+def predict_measurement(model: EstimationModel, belief: Belief, layout: Layout) -> Array:
+    """Return the measurements (m, N) that perfect sensors would give of the means, SI.
+
+    Raises
+    ------
+    InputError
+        If the model has another number of rows than the layout.
+    """
     return layout.fitting(model.observe(belief.x, belief.t_s, np.arange(len(belief.t_s))))
 
 
 def sensitivity(model: EstimationModel, belief: Belief, layout: Layout) -> tuple[Array, Array]:
-    """Return what sensors would show of means, and the derivatives of that.
+    """Return the predicted measurements of the means, and their derivatives by the states.
 
     Parameters
     ----------
     model : EstimationModel
-        What sensors show.
+        Measurement model; a `LinearisedModel` has exact derivatives.
     belief : Belief
-        Of which.
+        Of N cases of n states.
     layout : Layout
-        Kinds of the rows.
+        Kinds of the m rows.
 
     Returns
     -------
     z : ndarray, shape (m, N)
-        What they would show, SI.
+        Predicted measurements, SI.
     slopes : ndarray, shape (N, m, n)
-        Derivatives of differences from it (`Layout.difference`) by the states.
+        Derivatives H of their differences (`Layout.difference`) by the states.
     """
     if isinstance(model, LinearisedModel):
-        z = shown(model, belief, layout)
+        z = predict_measurement(model, belief, layout)
         return z, layout.tangent(model.sensitivity(belief.x, belief.t_s), z)
     n, cases = belief.x.shape
     points, steps = _points(belief)
@@ -93,22 +103,32 @@ def sensitivity(model: EstimationModel, belief: Belief, layout: Layout) -> tuple
 
 
 def _points(belief: Belief) -> tuple[Array, Array]:
-    """Return points (n, 4n + 1, N): the means, then one state off in each; and steps (n, N)."""
+    """Return the points of the differences and their steps.
+
+    Returns
+    -------
+    points : ndarray, shape (n, 4n + 1, N)
+        The means; then, offset by offset of `_STENCIL`, n points in each of which one state
+        differs.
+    steps : ndarray, shape (n, N)
+        Steps of the states.
+    """
     n, cases = belief.x.shape
     sigma = belief.sigma
-    # a state that is known exactly still has a derivative
+    # a state of zero variance still needs a step: 1e-3 of its size
     steps = _STEP * np.where(sigma > 0.0, sigma, 1e-3 * np.maximum(np.abs(belief.x), 1.0))
-    # what is truly added, rounding and all
+    # at least 64 roundings of the state; the step is then what is truly added, after rounding
     steps = (belief.x + np.maximum(steps, 64.0 * np.spacing(np.abs(belief.x)))) - belief.x
     points = np.repeat(belief.x[:, None], 4 * n + 1, axis=1)
     off = points[:, 1:].reshape(n, 4, n, cases)
     own = np.arange(n)
+    # point j of each offset moves state j
     off[own, :, own] += _STENCIL[0][None, :, None] * steps[:, None]
     return np.concatenate([points[:, :1], off.reshape(n, 4 * n, cases)], axis=1), steps
 
 
 def _slopes(off: Array, steps: Array) -> Array:
-    """Return derivatives (N, m, n) from differences (m, 4n, N)."""
+    """Return derivatives (N, m, n) of differences (m, 4n, N) in the order of `_points`."""
     n, cases = steps.shape
     weighted = np.einsum("mkjN,k->mjN", off.reshape(-1, 4, n, cases), _STENCIL[1])
     return np.ascontiguousarray((weighted / steps).transpose(2, 0, 1))

@@ -1,4 +1,4 @@
-"""The observability Gramian along trajectories: what a stretch of measurements tells of a state.
+"""The observability Gramian along trajectories.
 
 References
 ----------
@@ -15,10 +15,10 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
-from hillsphere_estimators.gauss_newton import expected_by_slopes
+from hillsphere_estimators.convergence import regular_scales
+from hillsphere_estimators.gauss_newton import linearise_measurements
 from hillsphere_estimators.innovations import usable
 from hillsphere_estimators.linearisation import transition
-from hillsphere_estimators.resting import regular_scales
 from hillsphere_estimators.roots import upper_triangle
 
 __all__ = ["Observability", "observability"]
@@ -26,16 +26,17 @@ __all__ = ["Observability", "observability"]
 
 @dataclass(frozen=True)
 class Observability:
-    """What measurements tell of the states at their beginning, in units of the scales given.
+    """Observability of the states at the start, in units of the given scales.
 
     Parameters
     ----------
     root : ndarray, shape (N, n, n)
-        Upper triangular U; the Gramian Σ Φᵀ Hᵀ R⁻¹ H Φ is Uᵀ U.
+        Upper triangular root U of the Gramian Σ Φᵀ Hᵀ R⁻¹ H Φ = Uᵀ U.
     singular : ndarray, shape (N, n)
-        Singular values of U, falling: 1/σ of what is known best to worst. Zero where nothing is.
+        Singular values of U, falling. Each is 1/σ, σ the standard deviation with which the
+        measurements determine a direction; zero if they do not.
     directions : ndarray, shape (N, n, n)
-        Unit vectors of scaled states in this order, as rows: the last is told worst.
+        Unit vectors of scaled states in this order, as rows; the last is observed worst.
     """
 
     root: Array
@@ -43,7 +44,13 @@ class Observability:
     directions: Array
 
     def rank(self, tolerance: float = 1e-12) -> Array:
-        """Return how many directions are told at all, (N,): beyond a share of the best."""
+        """Return the number of observable directions (N,).
+
+        Parameters
+        ----------
+        tolerance : float
+            Singular values below this part of the largest count as zero.
+        """
         return np.asarray(np.sum(self.singular > tolerance * self.singular[:, :1], axis=1))
 
 
@@ -61,10 +68,11 @@ def observability(
     model : EstimationModel
         Motion and measurements.
     start : Belief
-        Where the trajectories begin; its standard deviations serve as steps of differences, where
-        the model does not know its derivatives.
+        Start of the trajectories; its standard deviations set the steps of finite differences, if
+        the model has no derivatives.
     measurements : sequence of MeasurementSet
-        At K times, the first not before the start: which rows there are, with which errors.
+        At K times, the first not before the start. Only which rows are present, and their standard
+        deviations, are used.
     scales : ndarray, shape (n,)
         Size of one unit of each state, SI, so that metres and metres per second compare.
     controls : sequence of ndarray, shape (p, N), optional
@@ -73,12 +81,13 @@ def observability(
     Returns
     -------
     Observability
-        Of N trajectories. By roots: the Gramian, whose condition is the square, is never formed.
+        Of N trajectories, from the root of the Gramian: its condition number is the square root of
+        that of the Gramian, which is never formed.
 
     Raises
     ------
     InputError
-        If scales do not fit the states, or there are more or fewer controls than measurements.
+        If the scales do not fit the states, or there are more or fewer controls than measurements.
     """
     n, cases = start.x.shape
     if controls is not None and len(controls) != len(measurements):
@@ -91,10 +100,11 @@ def observability(
         control = np.zeros((0, cases)) if controls is None else controls[k]
         x, step = transition(model, now, measured.t_s, control)
         phi = step @ phi
-        # the steps of differences stay those of the start
+        # the standard deviations are only the steps of differences here: those of the start
         now = Belief(x, start.root, measured.t_s)
         layout, used = usable(measured)
-        slopes = expected_by_slopes(model, now, layout, measured, used).linear
+        slopes = linearise_measurements(model, now, layout, measured, used).linear
+        # rows R^(−1/2) H Φ of this time below the root of the earlier ones
         root = upper_triangle(np.concatenate([root, np.swapaxes(slopes, 1, 2) @ phi], axis=1))
     _, singular, directions = np.linalg.svd(root)
     return Observability(root, singular, directions)

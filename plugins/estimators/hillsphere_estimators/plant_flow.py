@@ -1,7 +1,6 @@
-"""The flow of a plant, or of a plant under a law, made on first use and shared.
+"""The flow of a plant, with or without a law, compiled on first use and shared.
 
-A mission may build as many models as it likes: what is compiled is shared between all whose
-equations are equal, whichever plants they come from.
+Models whose equations are equal share the compiled code, whichever plants they come from.
 """
 
 from __future__ import annotations
@@ -25,10 +24,13 @@ from hillsphere.interfaces.plant import Plant
 
 __all__ = ["PlantFlow"]
 
-_MOST = 128
+_MOST_COMPILED = 128
+"""Compiled systems that are kept. One mission needs a few, a sweep that changes the equations at
+every point many: without a bound their code fills the memory, with a small one it is compiled
+again."""
 _T = TypeVar("_T")
-_MADE: dict[str, Any] = {}
-"""What was compiled, by the digest of its equations; the oldest go first."""
+_COMPILED: dict[str, Any] = {}
+"""Compiled objects by the digest of their equations; the oldest are dropped first."""
 
 
 class PlantFlow:
@@ -39,7 +41,7 @@ class PlantFlow:
     plant : Plant
         n equations with p controls.
     law : ContinuousLaw or None
-        What commands it; then states and run-time parameters are those of
+        Law that commands the plant. With one, states and run-time parameters are those of
         `hillsphere.engine.simulation.flow.closed_system`.
     method : {"rk6", "dop853"}
         Formula of the steps.
@@ -67,19 +69,20 @@ class PlantFlow:
         else:
             equations, _ = closed_system(self._plant, self._law, (), apart=True)
         method = self._method
-        return _shared(method, equations, lambda: StepMap(equations, method))
+        return _reuse_compiled(method, equations, lambda: StepMap(equations, method))
 
     def end(self, x: Array, duration: Array, steps: int, p: Array, t0_s: Array) -> Array:
-        """Return the states (n, K) after so many steps; see `StepMap.propagate`.
+        """Return the states (n, K) after `steps` steps; see `StepMap.propagate`.
 
-        Without its checks: a filter asks at each of its steps for arrays that it has made itself.
+        The checks of the arguments are left out: a filter calls this at each step with arrays that
+        it has made itself.
 
         Parameters
         ----------
         x : ndarray, shape (n, K)
             States.
         duration, t0_s : ndarray, shape (K,)
-            How long and from when, s.
+            Length and start of the motion, s.
         steps : int
             Number of steps.
         p : ndarray, shape (k, K)
@@ -88,12 +91,12 @@ class PlantFlow:
         Returns
         -------
         ndarray, shape (n, K)
-            At the end.
+            States at the end.
 
         Raises
         ------
         PropagationError
-            If a lane turns non-finite.
+            If a lane becomes non-finite.
         """
         h = duration / steps
         start = here = np.ascontiguousarray(x)
@@ -103,19 +106,30 @@ class PlantFlow:
             advance(here, there, t0_s + j * h)
             here, there = there, np.empty_like(start) if here is start else here
         if not np.isfinite(here).all():
-            # with all checks: it says of which lane, and whether it began so
+            # again with all checks, whose error names the lane and says whether its start was
+            # finite
             here = self.steps.propagate(x, duration, steps, p, t0_s)
         return here
 
     @cached_property
     def slopes(self) -> Derivatives:
-        """Right-hand side and derivatives of the free motion, without controls."""
+        """Right-hand side and its derivatives, of the motion without controls."""
         equations = system(self._plant)
-        return _shared("slopes", equations, lambda: Derivatives(equations))
+        return _reuse_compiled("slopes", equations, lambda: Derivatives(equations))
 
 
-def _shared(what: str, equations: System, make: Callable[[], _T]) -> _T:
-    """Return what was made of equal equations before, or make it."""
+def _reuse_compiled(what: str, equations: System, make: Callable[[], _T]) -> _T:
+    """Return the object that was made of equal equations before, or make it.
+
+    Parameters
+    ----------
+    what : str
+        Kind of the object, part of the key.
+    equations : System
+        Equations; those with external arrays are not shared.
+    make : callable
+        Makes the object.
+    """
     if equations.external is not None:  # its arrays are those of one plant
         return make()
     terms = equations.time_terms
@@ -123,10 +137,11 @@ def _shared(what: str, equations: System, make: Callable[[], _T]) -> _T:
     for equation in (*equations.x, *equations.rhs, *terms.values()):
         digest.update(sha256(pickle.dumps(equation, 5)).digest())
     key = digest.hexdigest()
-    if key not in _MADE:
+    if key not in _COMPILED:
         made = make()
-        while len(_MADE) >= _MOST:
-            del _MADE[next(iter(_MADE))]
-        _MADE[key] = made
-    found: _T = _MADE[key]
-    return found
+        # dictionaries keep the order of insertion: the first key is the oldest
+        while len(_COMPILED) >= _MOST_COMPILED:
+            del _COMPILED[next(iter(_COMPILED))]
+        _COMPILED[key] = made
+    compiled: _T = _COMPILED[key]
+    return compiled

@@ -1,4 +1,4 @@
-"""What an estimator believes of the world, made of a plant, a law and sensors."""
+"""An estimator's model of the world, made of a plant, a law and sensors."""
 
 from __future__ import annotations
 
@@ -22,36 +22,37 @@ __all__ = ["PlantModel"]
 
 
 class PlantModel:
-    r"""An `hillsphere.interfaces.EstimationModel` of a plant that sensors see.
+    r"""An `hillsphere.interfaces.EstimationModel` of a plant and its sensors.
 
-    Without a law, `control` is the plant's, held. With a continuous law it is what the law was
-    given at the last sample, its own estimate above the reference, 2 q rows: then the law's command
-    is that of the estimate, the same for every column of a case, and no deviation of a sigma point
-    is controlled away. Further p rows are accelerations beside the command, unknown to the law, and
-    p more by what part more is done of each component than commanded.
+    Without a law, `control` is the control of the plant, held. With a continuous law it is the
+    estimate and the reference that the law was given at the last sample, 2 q rows. The command then
+    follows from that estimate and is the same for all sigma points of a case: the deviation of a
+    point must not be controlled away. Two groups of p rows may follow: accelerations beside the
+    command, which the law does not know, and relative errors of the thrust of each component.
 
     Random accelerations of the standard deviations σ are held over steps of dt and add
 
     .. math:: Q = \sum_k \Phi_k G_k \sigma^2 G_k^\mathsf{T} \Phi_k^\mathsf{T}, \quad
               G_k = \int_0^{dt} e^{A_k s} B\, ds \approx [dt^2/2;\; dt],
 
-    A_k the slope of the free motion along the believed flight, B where accelerations enter, Φ_k the
-    transition from the end of the k-th step.
+    with the Jacobian A_k of the motion without commands along the estimated flight, the input
+    matrix B of the accelerations, and the transition matrix Φ_k from the end of the k-th step to
+    the end of the interval.
 
     Parameters
     ----------
     plant : Plant
         Its equations, at nominal parameters.
     suite : SensorSuite
-        What sees it.
+        Its sensors.
     law : ContinuousLaw, optional
-        What commands it.
+        Law that commands it.
     noise : callable, optional
-        t_s (N,) → σ (p, N), m/s², one row per velocity; none if left out.
+        t_s (N,) → σ (p, N), m/s², one row per velocity; none by default.
     step_s : float
         Longest step of the step map.
     noise_step_s : float
-        dt, as nearly as whole steps divide an interval.
+        dt, rounded so that whole steps divide an interval.
     method : {"rk6", "dop853"}
         Formula of the step map.
 
@@ -63,7 +64,7 @@ class PlantModel:
 
     Notes
     -----
-    Making one is cheap: its equations are written and compiled when they are first used, and
+    Making a model is cheap: its equations are written and compiled when they are first used, and
     shared between models of equal equations.
     """
 
@@ -89,7 +90,7 @@ class PlantModel:
         self._flow = PlantFlow(plant, law, method)
 
     def within(self, scene: Scene) -> Self:
-        """Return the same model with what surrounds the sensors, arrays (…, N) or (…, 1)."""
+        """Return the same model with another scene of the sensors, arrays (…, N) or (…, 1)."""
         made = copy(self)
         made._scene = dict(scene)
         return made
@@ -98,7 +99,7 @@ class PlantModel:
         """Return the states (n, K) later; see `hillsphere.interfaces.EstimationModel`."""
         duration = t1_s - t0_s
         steps = max(1, ceil(float(np.max(np.abs(duration), initial=0.0)) / self.step_s - 1e-9))
-        y, p = self._entering(x, control)
+        y, p = self._system_inputs(x, control)
         return self._flow.end(y, duration, steps, p, t0_s)[: self._n]
 
     def process_noise(self, x: Array, t0_s: Array, t1_s: Array, control: Array) -> Array:
@@ -108,21 +109,21 @@ class PlantModel:
         noise = self._noise
         if noise is None or not duration.any():
             return np.zeros((cases, n, 1))
-        # a case has its own number of steps, whatever its neighbours' durations
+        # the number of steps of a case must not depend on the durations of the others
         steps = np.maximum(1, np.rint(np.abs(duration) / self.noise_step_s)).astype(int)
         first = int(steps[0])
         if (steps == first).all():
-            return self._pushed(noise, x, t0_s, duration / first, first, control)
+            return self._noise_roots(noise, x, t0_s, duration / first, first, control)
         roots = np.zeros((cases, n, n))
         for count in np.unique(steps).tolist():
             own = np.flatnonzero(steps == count)
-            found = self._pushed(
+            own_roots = self._noise_roots(
                 noise, x[:, own], t0_s[own], duration[own] / count, count, control[:, own]
             )
-            roots[own, :, : found.shape[2]] = found
+            roots[own, :, : own_roots.shape[2]] = own_roots
         return roots
 
-    def _pushed(
+    def _noise_roots(
         self,
         noise: Callable[[Array], Array],
         x: Array,
@@ -131,7 +132,26 @@ class PlantModel:
         steps: int,
         control: Array,
     ) -> Array:
-        """Return roots (N, n, r) of what so many pushes add, each held for dt (N,)."""
+        """Return the roots of Q of `steps` random accelerations, each held for dt.
+
+        Parameters
+        ----------
+        noise : callable
+            t_s (N,) → σ (p, N).
+        x : ndarray, shape (n, N)
+            States at the start.
+        t0_s, dt : ndarray, shape (N,)
+            Start, and length of a step, s.
+        steps : int
+            Number of steps.
+        control : ndarray, shape (r, N)
+            As of `advance`.
+
+        Returns
+        -------
+        ndarray, shape (N, n, r)
+            With r = p columns for one step, else r = n.
+        """
         n, cases = x.shape
         middles = self._middles(x, t0_s, dt, steps, control)
         turned = np.array([t0_s + (k + 0.5) * dt for k in range(steps)]).reshape(-1)
@@ -143,7 +163,7 @@ class PlantModel:
         phi: Array | None = None
         roots = []
         for k in range(steps - 1, -1, -1):
-            # ∫ e^{A s} ds B / dt = (1 + A dt/2 + A² dt²/6) B, to second order
+            # G/dt = ∫ e^{A s} ds B / dt = (1 + A dt/2 + A² dt²/6) B, to second order in A dt
             first = turns[k].take(enters, axis=2)
             held = turns[k] @ first / 6.0
             held += 0.5 * first
@@ -151,35 +171,38 @@ class PlantModel:
             held *= (dt * noise(t0_s + k * dt)).T[:, None, :]
             roots.append(held if phi is None else phi @ held)
             if k:
+                # transition over one step, e^{A dt} to second order
                 across = one + turns[k] + 0.5 * turns[k] @ turns[k]
                 phi = across if phi is None else phi @ across
         if steps == 1:
             return np.asarray(roots[0])
+        # p columns for each step: a QR decomposition leaves n, with the same product
         rows = np.swapaxes(np.concatenate(roots, axis=2), 1, 2)
         return np.asarray(np.swapaxes(np.linalg.qr(rows, mode="r"), 1, 2))
 
     def _middles(self, x: Array, t0_s: Array, dt: Array, steps: int, control: Array) -> Array:
-        """Return the believed states (n, steps N) in the middle of each step of the noise."""
+        """Return the estimated states (n, steps · N) in the middle of each step of the noise."""
         if steps == 1:
-            # half a step of free motion: what it leaves out of the slopes is of second order
+            # half an Euler step of free motion: its error, dt²/8 times the acceleration's
+            # derivative, changes the Jacobian by a second-order term
             return np.asarray(x + 0.5 * dt * self._flow.slopes.rate(x, None, t0_s))
         inner = max(1, ceil(float(np.max(np.abs(dt))) / self.step_s - 1e-9))
-        y, p = self._entering(x, control)
+        y, p = self._system_inputs(x, control)
         path = self._flow.steps.trajectory(y, dt * steps, steps * inner, p, t0_s)
         path = path[: self._n, ::inner]
         return np.asarray(0.5 * (path[:, :-1] + path[:, 1:])).reshape(self._n, -1)
 
     def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
-        """Return what perfect sensors show; see `hillsphere.interfaces.EstimationModel`."""
-        # no case is out of range, and to look for one takes as long as the rest
+        """Return perfect measurements; see `hillsphere.interfaces.EstimationModel`."""
+        # mode "clip" leaves out the check of the index, which takes as long as the rest
         own = {
             name: value if value.shape[-1] == 1 else value.take(case, axis=-1, mode="clip")
             for name, value in self._scene.items()
         }
         return self.suite.observe(x, t_s, own)
 
-    def _entering(self, x: Array, control: Array) -> tuple[Array, Array]:
-        """Return states and run-time parameters of the compiled system."""
+    def _system_inputs(self, x: Array, control: Array) -> tuple[Array, Array]:
+        """Return states and run-time parameters of the compiled system, plant or closed loop."""
         cases = x.shape[1]
         law = self.law
         if law is None:

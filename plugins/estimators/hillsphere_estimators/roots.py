@@ -1,4 +1,8 @@
-"""Triangular roots of many small covariances at once."""
+"""Triangular roots of many small covariance matrices at once, by Householder's QR decomposition.
+
+A covariance P = Aᵀ A is given by the rows of A. With A = Q U the root is S = Uᵀ, and P is never
+formed: its small eigenvalues keep their relative accuracy, which squaring would halve.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +12,11 @@ import numpy as np
 
 from hillsphere.interfaces import Array
 
-__all__ = ["cleaned", "lower_root", "triangularised", "unit", "upper_triangle"]
+__all__ = ["fix_signs", "lower_root", "triangularise", "unit", "upper_triangle"]
 
 
 def upper_triangle(rows: Array) -> Array:
-    """Return the upper triangular U with Uᵀ U = Aᵀ A, its diagonal not negative.
+    """Return the upper triangular U with Uᵀ U = Aᵀ A and a diagonal that is not negative.
 
     Parameters
     ----------
@@ -22,32 +26,33 @@ def upper_triangle(rows: Array) -> Array:
     Returns
     -------
     ndarray, shape (N, n, n)
-        By Householder's method: squares of A are never formed, so that U keeps what is small.
+        U.
     """
     return np.swapaxes(lower_root(rows), 1, 2)
 
 
 def lower_root(rows: Array) -> Array:
-    """Return the lower triangular S with S Sᵀ = Aᵀ A, its diagonal not negative.
+    """Return the lower triangular S with S Sᵀ = Aᵀ A and a diagonal that is not negative.
 
     Parameters
     ----------
     rows : ndarray, shape (N, k, n)
-        A.
+        A; k may be less than n.
 
     Returns
     -------
     ndarray, shape (N, n, n)
-        That of Cholesky's method, if Aᵀ A is positive definite; contiguous.
+        S, contiguous; the Cholesky factor if Aᵀ A is positive definite.
     """
+    # with fewer rows than columns the root is singular: rows of zeros complete it
     missing = rows.shape[2] - rows.shape[1]
     if missing > 0:
         rows = np.concatenate([rows, np.zeros((len(rows), missing, rows.shape[2]))], axis=1)
-    return cleaned(triangularised(rows)[:, :, : rows.shape[2]])
+    return fix_signs(triangularise(rows)[:, :, : rows.shape[2]])
 
 
-def triangularised(rows: Array) -> Array:
-    """Return the lower triangular S with S Sᵀ = Aᵀ A as LAPACK leaves it.
+def triangularise(rows: Array) -> Array:
+    """Triangularise rows by LAPACK and return its raw result.
 
     Parameters
     ----------
@@ -57,38 +62,41 @@ def triangularised(rows: Array) -> Array:
     Returns
     -------
     ndarray, shape (N, n, k)
-        In its first columns and below their diagonal S, whose columns may have any sign; above it
-        what the reflections are made of.
+        S = Uᵀ on and below the diagonal of the first columns, each column with either sign. The
+        elements above the diagonal are those of the reflections and must be cleared, see
+        `fix_signs`.
     """
     return np.asarray(np.linalg.qr(rows, mode="raw")[0])
 
 
-def cleaned(raw: Array) -> Array:
-    """Return the triangle in a square block (N, n, n) of `triangularised` with its signs.
+def fix_signs(raw: Array) -> Array:
+    """Return the triangle of a raw result with a diagonal that is not negative.
 
     Parameters
     ----------
     raw : ndarray, shape (N, n, n)
-        On the diagonal.
+        A square block on the diagonal of the result of `triangularise`.
 
     Returns
     -------
     ndarray, shape (N, n, n)
-        Zero above its diagonal, which is not negative; contiguous.
+        Zero above its diagonal; contiguous.
     """
     lower = raw * _triangle(raw.shape[2])
+    # a column of S may change its sign, S Sᵀ does not
     lower *= np.copysign(1.0, raw.diagonal(axis1=1, axis2=2))[:, None]
     return np.asarray(lower)
 
 
 @lru_cache(maxsize=64)
 def unit(n: int) -> Array:
-    """Return the unit matrix (n, n); not to be written to."""
-    found = np.eye(n)
-    found.flags.writeable = False
-    return found
+    """Return the unit matrix (n, n), cached and read-only."""
+    one = np.eye(n)
+    one.flags.writeable = False
+    return one
 
 
 @lru_cache(maxsize=64)
 def _triangle(n: int) -> Array:
+    """Return ones on and below the diagonal (n, n), cached."""
     return np.tri(n)

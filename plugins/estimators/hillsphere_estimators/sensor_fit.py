@@ -1,8 +1,8 @@
-"""Whether sensors fit a stage: asked of the Specs, when a mission is validated.
+"""Checks, when a mission is validated, that the sensors of a stage can be used in it.
 
-The Spec of a sensor may say in `takes` what it takes from the scene, by name, and in `noise` how
-large its noise is, by the keys that make it; the Spec of a plant in `gives` what sensors find in
-its scene. Of a sensor that says nothing nothing is asked.
+The Spec of a sensor may state in `takes` the names of what it needs from the scene, and in `noise`
+the size of its noise by the keys that set it. The Spec of a plant states in `gives` the names of
+what its scene holds. A sensor that states nothing is not checked.
 """
 
 from __future__ import annotations
@@ -17,20 +17,21 @@ Place = tuple[str | int, ...]
 Tables = Mapping[str, Mapping[str, Spec]]
 
 BY_STAGE = ("boresight", "attitude")
-"""What every stage puts into the scene."""
+"""Names that every stage adds to the scene."""
 EARTH = ("earth", "earth_axes")
+"""Names that a stage adds which knows of the Earth."""
 _ANGLES = ("inclination", "node", "periapsis")
 
 
 def noiseless(sensors: Iterable[tuple[Place, Ref]], tables: Tables) -> Iterator[tuple[Place, str]]:
-    """Yield (location, message) for sensors without noise, which no filter can weigh."""
+    """Yield (location, message) for sensors without noise: a filter divides by its variance."""
     for place, ref in sensors:
         noise: Mapping[str, float] = getattr(tables.get("sensor", {}).get(ref.name), "noise", {})
         for keys, size in noise.items():
             if size == 0.0:
                 message = (
-                    f"sensor {ref.name!r} has no noise, {keys} = 0, and what it measures is "
-                    "weighed by that; give more than 0"
+                    f"sensor {ref.name!r} has no noise, {keys} = 0; a filter weighs each "
+                    "measurement by its noise, which must be more than 0"
                 )
                 yield place, message
 
@@ -49,9 +50,9 @@ def unseen(
     Parameters
     ----------
     sensors : iterable of (location, Ref)
-        Which sensors.
+        The sensors.
     plants : iterable of Ref
-        Believed and true one.
+        The believed and the true plant.
     tables : mapping
         Kind → name → Spec.
     earth, epoch
@@ -59,10 +60,10 @@ def unseen(
     takes_earth : bool
         Whether the stage has such keys.
     """
-    found = [(ref.name, spec) for ref in plants if (spec := tables.get("plant", {}).get(ref.name))]
+    specs = [(ref.name, spec) for ref in plants if (spec := tables.get("plant", {}).get(ref.name))]
     for place, ref in sensors:
         taken: tuple[str, ...] = getattr(tables.get("sensor", {}).get(ref.name), "takes", ())
-        for name, plant in found:
+        for name, plant in specs:
             gives = (*BY_STAGE, *EARTH, *getattr(plant, "gives", ()))
             if lost := [repr(key) for key in taken if key not in gives]:
                 message = (
@@ -84,7 +85,7 @@ def unseen(
 def two_dates(
     plants: Iterable[Ref], tables: Tables, epoch: str | None
 ) -> Iterator[tuple[Place, str]]:
-    """Yield (location, message) where a stage and a body both say when time is 0."""
+    """Yield (location, message) if the stage and a body both state the date of time 0."""
     for ref in plants:
         body, own = _beginning(tables.get("plant", {}).get(ref.name), tables)
         if None not in (epoch, own) and own != epoch:
@@ -96,7 +97,7 @@ def two_dates(
 
 
 def _beginning(plant: Spec | None, tables: Tables) -> tuple[str | None, str | None]:
-    """Return the name of a plant's body, and the date at which it says the plant begins."""
+    """Return the name of a plant's body, and the date at which it says that the plant begins."""
     of = getattr(plant, "body", None)
     if not isinstance(of, Ref):
         return None, None
@@ -108,7 +109,7 @@ def _beginning(plant: Spec | None, tables: Tables) -> tuple[str | None, str | No
 
 
 def _earth_needs(plant: Spec, tables: Tables, earth: Ref | None, epoch: str | None) -> list[str]:
-    """Return what is missing to know where the Earth stands, seen from the asteroid."""
+    """Return what is missing to compute the position of the Earth relative to the asteroid."""
     needs = [] if earth else ["earth (a body of type 'solar_orbit' or 'spice')"]
     name, own = _beginning(plant, tables)
     if own is None and epoch is None:

@@ -1,8 +1,8 @@
-"""FilterPy's filters behind our interface, case by case: the reference of the batched ones.
+"""FilterPy's filters behind the interface of estimators, case by case, as a reference.
 
-FilterPy is told what it must be told: an update begins with sigma points drawn for it, noise is
-given as a full matrix, and covariances are made symmetric again. Measurements come as differences
-from what the mean would show, which is safe for angles and directions.
+FilterPy needs some care: an update must begin with sigma points drawn for it, the noise is a full
+matrix, and covariances are made symmetric after each step. Measurements are given as differences
+from the predicted measurement of the mean, so that angles and directions do not wrap.
 
 References
 ----------
@@ -22,8 +22,8 @@ from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
 from hillsphere_estimators.differences import Layout
 from hillsphere_estimators.innovations import usable_at
-from hillsphere_estimators.linearisation import sensitivity, shown, transition
-from hillsphere_estimators.sigma_points import considered
+from hillsphere_estimators.linearisation import predict_measurement, sensitivity, transition
+from hillsphere_estimators.sigma_points import update_mask
 from hillsphere_estimators.specs import SequentialExtendedSpec, SequentialUnscentedSpec
 
 __all__ = ["SequentialExtended", "SequentialUnscented"]
@@ -59,20 +59,20 @@ class SequentialUnscented:
             one.Q = noise[k] @ noise[k].T
             one.predict(dt=float(t_to_s[k] - belief.t_s[k]), fx=forward)
             made.append((one.x, one.P))
-        return _joined(made, t_to_s)
+        return _join_cases(made, t_to_s)
 
     def update(
         self, model: EstimationModel, belief: Belief, measurements: MeasurementSet
     ) -> tuple[Belief, Innovation]:
         """Return the belief after measurements; see `hillsphere.interfaces.Estimator`."""
 
-        def updated(k: int, offs: Callable[[Array], Array], z: Array, R: Array) -> Any:
+        def update_case(k: int, offs: Callable[[Array], Array], z: Array, R: Array) -> Any:
             one = self._filter(belief, k, len(z))
             one.sigmas_f = one.points_fn.sigma_points(one.x, one.P)
             one.update(z, R=R, hx=offs)
             return one
 
-        return _updated(model, belief, measurements, updated)
+        return _update_cases(model, belief, measurements, update_case)
 
     def _filter(self, belief: Belief, k: int, rows: int) -> Any:
         kalman, n, spec = _filterpy(), len(belief.x), self.spec
@@ -107,7 +107,7 @@ class SequentialExtended:
             one.predict()
             # the library moves the mean by F alone; the motion itself is not linear
             made.append((there[:, k], one.P))
-        return _joined(made, t_to_s)
+        return _join_cases(made, t_to_s)
 
     def update(
         self, model: EstimationModel, belief: Belief, measurements: MeasurementSet
@@ -116,12 +116,12 @@ class SequentialExtended:
         layout, used = usable_at(belief, measurements)
         _, slopes = sensitivity(model, belief, layout)
 
-        def updated(k: int, offs: Callable[[Array], Array], z: Array, R: Array) -> Any:
+        def update_case(k: int, offs: Callable[[Array], Array], z: Array, R: Array) -> Any:
             one = self._filter(belief, k, len(z))
             one.update(z, lambda x: slopes[k][used[:, k]], offs, R=R)
             return one
 
-        return _updated(model, belief, measurements, updated)
+        return _update_cases(model, belief, measurements, update_case)
 
     def _filter(self, belief: Belief, k: int, rows: int) -> Any:
         one = _filterpy().ExtendedKalmanFilter(len(belief.x), rows)
@@ -129,20 +129,24 @@ class SequentialExtended:
         return one
 
 
-def _updated(
+def _update_cases(
     model: EstimationModel,
     belief: Belief,
     measurements: MeasurementSet,
-    updated: Callable[[int, Callable[[Array], Array], Array, Array], Any],
+    update_case: Callable[[int, Callable[[Array], Array], Array, Array], Any],
 ) -> tuple[Belief, Innovation]:
-    """Update case by case: `updated` takes one, what states show, what was measured and its R."""
-    if considered(model, len(belief.x)) is not None:
+    """Update case by case.
+
+    `update_case` takes the number of the case, the function from a state to the predicted
+    differences, the measured differences and their covariance R; it returns FilterPy's filter.
+    """
+    if update_mask(model, len(belief.x)) is not None:
         raise InputError(
             "FilterPy's filters estimate all states, but the model has considered ones; take an "
             "estimator of type unscented or iterated_extended"
         )
     layout, used = usable_at(belief, measurements)
-    middle = shown(model, belief, layout)
+    middle = predict_measurement(model, belief, layout)
     values = np.where(measurements.present, measurements.values, middle)
     z = layout.difference(values, middle)
     m, cases = z.shape
@@ -157,19 +161,19 @@ def _updated(
         if not rows.size:
             made.append((belief.x[:, k], belief.root[k] @ belief.root[k].T))
             continue
-        offs = _offs(model, belief, layout, middle, k, rows)
-        one = updated(k, offs, z[rows, k], np.diag(measurements.sigma[rows, k] ** 2))
+        offs = _innovation_function(model, belief, layout, middle, k, rows)
+        one = update_case(k, offs, z[rows, k], np.diag(measurements.sigma[rows, k] ** 2))
         made.append((one.x, one.P))
         residual[rows, k] = one.y
         covariance[k][np.ix_(rows, rows)] = one.S
         nis[k] = one.y @ np.linalg.solve(one.S, one.y)
-    return _joined(made, belief.t_s), Innovation(residual, covariance, used, nis)
+    return _join_cases(made, belief.t_s), Innovation(residual, covariance, used, nis)
 
 
-def _offs(
+def _innovation_function(
     model: EstimationModel, belief: Belief, layout: Layout, middle: Array, k: int, rows: Any
 ) -> Callable[[Array], Array]:
-    """Return the function from a state (n,) to what it shows beside the mean, in some rows."""
+    """Return the function from a state (n,) to some rows of its measurements minus the mean's."""
     case = np.array([k])
 
     def offs(x: Array) -> Array:
@@ -179,13 +183,15 @@ def _offs(
     return offs
 
 
-def _joined(made: list[tuple[Array, Array]], t_s: Array) -> Belief:
+def _join_cases(made: list[tuple[Array, Array]], t_s: Array) -> Belief:
+    """Return the beliefs (x, P) of single cases as one, with symmetric covariances."""
     covariance = np.array([P for _, P in made])
     x = np.array([x for x, _ in made]).T
     return Belief.of(x, 0.5 * (covariance + np.swapaxes(covariance, 1, 2)), t_s)
 
 
 def _filterpy() -> Any:
+    """Import FilterPy, or raise `InputError` that says how to install it."""
     try:
         return import_module("filterpy.kalman")
     except ImportError:

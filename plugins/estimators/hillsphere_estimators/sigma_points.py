@@ -1,17 +1,20 @@
-r"""Scaled sigma points and what becomes of them, all cases in one call.
+r"""Scaled sigma points and the unscented transform, for all cases in one call.
 
-With λ = α²(n + κ) − n the points are x and x ± √(n + λ) S_j, S_j the columns of the covariance's
-root. Their images lie at y_0 and y_0 + e_i; with w = 1/(2(n + λ)) and ē = w Σ e_i
+With λ = α²(n + κ) − n the sigma points of a belief of n states are its mean x and x ± √(n + λ) S_j,
+S_j the columns of the covariance's root [1]_ [2]_. Let y_0 be the image of the mean under a
+function, y_0 + e_i the images of the others and w = 1/(2(n + λ)) their weight. Mean and covariance
+of the image are, with ē = w Σ e_i,
 
 .. math::
 
     \bar y = y_0 + \bar e, \quad
     P_y = w \sum_i e_i e_i^T + (β - α^2) \bar e \bar e^T.
 
-That is the scaled unscented transform [1]_ [2]_ written about the image of the mean instead of the
-mean of the images: the same numbers, but the weight of the middle point, −1/α² in size, has gone,
-and with it the digits that it costs and the covariance's doubtful sign. For β ≥ α² the right side
-is a sum of squares, whose root is found without forming it.
+This is the scaled unscented transform (eq. 15 of [2]_) written about the image of the mean instead
+of about the mean of the images. The result is the same, but the weight of the middle point, whose
+size is 1/α², cancels. So the digits that it costs for a small α are kept, and for β ≥ α² the
+covariance is a sum of squares: it cannot be indefinite, and its root follows from the terms without
+forming it.
 
 References
 ----------
@@ -31,22 +34,33 @@ from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array, EstimationModel, Integers
 from hillsphere_estimators.differences import Layout
 
-__all__ = ["Images", "SigmaRule", "considered", "moved", "seen", "sigma_points"]
+__all__ = [
+    "Images",
+    "SigmaRule",
+    "sigma_points",
+    "transform_measurement",
+    "transform_motion",
+    "update_mask",
+]
 
 
 @dataclass(frozen=True)
 class SigmaRule:
-    """Where sigma points lie and what they weigh.
+    """Parameters of the scaled sigma points.
 
     Parameters
     ----------
-    alpha, beta, kappa : float
-        α > 0, β ≥ α², κ > −n.
+    alpha : float
+        Scale of the points about the mean, α > 0.
+    beta : float
+        Weight of the curvature in the covariance, β ≥ α²; 2 is best for normal distributions.
+    kappa : float
+        Second scale, κ > −n.
 
     Raises
     ------
     InputError
-        If α or β is none of these: a covariance might be negative.
+        If α = 0 or β < α²: a covariance might be indefinite.
     """
 
     alpha: float = 1.0
@@ -61,7 +75,18 @@ class SigmaRule:
             )
 
     def reach(self, n: int) -> float:
-        """Return √(n + λ), how many standard deviations out the points of n states lie."""
+        """Return √(n + λ) = α √(n + κ), the distance of the points in standard deviations.
+
+        Parameters
+        ----------
+        n : int
+            Number of states.
+
+        Raises
+        ------
+        InputError
+            If κ ≤ −n.
+        """
         square = self.alpha**2 * (n + self.kappa)
         if square <= 0.0:
             raise InputError(
@@ -72,20 +97,23 @@ class SigmaRule:
 
 @dataclass(frozen=True)
 class Images:
-    """Images of the sigma points of N cases, without common parts.
+    """Images of the sigma points of N cases, separated into odd and even parts.
+
+    Of the deviations e₊ and e₋ of two opposite points the half difference is what a linear function
+    gives, the half sum comes from curvature alone.
 
     Parameters
     ----------
     middle : ndarray, shape (m, N)
-        Image of the mean.
+        Image of the mean, y_0.
     shift : ndarray, shape (m, N)
-        Mean of the images less that, ē.
+        Mean of the images minus y_0, ē.
     odd : ndarray, shape (N, n, m)
-        Half the differences between opposite points, √(2w)(e₊ − e₋)/2: rows that go with the
-        rows of Sᵀ. Their sum of products is what a linear map would give.
+        √(2w) (e₊ − e₋)/2. These rows belong to the rows of Sᵀ: their product with these is the
+        covariance of states and images.
     even : ndarray, shape (N, n + 1, m)
-        Half their sums, √(2w)(e₊ + e₋)/2, and √(β − α²) ē: what no linear map gives; it goes with
-        nothing of the states.
+        √(2w) (e₊ + e₋)/2 and, as the last row, √(β − α²) ē. These rows are uncorrelated with the
+        states.
     """
 
     middle: Array
@@ -95,7 +123,20 @@ class Images:
 
 
 def sigma_points(belief: Belief, reach: float) -> Array:
-    """Return the sigma points (n, 2n + 1, N): the mean, n points ahead, n behind."""
+    """Return the sigma points of a belief.
+
+    Parameters
+    ----------
+    belief : Belief
+        Of N cases of n states.
+    reach : float
+        √(n + λ), see `SigmaRule.reach`.
+
+    Returns
+    -------
+    ndarray, shape (n, 2n + 1, N)
+        The mean, the n points x + √(n + λ) S_j, the n points x − √(n + λ) S_j.
+    """
     n, cases = belief.x.shape
     points = np.empty((n, 2 * n + 1, cases))
     steps = reach * np.ascontiguousarray(belief.root.transpose(1, 2, 0))
@@ -106,83 +147,109 @@ def sigma_points(belief: Belief, reach: float) -> Array:
     return points
 
 
-def moved(
+def transform_motion(
     rule: SigmaRule, model: EstimationModel, belief: Belief, t_to_s: Array, control: Array
 ) -> Images:
-    """Return the images of sigma points under the motion to other times.
+    """Pass the sigma points of a belief through the motion to other times.
 
     Parameters
     ----------
     rule : SigmaRule
-        Where they lie.
+        Parameters of the sigma points.
     model : EstimationModel
-        How states move.
+        Motion model.
     belief : Belief
-        Of which they are points.
+        Of N cases of n states.
     t_to_s : ndarray, shape (N,)
-        Times, s.
+        Times to which the points move, s.
     control : ndarray, shape (p, N)
-        Controls.
+        Controls, the same for all points of a case.
 
     Returns
     -------
     Images
-        Of n rows.
+        Of n rows, without process noise.
     """
     n, cases = belief.x.shape
     reach = rule.reach(n)
     points = sigma_points(belief, reach)
     each = 2 * n + 1
     there = model.advance(
-        points.reshape(n, -1), _repeated(belief.t_s, each), _repeated(t_to_s, each),
-        _repeated(control, each), _cases(each, cases),
+        points.reshape(n, -1), _repeat_cases(belief.t_s, each), _repeat_cases(t_to_s, each),
+        _repeat_cases(control, each), _case_of_points(each, cases),
     ).reshape(n, each, cases)  # fmt: skip
-    return _images(rule, there[:, 0], there[:, 1:] - there[:, :1], reach)
+    return _form_images(rule, there[:, 0], there[:, 1:] - there[:, :1], reach)
 
 
-def seen(rule: SigmaRule, model: EstimationModel, belief: Belief, layout: Layout) -> Images:
-    """Return the images of sigma points under the measurements.
+def transform_measurement(
+    rule: SigmaRule, model: EstimationModel, belief: Belief, layout: Layout
+) -> Images:
+    """Pass the sigma points of a belief through the measurement model.
 
     Parameters
     ----------
     rule : SigmaRule
-        Where they lie.
+        Parameters of the sigma points.
     model : EstimationModel
-        What sensors show.
+        Measurement model.
     belief : Belief
-        Of which they are points.
+        Of N cases.
     layout : Layout
-        Kinds of the m rows.
+        Kinds of the m rows. Angles and directions enter as differences from the central point, so
+        that they do not wrap.
 
     Returns
     -------
     Images
-        Of m rows; those not measured may be anything.
+        Of m rows. Rows that no sensor measures at this time hold arbitrary values.
     """
     n, cases = belief.x.shape
     reach = rule.reach(n)
     points = sigma_points(belief, reach)
     each = 2 * n + 1
     shown = layout.fitting(
-        model.observe(points.reshape(n, -1), _repeated(belief.t_s, each), _cases(each, cases))
+        model.observe(
+            points.reshape(n, -1), _repeat_cases(belief.t_s, each), _case_of_points(each, cases)
+        )
     ).reshape(-1, each, cases)
-    return _images(rule, shown[:, 0], layout.difference(shown[:, 1:], shown[:, :1]), reach)
+    return _form_images(rule, shown[:, 0], layout.difference(shown[:, 1:], shown[:, :1]), reach)
 
 
-def considered(model: EstimationModel, n: int) -> Array | None:
-    """Return 1 for states that measurements change and 0 for others (n,), or None if all are."""
-    # not by the protocol: isinstance looks at every method, at each update anew
-    held = getattr(model, "considered", None)
-    if held is None:
+def update_mask(model: EstimationModel, n: int) -> Array | None:
+    """Return which states the measurements change, None if they change all.
+
+    The others are considered states (Schmidt): their uncertainty counts, but they are not
+    estimated.
+
+    Parameters
+    ----------
+    model : EstimationModel
+        Considered states are given by its attribute `considered`, if it has one.
+    n : int
+        Number of states.
+
+    Returns
+    -------
+    ndarray, shape (n,), or None
+        1 for estimated states, 0 for considered ones.
+
+    Raises
+    ------
+    InputError
+        If `considered` does not have n entries.
+    """
+    # not isinstance with the protocol, which would look up every method at each update
+    considered = getattr(model, "considered", None)
+    if considered is None:
         return None
-    held = np.asarray(held, dtype=bool)
-    if held.shape != (n,):
-        raise InputError(f"considered must be ({n},), one for each state, got {held.shape}")
-    return np.where(held, 0.0, 1.0) if held.any() else None
+    considered = np.asarray(considered, dtype=bool)
+    if considered.shape != (n,):
+        raise InputError(f"considered must be ({n},), one for each state, got {considered.shape}")
+    return np.where(considered, 0.0, 1.0) if considered.any() else None
 
 
-def _repeated(values: Array, each: int) -> Array:
-    """Return what the cases (…, N) have for `each` points of them, (…, each N)."""
+def _repeat_cases(values: Array, each: int) -> Array:
+    """Return arrays of cases (…, N) repeated for their points, (…, each · N), points slowest."""
     *rows, cases = values.shape
     many = np.empty((*rows, each, cases))
     many[...] = values[..., None, :]
@@ -190,22 +257,39 @@ def _repeated(values: Array, each: int) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _cases(each: int, cases: int) -> Integers:
-    found = np.tile(np.arange(cases), each)
-    found.flags.writeable = False
-    return found
+def _case_of_points(each: int, cases: int) -> Integers:
+    """Return the number of the case of each of `each` · N points, read-only."""
+    numbers = np.tile(np.arange(cases), each)
+    # the cached array is shared by all callers
+    numbers.flags.writeable = False
+    return numbers
 
 
-def _images(rule: SigmaRule, middle: Array, off: Array, reach: float) -> Images:
+def _form_images(rule: SigmaRule, middle: Array, off: Array, reach: float) -> Images:
+    """Separate deviations from the middle point into their odd and even parts.
+
+    Parameters
+    ----------
+    rule : SigmaRule
+        Parameters of the sigma points.
+    middle : ndarray, shape (m, N)
+        Image of the mean.
+    off : ndarray, shape (m, 2n, N)
+        Deviations e_i of the other points, the second half opposite to the first.
+    reach : float
+        √(n + λ): w = 1/(2 reach²), √(2w) = 1/reach.
+    """
     m, many, cases = off.shape
     half = many // 2
     ahead, behind = off[:, :half], off[:, half:]
     parts = np.empty((m, many + 1, cases))
     np.subtract(ahead, behind, out=parts[:, :half])
     both = np.add(ahead, behind, out=parts[:, half:many])
+    # ē = w Σ e_i over opposite pairs
     shift = both.sum(axis=1) * (0.5 / reach**2)
+    # √(2w)/2 = 1/(2 reach) makes the rows of both parts
     parts[:, :many] *= 0.5 / reach
     parts[:, many] = np.sqrt(rule.beta - rule.alpha**2) * shift
-    # contiguous by cases: what follows are products of many small matrices
+    # contiguous by cases, since products of many small matrices follow
     rows = np.ascontiguousarray(parts.transpose(2, 1, 0))
     return Images(middle, shift, rows[:, :half], rows[:, half:])

@@ -1,13 +1,14 @@
 r"""The Rauch–Tung–Striebel smoother in square-root form, linearised or by sigma points.
 
-A prediction from a belief x, P to x', P' leaves behind the gain C = Cov(x, x') P'⁻¹ and a root of
-what x' does not tell of x, W Wᵀ = P − C P' Cᵀ. Backwards from the last belief
+A belief x, P is predicted to x', P' with the cross-covariance C_x = Cov(x, x'). The smoother gain
+is C = C_x P'⁻¹, and W Wᵀ = P − C P' Cᵀ is the covariance of x given x'. Backwards from the last
+filtered belief
 
 .. math::
 
-    x_s = x + C (x'_s - x'), \quad P_s = W W^T + C P'_s C^T,
+    x_s = x + C (x'_s - x'), \quad P_s = W W^T + C P'_s C^T.
 
-a sum of squares, where the usual form takes a difference [1]_ [2]_.
+The covariance is a sum of squares, where the usual form P + C (P'_s − P') Cᵀ subtracts [1]_ [2]_.
 
 References
 ----------
@@ -26,26 +27,26 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array, EstimationModel
+from hillsphere_estimators.convergence import regular_root
 from hillsphere_estimators.linearisation import transition
-from hillsphere_estimators.resting import regular_root
 from hillsphere_estimators.roots import lower_root, upper_triangle
-from hillsphere_estimators.sigma_points import SigmaRule, moved
+from hillsphere_estimators.sigma_points import SigmaRule, transform_motion
 
-__all__ = ["Link", "link", "smoothed"]
+__all__ = ["Link", "link", "smooth"]
 
 
 @dataclass(frozen=True)
 class Link:
-    """What ties a belief to the one predicted from it.
+    """The relation of a belief to the one predicted from it.
 
     Parameters
     ----------
     predicted : Belief
         The later one, before its measurements.
     gain : ndarray, shape (N, n, n)
-        C.
+        The smoother gain C.
     rest : ndarray, shape (N, n, n)
-        W, lower triangular.
+        W, lower triangular: root of the covariance of the earlier states given the later ones.
     """
 
     predicted: Belief
@@ -60,12 +61,12 @@ def link(
     control: Array,
     rule: SigmaRule | None = None,
 ) -> Link:
-    """Predict, and keep what a smoother needs.
+    """Predict a belief and return the smoother gain with it.
 
     Parameters
     ----------
     model : EstimationModel
-        How states move.
+        Motion model.
     belief : Belief
         After its measurements.
     t_to_s : ndarray, shape (N,)
@@ -78,12 +79,12 @@ def link(
     Returns
     -------
     Link
-        Its `predicted` is what the filter of that kind predicts.
+        Its belief `predicted` is the one that the filter of that kind predicts.
 
     Raises
     ------
     InputError
-        If a state is known exactly then: nothing can be told back from it.
+        If the predicted covariance is singular, so that there is no gain.
     """
     noise = model.process_noise(belief.x, belief.t_s, t_to_s, control)
     before = np.swapaxes(belief.root, 1, 2)
@@ -91,8 +92,10 @@ def link(
         x, phi = transition(model, belief, t_to_s, control)
         odd, even = before @ np.swapaxes(phi, 1, 2), np.zeros((len(phi), 0, len(x)))
     else:
-        images = moved(rule, model, belief, t_to_s, control)
+        images = transform_motion(rule, model, belief, t_to_s, control)
         x, odd, even = images.middle + images.shift, images.odd, images.even
+    # rows of x' (left) and x (right): with [A B] = Q [U V; 0 Y], P' = Uᵀ U, C = (U⁻¹ V)ᵀ, W = Yᵀ;
+    # the noise and the curvature are rows of x' alone
     cases, n = len(before), len(x)
     k = n + even.shape[1]
     rows = np.zeros((cases, k + noise.shape[2], 2 * n))
@@ -106,8 +109,8 @@ def link(
     return Link(predicted, gain, np.swapaxes(upper[:, n:, n:], 1, 2))
 
 
-def smoothed(filtered: Sequence[Belief], links: Sequence[Link]) -> list[Belief]:
-    """Return the beliefs at all times after all measurements.
+def smooth(filtered: Sequence[Belief], links: Sequence[Link]) -> list[Belief]:
+    """Return the beliefs at all times given all measurements.
 
     Parameters
     ----------
@@ -124,17 +127,18 @@ def smoothed(filtered: Sequence[Belief], links: Sequence[Link]) -> list[Belief]:
     Raises
     ------
     InputError
-        If there is not one link between any two beliefs.
+        If there are not K − 1 links.
     """
     if len(links) != len(filtered) - 1:
         raise InputError(
             f"smoothing {len(filtered)} beliefs needs {len(filtered) - 1} links, got {len(links)}"
         )
     later = filtered[-1]
-    found = [later]
+    smoothed = [later]
     for belief, tie in zip(filtered[-2::-1], links[::-1], strict=True):
         step = tie.gain @ (later.x - tie.predicted.x).T[:, :, None]
+        # P_s = W Wᵀ + (C S'_s)(C S'_s)ᵀ
         rows = np.concatenate([tie.rest, tie.gain @ later.root], axis=2)
         later = Belief(belief.x + step[:, :, 0].T, lower_root(np.swapaxes(rows, 1, 2)), belief.t_s)
-        found.append(later)
-    return found[::-1]
+        smoothed.append(later)
+    return smoothed[::-1]

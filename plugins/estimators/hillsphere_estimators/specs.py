@@ -1,4 +1,4 @@
-"""Specs of the estimators: what a mission may write in ``[estimator.NAME]``."""
+"""Specs of the estimators: the keys of ``[estimator.NAME]`` in a mission."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ __all__ = [
 ]
 
 _GATE = (
-    "a block of measurements is left out where it lies as improbably far off as a normal number "
-    "beyond so many standard deviations; left out: none is"
+    "gate: a block of measurements is rejected if its innovation is as improbable as a normal "
+    "number beyond this many standard deviations; left out: no gate"
 )
 
 
 class _SigmaPointSpec(Spec):
-    """Scaled sigma points."""
+    """Parameters of scaled sigma points."""
 
     alpha: float = option("scale of the sigma points", default=1.0, gt=0, le=2)
     beta: float = option(
-        "weight of the curvature in the covariance; at least the square of alpha, 2 for normal "
-        "distributions",
+        "weight of the curvature in the covariance: at least the square of alpha; 2 is best for "
+        "normal distributions",
         default=2.0, ge=0, le=100,
     )  # fmt: skip
     kappa: float = option("second scale, above minus the number of states", default=0.0, le=1000)
@@ -56,27 +56,27 @@ class BatchedUnscentedSpec(_SigmaPointSpec):
     )
 
     update: Literal["plain", "tempered", "iterated"] = option(
-        "'plain': one linear update; 'tempered': the likelihood in several powers, sigma points "
-        "drawn anew between them; 'iterated': linearised again about what comes out",
+        "'plain': one linear update; 'tempered': the likelihood in several powers, with new sigma "
+        "points for each; 'iterated': linearised about the posterior, repeatedly",
         default="plain",
     )
     powers: int = option(
-        "with 'tempered', and where 'iterated' leads nowhere: at most so many; each is so small "
-        "that the curvature it sees stays below its noise, but the last, which takes what is left",
+        "most powers, with 'tempered' and where 'iterated' diverges. Each is so small that the "
+        "curvature stays below its noise, except the last one, which is the rest",
         default=64, ge=2, le=1000,
     )  # fmt: skip
     iterations: int = option(
-        "with 'iterated': at most so many; a case whose last step is still longer than one "
-        "standard deviation takes the tempered update",
+        "with 'iterated': most iterations; a case whose last step is longer than one standard "
+        "deviation takes the tempered update",
         default=10, ge=1, le=200,
     )  # fmt: skip
     tolerance_sigmas: float = option(
-        "with 'iterated': a case rests when its mean moves by less, in standard deviations",
+        "with 'iterated': a case has converged when its mean moves by less, in standard deviations",
         default=1e-3, gt=0,
     )  # fmt: skip
     gate_sigmas: float | None = option(
-        f"{_GATE}. Where the curvature of what is expected exceeds the noise (a wide belief) a "
-        "block is taken unseen",
+        f"{_GATE}. Where the curvature of the predicted measurement exceeds its noise (a wide "
+        "belief) a block is accepted without a test",
         default=None, gt=0, le=30,
     )  # fmt: skip
 
@@ -86,9 +86,11 @@ class IteratedExtendedSpec(Spec):
 
     examples = ({}, {"iterations": 30, "gate_sigmas": 5})
 
-    iterations: int = option("at most so many; 1 is the plain extended filter", default=20, ge=1)
+    iterations: int = option("most iterations; 1: the extended Kalman filter", default=20, ge=1)
     tolerance_sigmas: float = option(
-        "a case rests when its mean moves by less, in standard deviations", default=1e-8, gt=0
+        "a case has converged when its mean moves by less, in standard deviations",
+        default=1e-8,
+        gt=0,
     )
     gate_sigmas: float | None = option(_GATE, default=None, gt=0, le=30)
 
@@ -98,9 +100,11 @@ class InformationSpec(Spec):
 
     examples = ({}, {"iterations": 30})
 
-    iterations: int = option("at most so many relinearisations", default=20, ge=1)
+    iterations: int = option("most relinearisations", default=20, ge=1)
     tolerance_sigmas: float = option(
-        "a case rests when its mean moves by less, in standard deviations", default=1e-8, gt=0
+        "a case has converged when its mean moves by less, in standard deviations",
+        default=1e-8,
+        gt=0,
     )
 
 

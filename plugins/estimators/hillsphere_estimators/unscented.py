@@ -1,30 +1,35 @@
-"""The unscented Kalman filter in square-root form, on all cases at once.
+"""The unscented Kalman filter in square-root form, for all cases at once.
 
-Prediction and update are one orthogonal triangularisation each, of rows whose products are the
-covariance: no covariance is formed and none is subtracted. With the rows [Z X] of expected
-measurements and states in units of the noise, and the unit matrix for the noise,
+Prediction and update are one QR decomposition each, of rows whose products are the covariance. No
+covariance is formed or subtracted, so that none becomes indefinite. With the rows [Z X] of
+predicted measurements and states in units of the noise, and the unit matrix for the noise itself,
 
     [Z X; 1 0] = Q [U V; 0 W],  U upper triangular,
 
-the innovation's covariance is Uᵀ U, the gain (U⁻¹ V)ᵀ, and W is the root of the updated covariance.
+the innovation covariance is Uᵀ U, the gain (U⁻¹ V)ᵀ, and Wᵀ W the updated covariance.
 
-Where a prior is wide beside what the measurements see, one linear update is inconsistent: it takes
-the slope at the prior for that at the posterior. Two ways out are offered: the likelihood in
-several powers, each small enough to be nearly linear, with sigma points drawn anew [1]_; or
-linearisation about the posterior, repeated until it rests [2]_. The latter is Gauss's and Newton's
-method: undamped it may leap to and fro for ever. So a long step to x is halved until, with the
-spread of the points and the curvature Ω that they have seen held, it lessens [3]_
+The linear update takes the mean slope over the prior for the slope at the posterior. It is
+inconsistent where the prior is so wide that the measurements are curved across it. Two remedies are
+offered:
+
+- "tempered": the likelihood is applied in several powers, each small enough for curvature to stay
+  below the noise, with new sigma points for each (progressive Bayes, [1]_);
+- "iterated": the measurements are linearised about the posterior, repeatedly (posterior
+  linearisation filter, [2]_).
+
+The second is a Gauss-Newton iteration, which may diverge or oscillate. A long step to x is
+therefore halved until it reduces [3]_
 
     |S⁻¹ (x − x̄)|² + ν(x)ᵀ (1 + Ω)⁻¹ ν(x),
 
-S the root of the prior covariance and ν what was measured minus the mean of what the points about x
-show, in units of the noise. A case that still leaps when its iterations run out takes the update
-in powers.
+S the root of the prior covariance, ν the innovation in units of the noise, and Ω the covariance of
+the curvature over the sigma points, which is held during the halving. A case that has still not
+converged after all iterations takes the tempered update.
 
 References
 ----------
-.. [1] Progressive Bayes: Hanebeck, Briechle, Rauh (2003), Progressive Bayes: a new framework for
-   nonlinear state estimation, SPIE 5099.
+.. [1] Hanebeck, Briechle, Rauh (2003), Progressive Bayes: a new framework for nonlinear state
+   estimation, SPIE 5099.
 .. [2] García-Fernández, Svensson, Morelande, Särkkä (2015), Posterior linearization filter:
    principles and implementation using sigma points, IEEE Trans. Signal Processing 63(20).
 .. [3] Raitoharju, Svensson, García-Fernández, Piché (2018), Damped posterior linearization filter,
@@ -42,25 +47,40 @@ from numpy.typing import NDArray
 
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
-from hillsphere_estimators.gauss_newton import SHORT, shortened
-from hillsphere_estimators.innovations import Expected, about_prior, gated, usable_at, whitened
-from hillsphere_estimators.resting import distance, regular_root, rested
-from hillsphere_estimators.roots import cleaned, lower_root, triangularised, unit
-from hillsphere_estimators.sigma_points import Images, SigmaRule, considered, moved, seen
+from hillsphere_estimators.convergence import freeze_converged, regular_root, step_in_sigmas
+from hillsphere_estimators.gauss_newton import NEVER_HALVED_SIGMAS, halve_rising_steps
+from hillsphere_estimators.innovations import (
+    WhitenedInnovation,
+    apply_gate,
+    refer_to_prior,
+    usable_at,
+    whiten,
+)
+from hillsphere_estimators.roots import fix_signs, lower_root, triangularise, unit
+from hillsphere_estimators.sigma_points import (
+    Images,
+    SigmaRule,
+    transform_measurement,
+    transform_motion,
+    update_mask,
+)
 from hillsphere_estimators.specs import BatchedUnscentedSpec
 
-__all__ = ["BatchedUnscented", "absorbed", "predicted"]
+__all__ = ["BatchedUnscented", "belief_of_images", "linear_update"]
 
-Expectation: TypeAlias = Callable[[Belief, NDArray[np.bool_]], Expected]
+InnovationAt: TypeAlias = Callable[[Belief, NDArray[np.bool_]], WhitenedInnovation]
 
-_GROWTH = 10.0
-"""Of one power of the likelihood to the next, at most."""
-_LEAP = 1.0
-"""Last step, in standard deviations, beyond which an iteration leads nowhere."""
+_POWER_GROWTH = 10.0
+"""Largest factor from one power of the likelihood to the next. The curvature at a belief says
+little of the error that the powers before have left, so that a power that grows at once to all that
+is left is again inconsistent; with a factor near 1 the number of powers grows for nothing."""
+_DIVERGING_SIGMAS = 1.0
+"""Last step, in standard deviations, beyond which a case counts as diverging and is updated in
+powers. Shorter steps move within the posterior, where either update is as good."""
 
 
 class BatchedUnscented:
-    """An unscented Kalman filter (see the module); `hillsphere.interfaces.Estimator`.
+    """An unscented Kalman filter in square-root form; `hillsphere.interfaces.Estimator`.
 
     Parameters
     ----------
@@ -76,9 +96,9 @@ class BatchedUnscented:
         self, model: EstimationModel, belief: Belief, t_to_s: Array, control: Array
     ) -> Belief:
         """Return the belief at later times; see `hillsphere.interfaces.Estimator`."""
-        images = moved(self.rule, model, belief, t_to_s, control)
+        images = transform_motion(self.rule, model, belief, t_to_s, control)
         noise = model.process_noise(belief.x, belief.t_s, t_to_s, control)
-        return predicted(images, noise, t_to_s)
+        return belief_of_images(images, noise, t_to_s)
 
     def update(
         self, model: EstimationModel, belief: Belief, measurements: MeasurementSet
@@ -86,150 +106,184 @@ class BatchedUnscented:
         """Return the belief after measurements; see `hillsphere.interfaces.Estimator`."""
         spec = self.spec
         layout, used = usable_at(belief, measurements)
-        free = considered(model, len(belief.x))
+        free = update_mask(model, len(belief.x))
 
-        def expect(at: Belief, rows: NDArray[np.bool_]) -> Expected:
-            images = seen(self.rule, model, at, layout)
-            return whitened(
+        def expect(at: Belief, rows: NDArray[np.bool_]) -> WhitenedInnovation:
+            images = transform_measurement(self.rule, model, at, layout)
+            return whiten(
                 layout, measurements, rows, images.middle, images.shift, images.odd, images.even
             )
 
         first = expect(belief, used)
         if spec.gate_sigmas is not None:
-            first = gated(layout, first, spec.gate_sigmas)
+            first = apply_gate(layout, first, spec.gate_sigmas)
         if spec.update == "tempered":
-            after, nis = self._tempered(belief, first, expect, free), None
+            after, nis = self._update_tempered(belief, first, expect, free), None
         else:
-            after, nis = _weighed(belief, first, 1.0, free)
+            after, nis = _linear_update_with_nis(belief, first, 1.0, free)
         if spec.update == "iterated":
-            after = self._iterated(belief, after, first, expect, free)
+            after = self._update_iterated(belief, after, first, expect, free)
         return after, first.innovation(measurements.sigma, nis)
 
-    def _tempered(
-        self, belief: Belief, first: Expected, expect: Expectation, free: Array | None
+    def _update_tempered(
+        self, belief: Belief, first: WhitenedInnovation, expect: InnovationAt, free: Array | None
     ) -> Belief:
-        """Take the likelihood power by power, each such that curvature stays below the noise.
+        """Apply the likelihood in powers that add up to 1, each with new sigma points.
 
-        The power may not grow too fast either: the curvature at one power's belief says little of
-        the error that the powers before have left.
+        A power is the largest for which the variance that curvature adds stays below that of the
+        noise divided by the power. The last power is what is left, whatever the curvature.
+
+        Parameters
+        ----------
+        belief : Belief
+            Before the measurements.
+        first : WhitenedInnovation
+            The innovation at that belief, after the gate.
+        expect : callable
+            (belief, used rows) → innovation there.
+        free : ndarray, shape (n,), or None
+            See `update_mask`.
         """
         after, left = belief, np.ones(len(belief.t_s))
         last = np.full(left.shape, np.inf)
         for k in range(self.spec.powers):
             expected = expect(after, first.used) if k else first
+            # largest variance that curvature adds to a row, in units of the noise's
             bend = np.sum(expected.bent**2, axis=1).max(axis=1, initial=0.0)
-            power = np.minimum(np.minimum(1.0 / np.maximum(bend, 1.0), _GROWTH * last), left)
+            power = np.minimum(np.minimum(1.0 / np.maximum(bend, 1.0), _POWER_GROWTH * last), left)
+            # the powers have run out: the likelihood must be applied as a whole
             if k == self.spec.powers - 1:
                 power = left
-            after = rested(left > 0.0, absorbed(after, expected, power, free), after)
+            after = freeze_converged(left > 0.0, linear_update(after, expected, power, free), after)
             left, last = left - power, power
             if not left.any():
                 break
         return after
 
-    def _iterated(
+    def _update_iterated(
         self,
         belief: Belief,
         after: Belief,
-        first: Expected,
-        expect: Expectation,
+        first: WhitenedInnovation,
+        expect: InnovationAt,
         free: Array | None,
     ) -> Belief:
-        """Linearise about the posterior until it rests; see the module."""
+        """Repeat the update with the measurements linearised about the posterior; see the module.
+
+        Parameters
+        ----------
+        belief, after : Belief
+            Before the measurements, and after the first linear update.
+        first : WhitenedInnovation
+            The innovation at the prior, after the gate.
+        expect : callable
+            (belief, used rows) → innovation there.
+        free : ndarray, shape (n,), or None
+            See `update_mask`.
+        """
         moving = np.ones(len(belief.t_s), dtype=bool)
         far = np.zeros(len(belief.t_s))
         for _ in range(1, self.spec.iterations):
             expected = expect(after, first.used)
-            there = absorbed(belief, _about(after, belief, expected), 1.0, free)
-            far = distance(there, after)
-            # far may be NaN; a step that leaves states out does not lessen the sum that is watched
-            long = moving & ~(far <= SHORT)
+            there = linear_update(belief, _relinearise(after, belief, expected), 1.0, free)
+            far = step_in_sigmas(there, after)
+            # far may be NaN: compared so that it counts as long. With considered states the step is
+            # not that of Gauss and Newton and need not reduce the sum of squares: no damping.
+            long = moving & ~(far <= NEVER_HALVED_SIGMAS)
             if free is None and long.any():
-                rises = _rising(belief, after, expected, expect)
-                there = shortened(after, there, long, rises)
-            after = rested(moving, there, after)
+                rises = _rise_test(belief, after, expected, expect)
+                there = halve_rising_steps(after, there, long, rises)
+            after = freeze_converged(moving, there, after)
             moving &= ~(far <= self.spec.tolerance_sigmas)
             if not moving.any():
                 return after
-        leaping = moving & ~(far <= _LEAP)
+        leaping = moving & ~(far <= _DIVERGING_SIGMAS)
         if leaping.any():
-            after = rested(leaping, self._tempered(belief, first, expect, free), after)
+            after = freeze_converged(
+                leaping, self._update_tempered(belief, first, expect, free), after
+            )
         return after
 
 
-def predicted(images: Images, noise: Array, t_s: Array) -> Belief:
-    """Return the belief that images of sigma points and process noise make.
+def belief_of_images(images: Images, noise: Array, t_s: Array) -> Belief:
+    """Return the predicted belief of images of sigma points and process noise.
 
     Parameters
     ----------
     images : Images
-        Of n rows.
+        Of n rows, from `transform_motion`.
     noise : ndarray, shape (N, n, r)
-        Roots of the noise's covariance.
+        Roots of the covariance of the process noise.
     t_s : ndarray, shape (N,)
-        Times, s.
+        Times of the images, s.
 
     Returns
     -------
     Belief
-        At these times.
+        Mean y_0 + ē; the covariance is the sum of the squares of all rows.
     """
     rows = np.concatenate([images.odd, images.even, np.swapaxes(noise, 1, 2)], axis=1)
     return Belief(images.middle + images.shift, lower_root(rows), t_s)
 
 
-def absorbed(
-    belief: Belief, expected: Expected, power: Array | float, free: Array | None
+def linear_update(
+    belief: Belief, expected: WhitenedInnovation, power: Array | float, free: Array | None
 ) -> Belief:
-    """Return the belief after measurements.
+    """Return the belief after the linear (Kalman) update with whitened measurements.
 
     Parameters
     ----------
     belief : Belief
-        Before.
-    expected : Expected
-        The measurements; its linear rows go with the rows of the transposed root.
+        Before the measurements.
+    expected : WhitenedInnovation
+        The innovation; its linear rows belong to the rows of the transposed root of the belief.
     power : ndarray, shape (N,), or float
-        Of the likelihood: the noise's variance is divided by it.
+        Power of the likelihood: the variance of the noise is divided by it.
     free : ndarray, shape (n,), or None
-        1 for states that are estimated, 0 for those that are only considered (Schmidt's update:
-        the optimal gain without the rows of these); None if all are.
+        1 for estimated states and 0 for considered ones, whose rows of the optimal gain are left
+        out (Schmidt's update); None if all are estimated.
 
     Returns
     -------
     Belief
-        After.
+        After the measurements.
     """
-    return _weighed(belief, expected, power, free)[0]
+    return _linear_update_with_nis(belief, expected, power, free)[0]
 
 
-def _weighed(
-    belief: Belief, expected: Expected, power: Array | float, free: Array | None
+def _linear_update_with_nis(
+    belief: Belief, expected: WhitenedInnovation, power: Array | float, free: Array | None
 ) -> tuple[Belief, Array]:
-    """Return the belief after measurements, and the normalised innovation squared (N,).
+    """Return the updated belief and the normalised innovation squared (N,).
 
-    The residual r is one more column, 0 beside Z and r beside the unit matrix: what Householder's
-    reflections make of it begins with U⁻ᵀ r.
+    The residual r is one more column of the decomposition, 0 beside Z and r beside the unit matrix.
+    The reflections turn it into a column that begins with U⁻ᵀ r, whose square is the NIS.
     """
+    # noise of variance 1/power: rows of the measurements times √power, the noise's rows stay 1
     root_power = np.sqrt(power)
     each = root_power[:, None, None] if root_power.ndim else root_power
     cases, k, m = expected.linear.shape
     bent, n = expected.bent.shape[1], len(belief.x)
     residual = (root_power * expected.residual.T).T
+    # rows: states, curvature (uncorrelated with the states), noise; columns: Z, X, residual
     rows = np.zeros((cases, k + bent + m, m + n + 1))
     np.multiply(each, expected.linear, out=rows[:, :k, :m])
     rows[:, :k, m : m + n] = np.swapaxes(belief.root, 1, 2)
     np.multiply(each, expected.bent, out=rows[:, k : k + bent, :m])
     rows[:, k + bent :, :m] = unit(m)
     rows[:, k + bent :, m + n] = residual
-    raw = triangularised(rows)
+    # the raw result is transposed: its lower triangle holds Uᵀ, Vᵀ and Wᵀ
+    raw = triangularise(rows)
     white = raw[:, m + n, :m]
     if free is None:
+        # gain times residual = Vᵀ U⁻ᵀ r
         step = raw[:, m : m + n, :m] @ white[:, :, None]
-        root = cleaned(raw[:, m : m + n, m : m + n])
+        root = fix_signs(raw[:, m : m + n, m : m + n])
     else:
         upper = np.triu(np.swapaxes(raw[:, :m, :m], 1, 2))
         gain = np.swapaxes(np.linalg.solve(upper, np.swapaxes(raw[:, m : m + n, :m], 1, 2)), 1, 2)
+        # Schmidt: considered states have no gain; the covariance is then that of X − Z Kᵀ, with the
+        # noise's rows (Joseph's form), and not the optimal W
         gain *= free[:, None]
         step = gain @ residual[:, :, None]
         states = rows[:, :, m : m + n]
@@ -238,18 +292,28 @@ def _weighed(
     return after, np.einsum("Nm,Nm->N", white, white)
 
 
-def _about(at: Belief, prior: Belief, expected: Expected) -> Expected:
-    """Return what a linearisation about one belief says of measurements expected by another."""
+def _relinearise(at: Belief, prior: Belief, expected: WhitenedInnovation) -> WhitenedInnovation:
+    """Return the innovation of a linearisation about `at` for the update of the prior.
+
+    The linear rows, of the sigma points of `at`, are divided by its root: Sᵀ H = rows, H the
+    slopes.
+    """
     slopes = np.linalg.solve(np.swapaxes(regular_root(at), 1, 2), expected.linear)
-    return about_prior(prior, at.x, replace(expected, linear=np.asarray(slopes, dtype=np.float64)))
+    return refer_to_prior(
+        prior, at.x, replace(expected, linear=np.asarray(slopes, dtype=np.float64))
+    )
 
 
-def _rising(
-    prior: Belief, at: Belief, expected: Expected, expect: Expectation
+def _rise_test(
+    prior: Belief, at: Belief, expected: WhitenedInnovation, expect: InnovationAt
 ) -> Callable[[Array], NDArray[np.bool_]]:
-    """Return where states (n, N) have a greater sum of squares than a belief (see the module)."""
+    """Return the function from states (n, N) to where their sum of squares exceeds that of `at`.
+
+    The sum is that of the module; the curvature Ω is held at the value of `expected`.
+    """
     cases, _, m = expected.bent.shape
     noise = np.broadcast_to(unit(m), (cases, m, m))
+    # a root of 1 + Ω
     spread = lower_root(np.concatenate([expected.bent, noise], axis=1))
 
     def squares(x: Array, residual: Array) -> Array:

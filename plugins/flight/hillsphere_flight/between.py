@@ -1,4 +1,4 @@
-"""The largest value of cubics, as deviations run between the ends of sub-steps."""
+"""Largest values of polynomials between the ends of sub-steps, by Bernstein control points."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ _CLOSE = 1e-10
 """Relative difference of squares to which a maximum is found: 5e-11 of the value itself."""
 
 _HALVINGS = 40
-"""The gap between a cubic and its control points shrinks fourfold with every halving, so that some
-17 reach `_CLOSE`; beyond 40 nothing is left of an interval."""
+"""Halvings at most. The gap between a cubic and its control points shrinks fourfold with every
+halving, so that some 17 halvings reach `_CLOSE`; after 40 an interval is as short as rounding."""
 
 
 def hermite_points(r0: Array, v0: Array, r1: Array, v1: Array, h: Array) -> Array:
@@ -37,16 +37,16 @@ def slope_points(points: Array, v0: Array, v1: Array, h: Array) -> Array:
 
 
 def largest_square(points: Array, lane: Integers, least: Array) -> Array:
-    r"""Return the largest squares that polynomials reach, by lane.
+    r"""Return the largest squared lengths of vector polynomials, by lane.
 
     Parameters
     ----------
     points : ndarray, shape (d + 1, axes, M)
         Bernstein control points of M vector polynomials on their intervals.
     lane : ndarray of int, shape (M,)
-        To which lane each belongs.
+        Lane of each polynomial.
     least : ndarray, shape (B,)
-        Squares that the lanes are known to reach.
+        Lower bounds of the squares by lane, known beforehand.
 
     Returns
     -------
@@ -60,6 +60,8 @@ def largest_square(points: Array, lane: Integers, least: Array) -> Array:
     halved by de Casteljau's algorithm (Farin, 2002, chapter 4).
     """
     best = least.copy()
+    # Branch and bound: the end points are values of the polynomial and give lower bounds, the
+    # largest control point gives the upper bound of an interval.
     for _ in range(_HALVINGS):
         if not lane.size:
             break
@@ -67,6 +69,8 @@ def largest_square(points: Array, lane: Integers, least: Array) -> Array:
         np.maximum.at(best, lane, np.maximum(squares[0], squares[-1]))
         left = squares.max(axis=0) > best[lane] * (1.0 + _CLOSE)
         points, lane = points[:, :, left], lane[left]
+        # De Casteljau at 1/2: the first and the last points of each row of averages are the
+        # control points of the two halves.
         halves, row = [points[0]], points
         other = [points[-1]]
         while len(row) > 1:

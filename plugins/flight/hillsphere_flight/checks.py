@@ -1,4 +1,4 @@
-"""What is checked of a flight before it begins."""
+"""Checks of a flight before it begins."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from hillsphere.interfaces.control import Compensator, SynthesisedLaw
 from hillsphere.simulation import ContinuousLaw, Flights
 from hillsphere_flight.specs import ClosedLoopSpec
 
-__all__ = ["begun_after_its_end", "check", "ended_at_start", "lands"]
+__all__ = ["check", "format_end_at_start", "lands", "refuse_ended_at_start"]
 
 
 def lands(spec: ClosedLoopSpec) -> bool:
@@ -26,14 +26,14 @@ def check(spec: ClosedLoopSpec, rows: Rows, law: Compensator | ContinuousLaw, ki
     rows : Rows
         Of the plant.
     law : Compensator or ContinuousLaw
-        What commands.
+        The control law.
     kind : str
-        What it commands, in words.
+        Kind of its command, in words: ``"impulses"`` or ``"a held acceleration"``.
 
     Raises
     ------
     InputError
-        Saying which does not.
+        If they do not; the message begins with the key of the Spec at fault.
     """
     most = len(rows.positions)
     given = {"start.position_m": spec.start.position_m}
@@ -57,37 +57,44 @@ def check(spec: ClosedLoopSpec, rows: Rows, law: Compensator | ContinuousLaw, ki
     waits = isinstance(law, SynthesisedLaw) and not law.complete
     if waits and not spec.needs.controller:
         raise InputError(
-            "law: it has no controller; give it one, or the synthesis as needs.controller"
+            "law: it has no controller; give the law one, or a synthesis as needs.controller"
         )
     if spec.needs.controller and not waits:
-        raise InputError("needs.controller: the law has all that it needs; leave it out")
+        raise InputError("needs.controller: the law has a controller already; leave it out")
     if spec.design > 1 and not waits:
         raise InputError("design: the law waits for no synthesis; leave it out")
     wrong = "largest_acceleration_m_s2" if kind == "impulses" else "largest_impulse_m_s"
-    if getattr(spec.require, wrong) is not None:
+    if spec.require.limit(wrong) is not None:
         raise InputError(f"require.{wrong}: the law commands {kind}; limit those")
     missing = [name for name in others if name not in spec.start.others]
     if missing and not spec.needs.reference:
         raise InputError(f"start.others: give the value of {', '.join(missing)}")
 
 
-def begun_after_its_end(flights: Flights) -> None:
+def refuse_ended_at_start(flights: Flights) -> None:
     """Raise if the first flight ended before its law acted.
 
     Raises
     ------
     InputError
-        If it did: it begins below the ground, beyond where it has escaped, or outside of a limit.
-        `hillsphere_flight.foresight` tells it before anything runs where no product of an
-        earlier stage says where the flight begins.
+        If an event of the plant or a limit is exceeded where the flight begins. A start that is
+        known before any stage runs is refused earlier, by `hillsphere_flight.foresight`.
     """
     if flights.status[0] in ("impact", "escape", "constraint") and not flights.samples[0]:
-        raise InputError(ended_at_start("start", flights.cause[0]))
+        raise InputError(format_end_at_start("start", flights.cause[0]))
 
 
-def ended_at_start(key: str, cause: str) -> str:
-    """Return what is said of a flight that has ended where it begins."""
+def format_end_at_start(key: str, cause: str) -> str:
+    """Return the message about a flight that ends where it begins.
+
+    Parameters
+    ----------
+    key : str
+        Key of the Spec that gives the start.
+    cause : str
+        Name of the event or limit.
+    """
     return (
         f"{key}: the flight has ended where it begins, by {cause!r}; begin above the ground, and "
-        "within the distance of escape and the limits"
+        "within the escape distance and the limits"
     )

@@ -1,4 +1,4 @@
-"""The stage ``closed_loop``: a plant under a law that follows a reference, N cases at once."""
+"""The stage ``closed_loop``: a plant under a control law that follows a reference."""
 
 from __future__ import annotations
 
@@ -10,7 +10,15 @@ import numpy as np
 
 from hillsphere.base.arrays import Array
 from hillsphere.base.problems import did_you_mean
-from hillsphere.engine.course import Course, Rows, course_along, course_at
+from hillsphere.engine.course import Course, course_along, course_at
+from hillsphere.engine.flight_metrics import FlightMetric
+from hillsphere.engine.flying_stage import (
+    FlyingStage,
+    collect_histories,
+    metric_errors,
+    metric_values,
+)
+from hillsphere.engine.requirements import Judgement, judge_flights
 from hillsphere.engine.start_states import with_placed_start_of
 from hillsphere.engine.surroundings import Surroundings
 from hillsphere.errors import InputError
@@ -22,25 +30,25 @@ from hillsphere.interfaces.stages import Context
 from hillsphere.presentation import Presentation
 from hillsphere.products import ControlDesign, FlightSet
 from hillsphere.simulation import (
-    BLOCK,
     Cases,
     ContinuousLaw,
     Flights,
     SampledReference,
     Simulator,
 )
-from hillsphere_flight.checks import begun_after_its_end, check, lands
+from hillsphere_flight.checks import check, lands, refuse_ended_at_start
+from hillsphere_flight.flown_block import FlownBlock, fill_rows
 from hillsphere_flight.foresight import check_first_step, check_start
-from hillsphere_flight.histories import histories_of, with_rows
+from hillsphere_flight.histories import flight_histories, late_ends
 from hillsphere_flight.largest import Largest, PlannedEnd
 from hillsphere_flight.limits import limits_of
-from hillsphere_flight.metrics import judge, measure, metric_errors, metric_names, metric_units
+from hillsphere_flight.metrics import LANDING_METRICS, METRICS, fit_units
 from hillsphere_flight.parts import (
     Effectiveness,
     actuator_of,
     command_rows,
+    law_input_rows,
     navigation_of,
-    seen_rows,
     unit_of,
 )
 from hillsphere_flight.presentation import present_flight, warnings_of
@@ -50,11 +58,15 @@ from hillsphere_flight.specs import MOST_SAMPLES, ClosedLoopSpec
 __all__ = ["ClosedLoopStage"]
 
 _PLANT = "plant."
-_STREAM = "closed_loop"
 _SAFETY = 2.0
-"""Factor on the difference to a flight with half the steps, which is the error of the coarse one
-but for some per cent where the formula converges at its order: twice allows for where not."""
+"""Factor on the difference to a flight with half the steps. Where the integration converges at its
+order, the difference is the error of the coarser flight within some per cent; the factor 2 allows
+for flights that converge more slowly."""
+
 _ENDS = 1e-9
+"""Part of a period by which a duration may differ from whole periods by rounding alone. With less,
+one that is computed from hours or days could gain or lose a sample; a larger part would ignore a
+real rest of a period."""
 
 
 @dataclass(frozen=True)
@@ -64,23 +76,24 @@ class _Loop:
     Parameters
     ----------
     law : Compensator or ContinuousLaw
-        What commands.
+        The control law.
     course : Course
-        What is followed.
+        The reference at any time.
     planned_s : float
-        How long they are to last: until the last sample, or the end of the reference.
+        Planned duration: until the last sample, or the end of the reference if this comes first.
     site : ndarray, shape (n,), or None
-        The reference at its end, where flights that may end by an impact are to land.
+        Landing site, the end of the reference, of flights that may end by an impact.
     beyond : ndarray, shape (p,)
-        See `Course.acceleration_beyond`.
+        Acceleration of the reference beyond its end; see `Course.acceleration_beyond`.
     samples : int
-        At how many samples the law acts, those of the overtime included.
+        Number K of samples at which the law acts, those of the overtime included.
     goal : ndarray, shape (n, K + 1)
-        The reference at them, and at the end of the last.
+        Reference states at the samples and at the end of the last period, SI.
     reference : SampledReference
-        The same as the law sees it.
+        The states among them that the law sees, with the command of the reference.
     simulators : dict
-        By names of run-time parameters and number of sub-steps; filled when first needed.
+        Compiled simulations by names of run-time parameters and number of sub-steps; each is made
+        when it is first needed.
     """
 
     law: Compensator | ContinuousLaw
@@ -94,8 +107,8 @@ class _Loop:
     simulators: dict[tuple[tuple[str, ...], int], Simulator]
 
 
-class ClosedLoopStage:
-    """A plant under a law.
+class ClosedLoopStage(FlyingStage[_Loop, FlownBlock]):
+    """A plant under a control law: the nominal flight, and blocks of cases for campaigns.
 
     Parameters
     ----------
@@ -108,17 +121,19 @@ class ClosedLoopStage:
         If plant, law and Spec do not fit together.
     """
 
+    kind = "closed_loop"
+
     def __init__(self, spec: ClosedLoopSpec) -> None:
-        self.plant: Plant = spec.plant.get()
-        self.spec = spec = with_placed_start_of(spec, self.plant)
+        plant: Plant = spec.plant.get()
+        self.spec = spec = with_placed_start_of(spec, plant)
         self.law: Compensator | ContinuousLaw = spec.law.get()
-        self.rows = Rows(self.plant)
-        self._seen = seen_rows(self.rows, self.law, spec.sees)
+        super().__init__(plant)
+        self._seen = law_input_rows(self.rows, self.law, spec.sees)
         self._navigation = navigation_of(spec.navigation, self.rows, self._seen)
         self.commands = command_rows(self.plant, self.rows, self.law)
         self._actuator = actuator_of(spec.actuator, self.law, len(self.commands))
         self._effectiveness = Effectiveness(self.commands)
-        check(spec, self.rows, self.law, self._kind())
+        check(spec, self.rows, self.law, self._command_kind())
         if not self.commands:
             kind = type(self.plant).__name__
             raise InputError(f"law: {kind} has no controls on which {type(self.law).__name__} acts")
@@ -132,12 +147,19 @@ class ClosedLoopStage:
         if unknown := [name for name in spec.flight_inputs if name not in known]:
             hint = did_you_mean(unknown[0], known, otherwise="there are")
             raise InputError(f"flight_inputs: no input {unknown[0]!r}{hint}")
-        self._known: tuple[FlightSet | None, ControlDesign | None, _Loop] | None = None
+        declared = (*METRICS, *LANDING_METRICS) if lands(spec) else METRICS
+        self._metrics = fit_units(declared, self._command_units()[0])
+
+    @property
+    def metrics(self) -> tuple[FlightMetric[FlownBlock], ...]:
+        """Metrics of its flights: `LANDING_METRICS` only of those that land."""
+        return self._metrics
 
     def check_needs(self, reference: object = None, controller: object = None) -> None:
-        """Refuse a start that ends the flight, and a law that takes other values than it sees.
+        """Refuse a start that ends the flight, and a law whose input does not fit.
 
-        As far as both are known before anything runs; of a start on a reference `run` tells it.
+        Only starts that are known before any stage runs are checked; `run` checks a start on the
+        reference of an earlier stage.
         """
         spec, rows = self.spec, self.rows
         course = self._held() if spec.needs.reference is None else None
@@ -188,9 +210,9 @@ class ClosedLoopStage:
         ctx : Context
             Seed and progress.
         reference : FlightSet, optional
-            What is followed.
+            Trajectory to follow.
         controller : ControlDesign, optional
-            What a law that waits for one flies.
+            Controller of a synthesis, for a law that takes one.
 
         Returns
         -------
@@ -200,70 +222,20 @@ class ClosedLoopStage:
         Raises
         ------
         InputError
-            If the flight begins below the ground, or beyond where it has escaped.
+            If an event of the plant or a limit ends the flight before its law acts.
         """
-        loop = self._loop(reference, controller)
-        # A lane among 64 as in a campaign, so that the same case has the same bits there.
-        lanes = np.zeros(BLOCK, dtype=np.int64)
-        inputs = self.spec.flight_inputs
-        values = np.repeat(np.array([*inputs.values()], dtype=float)[:, None], BLOCK, axis=1)
-        filler = np.arange(BLOCK) > 0
-        batch = CaseBatch(lanes, lanes, filler, tuple(inputs), values, ctx.seed, _STREAM)
+        loop = self._plan(reference=reference, controller=controller)
+        batch = self._own_batch(ctx.seed, 1, self.spec.flight_inputs)
         advance = ctx.track("closed loop", loop.samples)
-        flights, largest = self._fly(loop, batch, history=True)
-        begun_after_its_end(flights)
+        block = self._fly_checked(loop, batch, history=True)
+        refuse_ended_at_start(block.flights)
         step_error = None
         if self.spec.tolerance is None:
-            finer, _ = self._fly(loop, batch, finer=True)
-            moved = (finer.x - flights.x)[self.rows.positions, 0]
+            finer = self._fly_block(loop, batch, history=False, finer=True)
+            moved = (finer.flights.x - block.flights.x)[self.rows.positions, 0]
             step_error = float(np.sqrt(np.sum(moved**2)))
         advance(loop.samples)
-        results = self._results(loop, flights, largest, batch)
-        return self._product(loop, flights, results, step_error)
-
-    def run_cases(
-        self,
-        batch: CaseBatch,
-        history: bool | Sequence[str] = False,
-        reference: FlightSet | None = None,
-        controller: ControlDesign | None = None,
-    ) -> CaseResults:
-        """Fly a block of cases.
-
-        Parameters
-        ----------
-        batch : CaseBatch
-            Inputs by the names of `case_inputs`; noise by its draws.
-        history : bool or sequence of str
-            Whether to keep every sample, or of which quantities, see `histories_of`.
-        reference : FlightSet, optional
-            What is followed.
-        controller : ControlDesign, optional
-            What a law that waits for one flies.
-
-        Returns
-        -------
-        CaseResults
-            Metrics as `hillsphere_flight.metrics.metric_names` has them.
-
-        Raises
-        ------
-        InputError
-            If the batch names something that is no input.
-        """
-        loop = self._loop(reference, controller)
-        flights, largest = self._fly(loop, batch, history=bool(history))
-        return self._results(loop, flights, largest, batch, history)
-
-    def prepare_cases(
-        self,
-        names: Sequence[str],
-        reference: FlightSet | None = None,
-        controller: ControlDesign | None = None,
-    ) -> None:
-        """Compile what `run_cases` needs for batches of these inputs."""
-        loop = self._loop(reference, controller)
-        self._simulator(loop, self._run_time(names), self.spec.substeps)
+        return self._product(loop, block, self._results(loop, batch, block), step_error)
 
     def present(
         self,
@@ -275,7 +247,7 @@ class ClosedLoopStage:
         return present_flight(product, self.spec)
 
     def case_warnings(self, product: ClosedLoopFlight) -> tuple[str, ...]:
-        """Return what the nominal flight warns of, which holds for all cases."""
+        """Return the warnings of the nominal flight that hold for all cases."""
         return tuple(warnings_of(product))
 
     def _given_start(self) -> Array:
@@ -290,16 +262,15 @@ class ClosedLoopStage:
             x[rows.names.index(name)] = value
         return x
 
-    def _loop(self, product: FlightSet | None, controller: ControlDesign | None = None) -> _Loop:
-        """Return what flights with this reference and controller share, made once."""
-        known = self._known
-        if known is not None and known[0] is product and known[1] is controller:
-            return known[2]
+    def _make_plan(
+        self, reference: FlightSet | None = None, controller: ControlDesign | None = None
+    ) -> _Loop:
+        """Return what flights with this reference and controller share."""
         law = self.law
         if controller is not None and isinstance(law, SynthesisedLaw):
             law = law.flying(controller.design(self.spec.design))
         spec, period = self.spec, self.law.period_s
-        course = self._held() if product is None else self._along(product)
+        course = self._held() if reference is None else self._along(reference)
         length = course.length_s
         if spec.samples is not None:
             samples = spec.samples
@@ -311,19 +282,17 @@ class ClosedLoopStage:
         held = spec.overtime_command == "held"
         beyond = course.acceleration_beyond(held=held)
         if spec.overtime_s:
-            # To the end of the last period, which may be later than the overtime.
+            # The last period may end later than the overtime.
             course = course.extended(samples * period - length, held=held)
         times: Array = np.arange(samples + 1, dtype=float) * period
         goal = course.at(times)
         steps = course.steps(times[:-1], period)
         command = course.command(times[:-1]) if steps is None else None
-        reference = SampledReference(goal[self._seen], command, steps)
-        loop = _Loop(law, course, planned, site, beyond, samples, goal, reference, {})
-        self._known = (product, controller, loop)
-        return loop
+        followed = SampledReference(goal[self._seen], command, steps)
+        return _Loop(law, course, planned, site, beyond, samples, goal, followed, {})
 
     def _held(self) -> Course:
-        """Return the state that is held."""
+        """Return the reference of a stage that holds one state."""
         target, rows = self.spec.target, self.rows
         x = self._start.copy()
         if target is not None and target.position_m is not None:
@@ -335,13 +304,13 @@ class ClosedLoopStage:
 
     def _along(self, product: FlightSet) -> Course:
         course = course_along(self.plant, self.rows, product, self.spec.follow)
-        if course.commanded and self._kind() == "impulses":
+        if course.commanded and self._command_kind() == "impulses":
             raise InputError(
                 "needs.reference: it comes with a command that is held, the law commands impulses"
             )
         return course
 
-    def _kind(self) -> str:
+    def _command_kind(self) -> str:
         law = self.law
         impulsive = not isinstance(law, ContinuousLaw) and law.actuation == "impulse"
         return "impulses" if impulsive else "a held acceleration"
@@ -368,15 +337,16 @@ class ClosedLoopStage:
             )
         return loop.simulators[names, substeps]
 
-    def _fly(
-        self, loop: _Loop, batch: CaseBatch, *, history: bool = False, finer: bool = False
-    ) -> tuple[Flights, Largest]:
-        """Fly a batch; return the flights, and what was largest in them."""
+    def _compile(self, loop: _Loop, names: Sequence[str]) -> Simulator:
+        """Compile the simulation of cases that differ in these inputs."""
+        return self._simulator(loop, self._run_time(names), self.spec.substeps)
+
+    def _fly_block(
+        self, loop: _Loop, batch: CaseBatch, *, history: bool, finer: bool = False
+    ) -> FlownBlock:
+        """Fly a block; with twice as many sub-steps if `finer` is set."""
         spec = self.spec
-        known = {q.name for q in self.case_inputs()}
-        if unknown := [name for name in batch.names if name not in known]:
-            raise InputError(f"closed_loop has no input {', '.join(unknown)}")
-        # In the plant's order, whatever that of the batch: one compiled map for all.
+        # The plant's order of names: batches with another order share the compiled simulation.
         names = self._run_time(batch.names)
         p = np.array([batch.value(_PLANT + name, 0.0) for name in names])
         width = len(batch.numbers)
@@ -402,7 +372,7 @@ class ClosedLoopStage:
         final = floor(loop.planned_s / period * (1.0 + _ENDS)) if spec.overtime_s else loop.samples
         between = None
         if spec.overtime_s and loop.planned_s - final * period > _ENDS * period:
-            impulses = self._kind() == "impulses"
+            impulses = self._command_kind() == "impulses"
             between = PlannedEnd(
                 loop.course, loop.planned_s, loop.beyond, final, period,
                 impulses=impulses, total=width,
@@ -420,79 +390,70 @@ class ClosedLoopStage:
             limits=limits_of(spec.limits, self.rows, loop.course, begun),
             observer=seen,
         )
-        return flights, seen
-
-    def _results(
-        self,
-        loop: _Loop,
-        flights: Flights,
-        largest: Largest,
-        batch: CaseBatch,
-        history: bool | Sequence[str] = False,
-    ) -> CaseResults:
-        begun = batch.value("start_time", self.spec.start.time_s)
-        goal = _goal_of(loop, flights, begun)
-        values = measure(self.rows, flights, goal, begun, loop.planned_s, largest, loop.site)
-        errors = metric_errors(
+        return FlownBlock(
             self.rows,
-            self.plant.scales.of(self.plant.states),
             flights,
-            values,
-            self.law.period_s,
-            held=self._kind() != "impulses",
-        )
-        required = self.spec.success, self.spec.require
-        limit = self.spec.largest_step_error
-        status, cause, failed = judge(flights, values, *required, errors, limit)
-        # Estimates are sums of bounds: what they leave open is flown with half the steps.
-        left = (np.array(status) == "step_error") & (np.array(cause) != "")
-        if left.any() and self.spec.tolerance is None:
-            finer, its_largest = self._fly(loop, batch, finer=True)
-            its_goal = _goal_of(loop, finer, begun)
-            again = measure(
-                self.rows, finer, its_goal, begun, loop.planned_s, its_largest, loop.site
-            )
-            alike = left & (np.array(finer.status) == np.array(flights.status))
-            moved = np.where(alike, _SAFETY * np.abs(again - values), np.inf)
-            errors = np.fmin(errors, moved)
-            status, cause, failed = judge(flights, values, *required, errors, limit)
-        return CaseResults(
-            metric_names(loop.site is not None),
-            metric_units(self._command_units()[0], loop.site is not None),
-            values,
-            status,
-            cause,
-            failed,
-            self._histories(loop, flights, goal, history),
-            flights.step_error,
-        )
-
-    def _histories(
-        self, loop: _Loop, flights: Flights, goal_end: Array, history: bool | Sequence[str]
-    ) -> Histories | None:
-        """Return what was kept of the quantities that are wanted."""
-        if flights.history is None or not history:
-            return None
-        return histories_of(
-            flights,
-            self.rows,
             loop.goal,
-            goal_end,
+            _final_goal(loop, flights, begun),
+            begun,
+            loop.planned_s,
+            seen,
+            loop.site,
+            self.plant.scales.of(self.plant.states),
+            period,
+            len(self.commands),
+            self._command_kind() == "impulses",
+        )
+
+    def _judge(self, loop: _Loop, batch: CaseBatch, block: FlownBlock, values: Array) -> Judgement:
+        """Return statuses, causes and failures of flights; see `judge_flights`."""
+        errors = metric_errors(self.metrics, block)
+        judged = self._judge_within(block, values, errors)
+        # The estimates are sums of bounds. Flights that they leave undecided are flown again with
+        # half the steps, and the difference between both gives a closer estimate.
+        left = (np.array(judged[0]) == "step_error") & (np.array(judged[1]) != "")
+        if left.any() and self.spec.tolerance is None:
+            finer = self._fly_block(loop, batch, history=False, finer=True)
+            again = metric_values(self.metrics, finer)
+            alike = left & (np.array(finer.flights.status) == np.array(block.flights.status))
+            moved = np.where(alike, _SAFETY * np.abs(again - values), np.inf)
+            judged = self._judge_within(block, values, np.fmin(errors, moved))
+        return judged
+
+    def _judge_within(self, block: FlownBlock, values: Array, errors: Array) -> Judgement:
+        """Return the judgement of flights with metrics (m, N) that have these errors (m, N)."""
+        spec = self.spec
+        return judge_flights(
+            block.flights, self.metrics, values, errors, spec.require, spec.success,
+            spec.largest_step_error,
+        )  # fmt: skip
+
+    def _histories(self, loop: _Loop, block: FlownBlock, wanted: bool | Sequence[str]) -> Histories:
+        """Return the histories that are wanted; see `flight_histories`."""
+        assert block.flights.history is not None
+        quantities = flight_histories(
+            self.rows.names,
+            [unit_of(v) for v in self.plant.states],
             self._seen,
             self.commands,
-            [unit_of(v) for v in self.plant.states],
             self._command_units(),
-            history,
         )
+        time_s = block.flights.history.time_s
+        return collect_histories(quantities, block, time_s, wanted, late_ends(block.flights))
+
+    def _step_error(self, block: FlownBlock) -> Array:
+        """Return the estimated step error (N,) in natural units of the plant."""
+        return block.flights.step_error
 
     def _command_units(self) -> list[str]:
-        if self._kind() == "impulses":
+        if self._command_kind() == "impulses":
             return ["m/s"] * len(self.commands)
         return [unit_of(v) for v in self.plant.controls]
 
     def _product(
-        self, loop: _Loop, flights: Flights, results: CaseResults, step_error: float | None
+        self, loop: _Loop, block: FlownBlock, results: CaseResults, step_error: float | None
     ) -> ClosedLoopFlight:
+        flights = block.flights
         history = flights.history
         assert history is not None
         x = history.x[:, :, 0]
@@ -512,9 +473,9 @@ class ClosedLoopStage:
             time_s=history.time_s[:, 0],
             x=x,
             goal=loop.goal,
-            seen=with_rows(history.y[:, :, 0], len(self._seen)),
-            u=with_rows(history.u[:, :, 0], len(self.commands)),
-            own=with_rows(history.own[:, :, 0], len(self.commands)),
+            seen=fill_rows(history.y[:, :, 0], len(self._seen)),
+            u=fill_rows(history.u[:, :, 0], len(self.commands)),
+            own=fill_rows(history.own[:, :, 0], len(self.commands)),
             feedforward=loop.course.command(
                 np.arange(loop.samples, dtype=float) * self.law.period_s
             ),
@@ -545,7 +506,7 @@ class ClosedLoopStage:
 
 
 def _periods(duration_s: float, period_s: float) -> int:
-    """Return how many whole periods, one at least, last so long; `InputError` if too many."""
+    """Return the number of whole periods of a duration, at least one; `InputError` if too many."""
     periods = duration_s / period_s * (1.0 - _ENDS)
     if not periods <= MOST_SAMPLES:
         raise InputError(
@@ -555,8 +516,8 @@ def _periods(duration_s: float, period_s: float) -> int:
     return max(1, ceil(periods))
 
 
-def _goal_of(loop: _Loop, flights: Flights, begun: Array) -> Array:
-    """Return the states (n, N) that were to be reached where flights ended."""
+def _final_goal(loop: _Loop, flights: Flights, begun: Array) -> Array:
+    """Return the reference states (n, N) at the ends of flights, SI."""
     goal = np.repeat(loop.goal[:, -1:], len(begun), axis=1)
     short = np.array(flights.status) != "completed"
     if short.any():

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.ndimage import zoom
 
 from hillsphere.base.arrays import Array
+from hillsphere.base.constants import DAY_S, HOUR_S
 from hillsphere.presentation import PALETTE
 from hillsphere_flight.histories import NOWHERE
 from hillsphere_flight.products import ClosedLoopFlight
@@ -21,14 +22,20 @@ __all__ = ["draw_accelerations", "draw_command", "draw_errors", "draw_path", "ha
 
 _COLOURS = ("blue", "vermillion", "green", "purple", "orange", "sky", "black")
 _LONG_H = 72.0
+"""Hours beyond which the axis of time is in days: three-digit hours are hard to read."""
+
 _NEAR = 3.0
-"""A limit is drawn if the flight comes within this factor of it; else it would hide the flight."""
+"""A limit is drawn if it is at most this factor above the largest error: a higher line would
+press the errors to the bottom of the figure."""
 _ARROWS, _ARROW = 14, 0.35
-"""Accelerations drawn along a path, and the longest of them as a part of its length."""
+"""Number of accelerations drawn along a path, and the length of the longest of them as a part of
+the extent of the path: more or longer arrows cross each other."""
 _FINER = 4
-"""Finer mesh of a body's surface where only a part of it is shown."""
+"""Factor by which the mesh of a surface is refined where only a part of it is shown; the coarse
+mesh would show its facets there."""
 _FAR_KM = 1.0
-"""Flights that span less are drawn in metres about their reference."""
+"""Flights of a smaller extent, km, are drawn in metres about their reference: labels in kilometres
+would differ only in their last digits."""
 
 
 def draw_errors(figure: Figure, product: ClosedLoopFlight, spec: ClosedLoopSpec) -> None:
@@ -46,13 +53,13 @@ def draw_errors(figure: Figure, product: ClosedLoopFlight, spec: ClosedLoopSpec)
             top,
             _to_the_end(product, product.position_error_m, final["final_position_error"]),
             limits.position_error_m,
-            require.largest_position_error_m,
+            require.limit("largest_position_error_m"),
         ),
         (
             bottom,
             _to_the_end(product, product.velocity_error_m_s, final["final_velocity_error"]),
             limits.velocity_error_m_s,
-            require.largest_velocity_error_m_s,
+            require.limit("largest_velocity_error_m_s"),
         ),
     ):
         axes.plot(time, error, color=PALETTE["blue"], label="from the reference")
@@ -206,9 +213,9 @@ def _to_the_end(product: ClosedLoopFlight, samples: Array, end: Array | float) -
 
 
 def _in_units(seconds: Any, product: ClosedLoopFlight) -> Any:
-    return seconds / (86400.0 if _is_long(product) else 3600.0)
+    return seconds / (DAY_S if _is_long(product) else HOUR_S)
 
 
 def _is_long(product: ClosedLoopFlight) -> bool:
     flown = product.time_s[np.isfinite(product.time_s)]
-    return bool(flown.size and np.ptp(flown) > _LONG_H * 3600.0)
+    return bool(flown.size and np.ptp(flown) > _LONG_H * HOUR_S)

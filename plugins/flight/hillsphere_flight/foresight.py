@@ -1,4 +1,4 @@
-"""What can be told of a flight from its start alone, before any stage runs."""
+"""Checks of the start of a flight that need no product of an earlier stage."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hillsphere.interfaces.control import Compensator, SynthesisedLaw
 from hillsphere.interfaces.plant import ExternalEvents, Plant
 from hillsphere.simulation import ContinuousLaw
 from hillsphere.symbolic import constant, time, variable
-from hillsphere_flight.checks import ended_at_start
+from hillsphere_flight.checks import format_end_at_start
 from hillsphere_flight.limits import limits_of
 from hillsphere_flight.specs import ClosedLoopSpec
 
@@ -22,16 +22,16 @@ __all__ = ["check_first_step", "check_start", "events_at"]
 
 
 def events_at(plant: Plant, x: Array, t_s: float, values: Mapping[str, float]) -> dict[str, float]:
-    """Return the events of a plant at one state.
+    """Return the event functions of a plant at one state.
 
     Parameters
     ----------
     plant : Plant
-        Whose events.
+        The plant.
     x : ndarray, shape (n,)
-        The state, SI.
+        State in the frame of the plant, SI.
     t_s : float
-        Time.
+        Time, s.
     values : mapping of str to float
         Parameters of the plant that differ from nominal, SI.
 
@@ -71,53 +71,54 @@ def check_start(
     Parameters
     ----------
     plant : Plant
-        What flies.
+        The plant.
     spec : ClosedLoopSpec
-        With the limits.
+        The Spec, with its limits.
     rows : Rows
         Of the plant.
     x : ndarray, shape (n,)
         State at the start, SI; NaN where it is that of a reference.
     t_s : float
-        Time there.
+        Time there, s.
     values : mapping of str to float
         Parameters of the plant that differ from nominal, SI.
     course : Course or None
-        What is followed; None for the product of an earlier stage.
+        The reference; None if an earlier stage yields it.
 
     Raises
     ------
     InputError
-        If an event of the plant, or a limit, ends the flight at its start. It begins with the key
-        that says where that is.
+        If an event of the plant or a limit ends the flight at its start. The message begins with
+        the key of the Spec that gives the start.
     """
     key = "target" if spec.start.position_m is None and spec.target is not None else "start"
     if not np.isfinite(x[rows.positions]).all():
         return
     for name, value in events_at(plant, x, t_s, values).items():
         if value < 0.0:
-            raise InputError(ended_at_start(key, name))
-    # Of an unknown reference only the distances from the centre count: the errors are zero here.
+            raise InputError(format_end_at_start(key, name))
+    # An unknown reference is taken to pass through the start, so that only the limits on the
+    # distance from the centre can be exceeded.
     held = course_at(rows, x) if course is None else course
     for limit in limits_of(spec.limits, rows, held, np.array([t_s])):
         value = limit.value(np.array([t_s]), x[:, None], np.zeros(1, dtype=np.int64))[0]
         if value < 0.0:
-            raise InputError(ended_at_start(key, limit.name))
+            raise InputError(format_end_at_start(key, limit.name))
 
 
 def check_first_step(
     law: Compensator | ContinuousLaw, seen: Array, t_s: float, commands: int
 ) -> None:
-    """Raise if a law does not take what it sees, or commands other rows than there are.
+    """Raise if the input or the command of a law has another size than the plant.
 
     Parameters
     ----------
     law : Compensator or ContinuousLaw
-        What commands.
+        The control law.
     seen : ndarray, shape (q,)
-        What it sees at the start.
+        States that it sees at the start, SI.
     t_s : float
-        Time there.
+        Time there, s.
     commands : int
         Number of rows of a command.
 
@@ -140,6 +141,6 @@ def check_first_step(
     except InputError as error:
         raise InputError(f"law: {error}") from error
     except HillsphereError:
-        return  # of this one state; the flight tells it with its time
+        return  # the law cannot act at this state; the flight reports it with its time
     if len(u) != commands:
         raise InputError(f"law: {name} commands {len(u)} values, the plant takes {commands}")

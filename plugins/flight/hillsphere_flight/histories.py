@@ -1,145 +1,97 @@
-"""Flights sample by sample, under the names by which a campaign asks for them."""
+"""Quantities over time of flights, under the names by which a campaign asks for them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.base.arrays import Array
-from hillsphere.engine.course import Rows
-from hillsphere.engine.simulation.flow import thrust_vectors
-from hillsphere.interfaces.cases import Histories, histories_to_keep
+from hillsphere.engine.flight_metrics import FlightHistory
 from hillsphere.simulation import Flights
+from hillsphere_flight.flown_block import FlownBlock, append_end, fill_rows
+from hillsphere_flight.metrics import HISTORIES, fit_units
 
-__all__ = ["NOWHERE", "histories_of", "with_rows"]
+__all__ = ["NOWHERE", "flight_histories", "late_ends"]
 
 NOWHERE = ("diverged", "step_size", "unresolved", "time_limit")
-"""Statuses of flights that came to no end of their own: where they were last is no place."""
+"""Statuses of flights that came to no end of their own: their last state is no place."""
 
 
-def histories_of(
-    flights: Flights,
-    rows: Rows,
-    goal: Array,
-    goal_end: Array,
+def flight_histories(
+    states: Sequence[str],
+    state_units: Sequence[str],
     seen: Sequence[int],
     commands: Sequence[str],
-    state_units: Sequence[str],
     command_units: Sequence[str],
-    wanted: bool | Sequence[str],
-) -> Histories:
-    """Return what is wanted of the histories of N flights.
+) -> tuple[FlightHistory[FlownBlock], ...]:
+    """Return the quantities of which the stage keeps histories.
 
     Parameters
     ----------
-    flights : Flights
-        With all that was kept.
-    rows : Rows
-        Of the plant.
-    goal : ndarray, shape (n, K + 1)
-        The reference at the samples.
-    goal_end : ndarray, shape (n, N)
-        And when each flight ended.
+    states, state_units : sequence of str
+        Names and units of the states of the plant.
     seen : sequence of int
         States that the law sees.
     commands, command_units : sequence of str
-        Rows of a command.
-    state_units : sequence of str
-        Of the plant's states.
-    wanted : bool or sequence of str
-        All, or names and patterns.
+        Names and units of the rows of a command.
 
     Returns
     -------
-    Histories
-        The states by their names; ``seen.STATE`` and ``ref.STATE``; what is done, ``u.ROW``, and
-        what the law commands by itself, ``law.ROW``; the distance and the speed from the reference,
-        ``position_error`` and ``velocity_error``; the size of what the law commands by itself,
-        ``command``; and the Δv spent until then, ``dv``. A flight that an event or a limit ended
-        between two samples has an end, with its states, deviations and Δv then.
+    tuple of FlightHistory
+        The states by their names; ``seen.STATE`` and ``ref.STATE``, measured and reference states;
+        ``u.ROW``, the command as the actuator executes it, and ``law.ROW``, that of the law alone;
+        then `hillsphere_flight.metrics.HISTORIES`.
     """
-    history = flights.history
-    assert history is not None
-    states = rows.names
-    final = dict(zip(states, flights.x, strict=True))
-    gap = flights.x - goal_end
-    final |= {
-        "position_error": rows.distance(gap),
-        "velocity_error": rows.speed(gap),
-        "dv": flights.dv_m_s,
-    }
-    made: dict[str, tuple[str, Callable[[], Array]]] = {
-        name: (unit, partial(np.asarray, history.x[i]))
+    made = [
+        FlightHistory(name, unit, partial(_state, row=i), partial(_end_state, row=i))
         for i, (name, unit) in enumerate(zip(states, state_units, strict=True))
-    }
-    for kind, values in (("seen", history.y), ("ref", history.ref)):
-        for row, i in zip(with_rows(values, len(seen)), seen, strict=True):
-            made[f"{kind}.{states[i]}"] = state_units[i], partial(_whole, row)
-    own = with_rows(history.own, len(commands))
-    for kind, values in (("u", with_rows(history.u, len(commands))), ("law", own)):
-        for row, name, unit in zip(values, commands, command_units, strict=True):
-            made[f"{kind}.{name}"] = unit, partial(_whole, row)
-    made["position_error"] = "m", partial(_away, rows.distance, history.x, goal)
-    made["velocity_error"] = "m/s", partial(_away, rows.speed, history.x, goal)
-    made["command"] = command_units[0], partial(_size, own)
-    made["dv"] = "m/s", partial(np.asarray, history.dv_m_s)
-    names = histories_to_keep(wanted, tuple(made))
-    ended = _ended_between(flights, history.time_s)
-    nothing = np.full(len(ended), np.nan)
-    ends = np.array([final.get(name, nothing) for name in names]).reshape(len(names), len(ended))
-    return Histories(
-        history.time_s,
-        names,
-        tuple(made[name][0] for name in names),
-        np.array([made[name][1]() for name in names]),
-        np.where(ended, flights.time_s, np.nan),
-        np.where(ended, ends, np.nan),
-    )
+    ]
+    for kind, source in (("seen", "y"), ("ref", "ref")):
+        made += [
+            FlightHistory(
+                f"{kind}.{states[i]}",
+                state_units[i],
+                partial(_row_at_samples, source=source, rows=len(seen), row=row),
+            )
+            for row, i in enumerate(seen)
+        ]
+    for kind, source in (("u", "u"), ("law", "own")):
+        made += [
+            FlightHistory(
+                f"{kind}.{name}",
+                unit,
+                partial(_row_at_samples, source=source, rows=len(commands), row=row),
+            )
+            for row, (name, unit) in enumerate(zip(commands, command_units, strict=True))
+        ]
+    return (*made, *fit_units(HISTORIES, command_units[0]))
 
 
-def with_rows(values: Array, rows: int) -> Array:
-    """Return what was kept at the samples (rows, K, …): NaN if no flight lived to see one.
+def late_ends(flights: Flights) -> Array:
+    """Return when (N,) flights ended that an event or a limit ended after their last sample.
 
-    Parameters
-    ----------
-    values : ndarray, shape (rows, K, …) or (0, K, …)
-        Of `hillsphere.simulation.History`, which learns the number of rows at the first sample.
-    rows : int
-        How many there are.
+    NaN for a flight whose last sample was its end, and for one without an end of its own.
     """
-    return values if len(values) else np.full((rows, *values.shape[1:]), np.nan)
+    assert flights.history is not None
+    sound: NDArray[np.bool_] = np.array([s not in NOWHERE for s in flights.status], dtype=np.bool_)
+    last = np.fmax.reduce(flights.history.time_s, axis=0, initial=-np.inf)
+    late = sound & np.isfinite(last) & (flights.time_s > last)
+    return np.where(late, flights.time_s, np.nan)
 
 
-def _ended_between(flights: Flights, time_s: Array) -> NDArray[np.bool_]:
-    """Return which (N,) flights an event or a limit ended after their last sample.
-
-    Parameters
-    ----------
-    flights : Flights
-        How they ended.
-    time_s : ndarray, shape (K + 1, N)
-        Times of their samples; NaN after the end.
-    """
-    sound = np.array([status not in NOWHERE for status in flights.status], dtype=np.bool_)
-    last = np.fmax.reduce(time_s, axis=0, initial=-np.inf)
-    return np.asarray(sound & np.isfinite(last) & (flights.time_s > last))
+def _state(block: FlownBlock, row: int) -> Array:
+    assert block.flights.history is not None
+    return np.asarray(block.flights.history.x[row])
 
 
-def _whole(values: Array) -> Array:
-    """Return values (K, N) with a row of NaN for the end, where nothing acts."""
-    return np.concatenate([values, np.full((1, values.shape[1]), np.nan)])
+def _end_state(block: FlownBlock, row: int) -> Array:
+    return np.asarray(block.flights.x[row])
 
 
-def _away(size: Callable[[Array], Array], x: Array, goal: Array) -> Array:
-    """Return how far (K, N) states (n, K, N) are from the reference."""
-    gap = x - goal[:, :, None]
-    return size(gap.reshape(len(gap), -1)).reshape(gap.shape[1:])
-
-
-def _size(command: Array) -> Array:
-    """Return the size (K + 1, N) of commands (p, K, N): that of the largest thrust vector."""
-    each = command.reshape(thrust_vectors(len(command)), -1, *command.shape[1:])
-    return _whole(np.sqrt(np.sum(each * each, axis=1)).max(axis=0))
+def _row_at_samples(block: FlownBlock, source: str, rows: int, row: int) -> Array:
+    """Return a row (K + 1, N) of something that acts at samples."""
+    values: Array = getattr(block.flights.history, source)
+    return append_end(fill_rows(values, rows)[row])

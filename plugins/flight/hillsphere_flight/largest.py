@@ -1,4 +1,4 @@
-"""What was largest in flights: deviations from the reference, commands."""
+"""Largest deviations from the reference and largest commands over flights."""
 
 from __future__ import annotations
 
@@ -15,16 +15,18 @@ from hillsphere.engine.simulation.flow import thrust_vectors
 from hillsphere.simulation import BLOCK, Moment
 from hillsphere_flight.between import hermite_points, largest_square, slope_points
 
-__all__ = ["Largest", "PlannedEnd"]
+__all__ = ["SAME_TIME", "Largest", "PlannedEnd"]
 
-_SAME_TIME = 1e-9
+SAME_TIME = 1e-9
 """Part of a duration by which two times may differ by rounding alone."""
 
 _SHORT = 1e-3
-"""Part of a sub-step below which velocities run in a line: what is neglected is this squared."""
+"""Part of a sub-step below which the velocity is taken to be linear in time; the neglected
+curvature is of the order of its square, 1e-6."""
 
 _TOGETHER = 64
-"""Ends of sub-steps that are looked at together: calls then cost less than arithmetic."""
+"""Ends of sub-steps that are processed in one call. With fewer the overhead of calls exceeds the
+arithmetic; with more the arrays no longer fit in the cache of a core."""
 
 Flags = NDArray[np.bool_]
 OwnCommand = Callable[[Array, Array, Array], Array]
@@ -32,7 +34,7 @@ OwnCommand = Callable[[Array, Array, Array], Array]
 
 @dataclass(frozen=True, eq=False)
 class _Followed:
-    """What was flown between two samples.
+    """Trajectories of a block between two samples.
 
     Parameters
     ----------
@@ -41,7 +43,7 @@ class _Followed:
     t, y, p : ndarray, shape (S + 1, B), (rows, S + 1, B), (k, B)
         Times and states at the ends of sub-steps; parameters.
     full : ndarray, shape (S, B)
-        Length of the sub-steps where no event cut them short.
+        Lengths of the sub-steps, were they not cut short by events.
     flying, whole : ndarray of bool, shape (B,)
         Which lanes flew, and flew to the end.
     """
@@ -56,23 +58,23 @@ class _Followed:
 
 
 class PlannedEnd:
-    """Deviations when flights were to end, which is between two samples.
+    """Deviations at the planned end of flights, where it lies between two samples.
 
-    Deviations of positions from the reference run along the cubic that meets those of positions and
-    velocities at the sample before and at the one after, or at the end of a flight that ended in
-    between; deviations of velocities are its slope. For this the reference goes on beyond its end
-    at the acceleration that is given, as what flies it does: so the deviation is smooth.
+    The deviation of positions is the cubic Hermite polynomial through the deviations of positions
+    and velocities at the sample before the planned end and at the one after, or at the end of a
+    flight that ended in between. The deviation of velocities is its derivative. The reference is
+    continued beyond its end with a constant acceleration, so that the deviation stays smooth.
 
     Parameters
     ----------
     course : Course
-        What is followed.
+        The reference.
     planned_s : float
-        When they were to end.
+        Planned end, s since the start.
     acceleration : ndarray, shape (p,)
-        Beyond, m/s2.
+        Acceleration of the reference beyond its end, m/s².
     before : int
-        Number of the sample before.
+        Number of the last sample before the planned end.
     period_s : float
         Between samples.
     impulses : bool
@@ -100,7 +102,7 @@ class PlannedEnd:
         self._reached = np.zeros(total, dtype=bool)
 
     def see(self, now: Moment, place: slice, count: int) -> None:
-        """Keep what is needed of one block, cases `place`, at one of its samples."""
+        """Store the states of one block, cases `place`, at the samples around the planned end."""
         if now.k == self.before:
             x = now.x[:, :count].copy()
             if self._impulses and now.done is not None:
@@ -111,14 +113,14 @@ class PlannedEnd:
             self._reached[place] = now.flying[:count]
 
     def deviations(self, end: Array, lasted: Array) -> Array:
-        """Return those of position, m, and velocity, m/s, then (2, N).
+        """Return the deviations of position, m, and velocity, m/s, at the planned end (2, N).
 
         Parameters
         ----------
         end : ndarray, shape (n, N)
             States when flights ended.
         lasted : ndarray, shape (N,)
-            How long they lasted, s; of a flight that ended before then nothing is meant.
+            Durations, s; the result means nothing for a flight that ended before the planned end.
         """
         rows, rest = self._rows, self._rest_s
         left = lasted - self.before * self._period_s
@@ -129,6 +131,7 @@ class PlannedEnd:
         beyond, a = h - rest, self._acceleration[:, None]
         v1 = x1[rows.velocities] - a * beyond
         r1 = x1[rows.positions] - (self._goal[rows.velocities, None] + 0.5 * a * beyond) * beyond
+        # Cubic Hermite basis at s = (t − t0)/h, and its derivative divided by h.
         s = rest / h
         r = (1.0 + 2.0 * s) * (1.0 - s) ** 2 * r0 + s * (1.0 - s) ** 2 * h * v0
         r += s**2 * (3.0 - 2.0 * s) * r1 - s**2 * (1.0 - s) * h * v1
@@ -140,12 +143,13 @@ class PlannedEnd:
 
 
 class Largest:
-    """Largest deviations and commands of flights: an `Observer`, without histories.
+    """Largest deviations and commands of flights: an `Observer` that stores no histories.
 
-    Between the ends of sub-steps deviations of positions run along the cubic that meets those of
-    positions and velocities at both, deviations of velocities are its slope. A held command is the
-    same until the next sample; one that changes is taken at the ends of the sub-steps, and about
-    the largest of these along the parabola through its neighbours.
+    Within a sub-step the deviation of positions is the cubic Hermite polynomial through the
+    deviations of positions and velocities at both ends, and the deviation of velocities is its
+    derivative. A held command is constant until the next sample. A command that changes is
+    evaluated at the ends of the sub-steps; its maximum is that of the parabola through the largest
+    of these values and its two neighbours.
 
     Parameters
     ----------
@@ -160,20 +164,21 @@ class Largest:
     commands : int
         Number of rows of a command.
     planned : PlannedEnd or None
-        Of flights that may go on beyond it, where it is no sample.
+        For flights that may go on beyond the planned end, where that is no sample.
     course : Course or None
-        What is followed; None to look at samples alone.
+        The reference; None to take the values at samples only.
     planned_s : float
-        When flights were to end: what a sub-step that ends later shows does not count.
+        Planned end, s since the start; sub-steps that end later do not count.
     begun : ndarray, shape (N,), or None
-        When the flights began.
+        Start times of the flights, s.
 
     Attributes
     ----------
     deviations : ndarray, shape (2, N)
-        Of position, m, and velocity, m/s, from the reference; of several spacecraft the largest.
+        Largest deviations of position, m, and velocity, m/s, from the reference; of several
+        spacecraft the largest.
     command : ndarray, shape (N,)
-        Size of what the law commands, likewise.
+        Largest size of the command of the law, m/s² or m/s, likewise.
     """
 
     def __init__(
@@ -210,12 +215,12 @@ class Largest:
         return self._planned.deviations(end, lasted)
 
     def recorder(self, first: int, count: int) -> Recorder:
-        """Return what is told of one block."""
+        """Return the function that records one block at its samples."""
         squares = np.zeros((2 * self._vectors, BLOCK))
         place = slice(first, first + count)
         goal, order, starts, begin = self._goal, self._order, self._starts, self._first
         last, final, planned = len(goal) - 1, self._final, self._planned
-        # What is commanded at the last sample before the planned end acts until then.
+        # The command at the last sample before the planned end acts until the planned end.
         until = final - (planned is None)
 
         most = np.zeros(BLOCK)
@@ -234,7 +239,7 @@ class Largest:
                 if first in self._flush:
                     self._flush.pop(first)()
                 each = squares.reshape(2, self._vectors, BLOCK).max(axis=1)
-                # What was followed between the samples may have been larger.
+                # The sub-steps may have had larger deviations than the samples.
                 self.deviations[:, place] = np.maximum(
                     self.deviations[:, place], np.sqrt(each)[:, :count]
                 )
@@ -243,7 +248,7 @@ class Largest:
         return record
 
     def follower(self, first: int, count: int) -> Follower | None:
-        """Return what follows the sub-steps of one block."""
+        """Return the function that records one block at its sub-steps; None without a course."""
         if self._course is None or self._begun is None:
             return None
         place = slice(first, first + count)
@@ -259,7 +264,7 @@ class Largest:
         def follow(passage: Passage) -> None:
             nonlocal own
             t, y = _to_the_ends(passage)
-            # What is looked at together has sub-steps of one number.
+            # Passages that are processed together have the same number of sub-steps.
             if waiting and waiting[0].t.shape != t.shape:
                 flush()
             own, full = passage.act.own_along, np.diff(passage.t, axis=0)
@@ -299,7 +304,7 @@ class Largest:
         begins = np.flatnonzero(np.arange(len(after)) % nodes != nodes - 1)
         flying = np.repeat([one.flying for one in counted], nodes - 1, axis=0)
         full = np.concatenate([one.full for one in counted])
-        counts = (after[begins + 1] <= self._planned_s * (1.0 + _SAME_TIME)) & flying
+        counts = (after[begins + 1] <= self._planned_s * (1.0 + SAME_TIME)) & flying
         gap = x - goal
         self._follow_deviations(
             gap[:, begins], gap[:, begins + 1], after[begins + 1] - after[begins], full, counts,
@@ -329,7 +334,7 @@ class Largest:
             for vector in range(self._vectors):
                 own = control[:, vector * axes : (vector + 1) * axes]
                 bound = np.einsum("kasb,kasb->ksb", own, own).max(axis=0)
-                step, lane = np.nonzero((bound > _padded(least)) & counts)
+                step, lane = np.nonzero((bound > _pad_block(least)) & counts)
                 kept = lane < width
                 step, lane = step[kept], lane[kept]
                 if lane.size:
@@ -385,6 +390,6 @@ def _to_the_ends(passage: Passage) -> tuple[Array, Array]:
     return np.where(beyond, passage.end_t, t), np.where(beyond, passage.end_y[:, None], passage.y)
 
 
-def _padded(squares: Array) -> Array:
+def _pad_block(squares: Array) -> Array:
     """Return squares (B,) of a block that is not full, infinite where it only is filled."""
     return np.pad(squares, (0, BLOCK - len(squares)), constant_values=np.inf)

@@ -1,4 +1,4 @@
-"""What ends a flight early, as the Spec declares it."""
+"""Limits that end a flight early, as the Spec declares them."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ __all__ = ["limits_of"]
 
 
 def limits_of(spec: LimitsSpec, rows: Rows, course: Course, begun: Array) -> list[Limit]:
-    """Return what ends the flights of one batch beside the plant's events.
+    """Return the limits on the flights of one batch.
 
-    Each is a distance or speed in units of its limit, and so Lipschitz continuous: a length
-    changes by no more than the sum of the changes of its components.
+    Each is a distance or speed divided by its limit, and so Lipschitz continuous: a length changes
+    by no more than the sum of the changes of its components. The location of events relies on
+    these Lipschitz constants and on the bound `drift` of the rate of the reference.
 
     Parameters
     ----------
@@ -27,14 +28,14 @@ def limits_of(spec: LimitsSpec, rows: Rows, course: Course, begun: Array) -> lis
     rows : Rows
         Of the plant.
     course : Course
-        What is followed.
+        The reference.
     begun : ndarray, shape (N,)
-        When the cases begin; they are numbered by their place in the batch.
+        Start times of the cases, s; cases are numbered by their place in the batch.
 
     Returns
     -------
     list of Limit
-        Positive within; without dimension.
+        Without dimension, positive inside the limit.
     """
     found: list[Limit] = []
     speed, acceleration = course.fastest()

@@ -1,4 +1,4 @@
-"""Navigation, actuator and effectiveness as the Specs declare them."""
+"""Navigation, actuator and effectiveness of a control law, as the Specs declare them."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ __all__ = [
     "Effectiveness",
     "actuator_of",
     "command_rows",
+    "law_input_rows",
     "navigation_of",
-    "seen_rows",
     "unit_of",
 ]
 
 
-def seen_rows(rows: Rows, law: Compensator | ContinuousLaw, names: Sequence[str]) -> list[int]:
-    """Return which states the law sees.
+def law_input_rows(rows: Rows, law: Compensator | ContinuousLaw, names: Sequence[str]) -> list[int]:
+    """Return the states that are the input of a law.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def seen_rows(rows: Rows, law: Compensator | ContinuousLaw, names: Sequence[str]
     law : Compensator or ContinuousLaw
         One that measures continuously sees all.
     names : sequence of str
-        As asked for; none: all positions and velocities.
+        States that the mission names; empty for all positions and velocities.
 
     Returns
     -------
@@ -70,12 +70,12 @@ def seen_rows(rows: Rows, law: Compensator | ContinuousLaw, names: Sequence[str]
 
 
 def navigation_of(spec: NavigationSpec, rows: Rows, seen: Sequence[int]) -> Navigation:
-    """Return what the law sees: these states, with the errors declared.
+    """Return the navigation that feeds a law these states, with the errors declared.
 
     Parameters
     ----------
     spec : NavigationSpec
-        Errors of positions and velocities; other states are seen as they are.
+        Errors of positions and velocities; other states have none.
     rows : Rows
         Of the plant.
     seen : sequence of int
@@ -84,7 +84,7 @@ def navigation_of(spec: NavigationSpec, rows: Rows, seen: Sequence[int]) -> Navi
     Returns
     -------
     Navigation
-        Without errors it draws no numbers.
+        Without errors it draws no random numbers.
     """
     sigma = np.zeros(len(rows.names))
     sigma[rows.positions], sigma[rows.velocities] = spec.position_m, spec.velocity_m_s
@@ -111,9 +111,9 @@ def actuator_of(
     Parameters
     ----------
     spec : ActuatorSpec or None
-        None for one that does what is commanded.
+        None for a perfect actuator.
     law : Compensator or ContinuousLaw
-        Whose commands it does.
+        The law whose commands it executes.
     count : int
         Number of rows of a command: thrust vectors of three components, or one vector.
 
@@ -125,15 +125,16 @@ def actuator_of(
     Raises
     ------
     InputError
-        If the law's command is part of the equations, or of the other kind than the limits.
+        If the command of the law is part of the equations of motion, or if the limits are those of
+        impulses and the law commands accelerations, or the other way round.
     """
     if spec is None:
         return None
     if isinstance(law, ContinuousLaw):
         raise InputError(
-            "actuator: the law commands between samples, as part of the equations, so that no "
-            "actuator can come between; leave it out (actuator.gain.ROW may be dispersed all the "
-            "same), or take a law that acts at samples"
+            "actuator: the command of this law changes between samples, as part of the equations "
+            "of motion, where no actuator model applies; leave it out (actuator.gain.ROW may still "
+            "be dispersed), or take a law that acts at samples"
         )
     held = law.actuation == "hold"
     wrong = (
@@ -164,14 +165,14 @@ def actuator_of(
 
 
 class Effectiveness:
-    r"""What part of a command is done, constant over a flight: scale · turn · (gain + coupling).
+    r"""Effectiveness of the thrust, constant over a flight: scale · rotation · (gain + coupling).
 
-    Each thrust vector of three components is multiplied by its gains, to which each of its
-    components adds the same part of both others (coupling c: c (1 1ᵀ − I)), turned by the rotation
+    Each thrust vector of three components is multiplied by its gains on the diagonal and the
+    coupling c beside it, c (1 1ᵀ − I). The result is rotated by the rotation
     vector of its misalignments :math:`\theta` (Rodrigues' formula,
     :math:`R = I + \frac{\sin\theta}{\theta}[\theta]_\times +
-    \frac{1-\cos\theta}{\theta^2}[\theta]_\times^2`), and scaled. The whole command is: that of
-    the law and that of the reference.
+    \frac{1-\cos\theta}{\theta^2}[\theta]_\times^2`) and scaled. This applies to the whole
+    command, the sum of those of the law and of the reference.
 
     Parameters
     ----------
@@ -236,7 +237,10 @@ def unit_of(variable: Variable) -> str:
 
 
 def _rotation(v: Array) -> Array:
-    """Return the rotation matrices (3, 3, N) of rotation vectors (3, N)."""
+    """Return the rotation matrices (3, 3, N) of rotation vectors (3, N), rad.
+
+    Rodrigues' formula; sin θ/θ and (1 − cos θ)/θ² = ½ (sin(θ/2)/(θ/2))² are regular at θ = 0.
+    """
     zero = np.zeros(v.shape[1])
     cross = np.array([[zero, -v[2], v[1]], [v[2], zero, -v[0]], [-v[1], v[0], zero]])
     angle = np.sqrt(np.sum(v * v, axis=0))

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from hillsphere.base.constants import HOUR_S
 from hillsphere.cases.case_classes import UNDECIDED, what_left_it_undecided
-from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.engine.flight_metrics import limit_shown
+from hillsphere.presentation import Figure, Metric, Presentation
+from hillsphere.show.tables import FilledColumn, column, tabulate, text_column
 from hillsphere_flight.figures import (
     draw_accelerations,
     draw_command,
@@ -13,22 +16,19 @@ from hillsphere_flight.figures import (
     draw_path,
     has_accelerations,
 )
-from hillsphere_flight.metrics import requirement
+from hillsphere_flight.metrics import LANDING_METRICS, METRICS
 from hillsphere_flight.products import ClosedLoopFlight
 from hillsphere_flight.specs import ClosedLoopSpec
 
 __all__ = ["present_flight", "warnings_of"]
 
 _BEYOND_HILL = 0.01
-_COARSE = 1e-3
-"""Part of the largest distance from the reference that the sub-steps may cost unremarked."""
+"""Part of the distance to the primary beyond which the neglected terms of the Hill approximation,
+of that relative order, are mentioned: from 1 % on they change the third digit of a table."""
 
-_COLUMNS = (
-    Column("metric", "", "metric"),
-    Column("value", "", "value", 6),
-    Column("unit", "", "unit"),
-    Column("required", "", "at most", 6),
-)
+_COARSE = 1e-3
+"""Ratio of the step error at the end to the largest position error above which a warning stands:
+below it the step error does not change the third digit of a metric."""
 
 
 def present_flight(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> Presentation:
@@ -37,9 +37,9 @@ def present_flight(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> Presentat
     Parameters
     ----------
     product : ClosedLoopFlight
-        What is shown.
+        The nominal flight.
     spec : ClosedLoopSpec
-        What was asked for.
+        The parameters of the stage, with limits and requirements.
 
     Returns
     -------
@@ -52,19 +52,6 @@ def present_flight(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> Presentat
     def named(name: str) -> str:
         return f"{name}_{spec.label}" if spec.label else name
 
-    rows: list[dict[str, Cell]] = []
-    for name, unit, value in zip(product.metrics, product.units, product.values, strict=True):
-        most = requirement(spec.require, name)
-        if name == "final_speed" and most is None:
-            most = spec.require.touchdown_speed_m_s
-        rows.append(
-            {
-                "metric": name.replace("_", " "),
-                "value": float(value) if np.isfinite(value) else None,
-                "unit": unit,
-                "required": most,
-            }
-        )
     figures = {
         "closed_loop_errors": Figure(
             "Distance and speed from the reference",
@@ -74,7 +61,7 @@ def present_flight(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> Presentat
         "closed_loop_command": Figure(
             "Command",
             lambda canvas: draw_command(canvas, product),
-            "What the actuator did at each sample.",
+            "Command as the actuator executed it at each sample.",
         ),
     }
     if len(product.position_rows) % 3 == 0:
@@ -89,8 +76,8 @@ def present_flight(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> Presentat
         figures["closed_loop_accelerations"] = Figure(
             "Accelerations along the path",
             lambda canvas: draw_accelerations(canvas, product),
-            f"In the frame {product.frame}: what the reference commands, what the law adds, and "
-            "their sum, all to one scale, before errors of the actuator.",
+            f"In the frame {product.frame}: accelerations of the reference, of the law, and their "
+            "sum, to one scale, before errors of the actuator.",
             size_in=(7.0, 6.0),
         )
     metrics = {
@@ -103,21 +90,36 @@ def present_flight(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> Presentat
     return Presentation(
         metrics={named(name): metric for name, metric in metrics.items()},
         tables={
-            named("closed_loop"): Table("Nominal flight", _COLUMNS, rows, _notes(product, spec))
+            named("closed_loop"): tabulate(
+                "Nominal flight", _metric_columns(product, spec), _notes(product, spec)
+            )
         },
         figures={named(name): figure for name, figure in figures.items()},
         verdict=_verdict(product, spec),
     )
 
 
+def _metric_columns(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> list[FilledColumn]:
+    """Return the columns of the table of metrics, each with the limit that is set on it."""
+    declared = {metric.name: metric for metric in (*METRICS, *LANDING_METRICS)}
+    metrics = [declared[name] for name in product.metrics]
+    values = np.where(np.isfinite(product.values), product.values, np.nan)
+    return [
+        text_column("metric", [metric.label for metric in metrics], "metric"),
+        column("value", values, "value", 6, unit=""),
+        text_column("unit", product.units, "unit"),
+        column("required", [limit_shown(m, spec.require) for m in metrics], "at most", 6, unit=""),
+    ]
+
+
 def _notes(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> list[str]:
     seen = ", ".join(product.seen_states)
     return [
-        f"The law acts every {product.period_s:g} s on {seen}. Navigation and actuator err as in "
-        "case 0 of a campaign. The largest errors and commands are those over the flight, between "
-        "samples too; the largest command is what the law asks for, before the actuator limits it. "
-        "Firings are the samples at which something other than zero was done (of a continuous law "
-        "all); early is how long before its planned end the flight ended."
+        f"The law acts every {product.period_s:g} s on {seen}. Navigation and actuator errors are "
+        "those of case 0 of a campaign. Largest errors and commands are taken over the whole "
+        "flight, between samples too. The largest command is that of the law, before the limits of "
+        "the actuator. Firings count the samples with a non-zero command (of a continuous law all "
+        "samples). Early is the time from the end of the flight to its planned end."
         + _overtime(spec)
         + _inputs(spec),
         "The estimated step error is in the plant's natural units of length and velocity.",
@@ -127,35 +129,33 @@ def _notes(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> list[str]:
 def _overtime(spec: ClosedLoopSpec) -> str:
     if not spec.overtime_s:
         return ""
-    late = spec.require.late_s
+    late = spec.require.limit("late_s")
     return (
         f" A flight that has not ended with its reference goes on for at most "
-        f"{spec.overtime_s:g} s, rounded up to whole periods of the law, along the reference's "
-        f"last velocity, its command {spec.overtime_command}; early is then negative"
-        f"{'' if late is None else f', and may be no less than −{late:g} s'}, the errors at the "
-        "end are from there, and the largest are those until the reference's end."
+        f"{spec.overtime_s:g} s, rounded up to whole periods of the law. Its reference continues "
+        f"at the last velocity, with the command {spec.overtime_command}. Early is then negative"
+        f"{'' if late is None else f' and must be at least −{late:g} s'}. The errors at the end "
+        "refer to that continuation; the largest errors are those until the end of the reference."
     )
 
 
 def _inputs(spec: ClosedLoopSpec) -> str:
-    told = ", ".join(f"{name} = {value:g}" for name, value in spec.flight_inputs.items())
-    return f" It differs from nominal by {told}." if told else ""
+    changed = ", ".join(f"{name} = {value:g}" for name, value in spec.flight_inputs.items())
+    return f" Inputs that differ from nominal: {changed}." if changed else ""
 
 
 def _verdict(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> list[str]:
     ended = product.end_s
     # A flight that ended where it began saw no sample.
     begun = float(np.fmin(product.time_s[0], ended))
-    what = product.status + (f" ({product.cause.replace('_', ' ')})" if product.cause else "")
-    counted = f" after {spec.errors_from_s / 60.0:g} min" if spec.errors_from_s else ""
+    how = product.status + (f" ({product.cause.replace('_', ' ')})" if product.cause else "")
+    counted = f" (from {spec.errors_from_s / 60.0:g} min on)" if spec.errors_from_s else ""
     values = dict(zip(product.metrics, product.values.tolist(), strict=True))
     sentences = [
-        f"The {'flight' if spec.flight_inputs else 'nominal flight'}"
-        f"{f' ({spec.label})' if spec.label else ''} "
-        f"{_judgement(product)}: {what} after "
-        f"{(ended - begun) / 3600.0:.4g} h, at most "
-        f"{values['largest_position_error']:.4g} m from its reference{counted}, with "
-        f"{values['dv']:.4g} m/s of Δv."
+        f"{'Flight' if spec.flight_inputs else 'Nominal flight'}"
+        f"{f' ({spec.label})' if spec.label else ''}: {_judgement(product)}, {how} after "
+        f"{(ended - begun) / HOUR_S:.3g} h; Δv {values['dv']:.3g} m/s, largest position error "
+        f"{values['largest_position_error']:.3g} m{counted}."
     ]
     if meaning := what_left_it_undecided([product.status]):
         sentences.append(f"Meaning of {meaning}.")
@@ -165,32 +165,32 @@ def _verdict(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> list[str]:
 def _judgement(product: ClosedLoopFlight) -> str:
     reason = UNDECIDED.get(product.status)
     if reason is not None:
-        return f"is undecided, by {reason}"
-    return "failed" if product.failed else "succeeded"
+        return f"undecided ({reason})"
+    return "failure" if product.failed else "success"
 
 
 def warnings_of(product: ClosedLoopFlight) -> list[str]:
-    """Return what a reader must bear in mind of the flight, and of campaigns that repeat it."""
+    """Return warnings of the accuracy of the flight, which hold for campaigns that repeat it."""
     values = dict(zip(product.metrics, product.values.tolist(), strict=True))
     sentences: list[str] = []
     if product.step_error_m is not None and not product.step_error_m <= _COARSE * max(
         values["largest_position_error"], 1.0
     ):
         sentences.append(
-            f"With twice as many sub-steps the flight ends {product.step_error_m:.2g} m from "
-            "there: too few; raise substeps, or give a tolerance."
+            f"The integration is coarse: with twice as many sub-steps the end of the flight moves "
+            f"by {product.step_error_m:.2g} m. Raise substeps, or give a tolerance."
         )
     if product.series_radius_m is not None and product.nearest_m < product.series_radius_m:
         sentences.append(
-            f"The flight comes as near as {product.nearest_m / 1e3:.4g} km, inside the sphere of "
-            f"{product.series_radius_m / 1e3:.4g} km outside which the harmonic series is sure to "
-            "converge: its gravity is used there without that guarantee."
+            f"The smallest distance from the centre is {product.nearest_m / 1e3:.4g} km. Inside "
+            f"{product.series_radius_m / 1e3:.4g} km the harmonic series of the gravity field may "
+            "diverge."
         )
     if product.hill_distance_m is not None:
         share = product.farthest_m / product.hill_distance_m
         if share > _BEYOND_HILL:
             sentences.append(
-                f"It reaches {100 * share:.2g} % of the distance to the primary: the Hill "
+                f"The flight reaches {100 * share:.2g} % of the distance to the primary. The Hill "
                 "approximation neglects terms of that relative order."
             )
     return sentences

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 from pydantic import model_validator
 
+from hillsphere.engine import flight_metrics
 from hillsphere.engine.start_specs import StartSpec
 from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference, rule
+from hillsphere_flight.metrics import LANDING_METRICS, METRICS
 
 __all__ = [
     "ActuatorSpec",
@@ -54,7 +56,7 @@ class TargetSpec(Spec):
 
 
 class NavigationSpec(Spec):
-    """Errors of what the law sees, each axis on its own."""
+    """Errors of the states that the law sees, independent for each axis."""
 
     position_m: float = quantity("length", "standard deviation of each position", default=0.0, ge=0)
     velocity_m_s: float = quantity(
@@ -62,29 +64,32 @@ class NavigationSpec(Spec):
     )
     correlation_time_s: float = quantity(
         "time",
-        "time in which errors are forgotten (first-order Gauss-Markov); zero: they are independent "
-        "from sample to sample",
+        "correlation time of the errors (first-order Gauss-Markov process); zero: errors are "
+        "independent from sample to sample",
         default=0.0,
         ge=0,
     )
 
 
 class ActuatorSpec(Spec):
-    """Limits and errors of what is done of a command, for each thrust vector on its own."""
+    """Limits and execution errors of the thrust, for each thrust vector on its own."""
 
     magnitude: float = option(
-        "standard deviation of the size, as a fraction, new at each sample", default=0.0, ge=0, lt=1
+        "relative standard deviation of the magnitude, drawn anew at each sample",
+        default=0.0,
+        ge=0,
+        lt=1,
     )
     pointing_rad: float = quantity(
         "angle",
-        "standard deviation of the direction about each axis normal to the command, new at each "
-        "sample",
+        "standard deviation of the direction about each axis normal to the command, drawn anew at "
+        "each sample",
         default=0.0,
         ge=0,
         lt=1,
     )
     minimum_acceleration_m_s2: float = quantity(
-        "acceleration", "held laws: a smaller command is not done", default=0.0, ge=0
+        "acceleration", "held laws: a smaller command is not executed", default=0.0, ge=0
     )
     maximum_acceleration_m_s2: float | None = quantity(
         "acceleration", "held laws: a larger command is cut to this", default=None, gt=0
@@ -93,7 +98,7 @@ class ActuatorSpec(Spec):
         "acceleration", "held laws: commands are rounded to multiples of this", default=0.0, ge=0
     )
     minimum_impulse_m_s: float = quantity(
-        "speed", "impulsive laws: a smaller impulse is not done", default=0.0, ge=0
+        "speed", "impulsive laws: a smaller impulse is not executed", default=0.0, ge=0
     )
     maximum_impulse_m_s: float | None = quantity(
         "speed", "impulsive laws: a larger impulse is cut to this", default=None, gt=0
@@ -104,7 +109,7 @@ class ActuatorSpec(Spec):
 
 
 class LimitsSpec(Spec):
-    """What ends a flight, beside the events of the plant (impact, escape)."""
+    """Limits that end a flight, beside the events of the plant (impact, escape)."""
 
     position_error_m: float | None = quantity(
         "length", "largest distance from the reference (a tube about it)", default=None, gt=0
@@ -118,71 +123,27 @@ class LimitsSpec(Spec):
     distance_max_m: float | None = quantity(
         "length", "largest distance from the centre of the plant's frame", default=None, gt=0
     )
-    dv_m_s: float | None = quantity("speed", "Δv at hand", default=None, ge=0)
+    dv_m_s: float | None = quantity("speed", "Δv budget", default=None, ge=0)
 
 
-class RequirementsSpec(Spec):
-    """Largest values of metrics; a flight that ends well but beyond one of them has failed."""
-
-    dv_m_s: float | None = quantity("speed", "Δv", default=None, ge=0)
-    final_position_error_m: float | None = quantity(
-        "length", "distance from the reference at the end", default=None, gt=0
-    )
-    final_velocity_error_m_s: float | None = quantity(
-        "speed", "difference in velocity from the reference at the end", default=None, gt=0
-    )
-    largest_position_error_m: float | None = quantity(
-        "length", "largest distance from the reference over the flight", default=None, gt=0
-    )
-    largest_velocity_error_m_s: float | None = quantity(
-        "speed", "largest difference in velocity over the flight", default=None, gt=0
-    )
-    largest_acceleration_m_s2: float | None = quantity(
-        "acceleration",
-        "held and continuous laws: largest command of the law alone over the flight",
-        default=None,
-        gt=0,
-    )
-    largest_impulse_m_s: float | None = quantity(
-        "speed", "impulsive laws: the same", default=None, gt=0
-    )
-    final_speed_m_s: float | None = quantity(
-        "speed", "speed in the plant's frame at the end", default=None, gt=0
-    )
-    touchdown_speed_m_s: float | None = quantity(
-        "speed", "the same of flights that end by an impact, no others", default=None, gt=0
-    )
-    landing_miss_m: float | None = quantity(
-        "length",
-        "distance from where a flight ended to the end of the reference; of flights along one that "
-        "may end by an impact",
-        default=None,
-        gt=0,
-    )
-    early_s: float | None = quantity(
-        "time",
-        "how long before the end of the reference, or before the last sample if this is sooner, a "
-        "flight may end",
-        default=None,
-        gt=0,
-    )
-    late_s: float | None = quantity(
-        "time",
-        "how long after the end of the reference a flight may end; with overtime_s",
-        default=None,
-        gt=0,
+if TYPE_CHECKING:
+    RequirementsSpec = flight_metrics.RequirementsSpec
+else:
+    RequirementsSpec = flight_metrics.requirements_spec(
+        "RequirementsSpec", __name__, (*METRICS, *LANDING_METRICS)
     )
 
 
 class ClosedLoopSpec(StageSpec):
     """A plant under a law that follows a reference: flown once, or repeated by a campaign.
 
-    What may differ from case to case, and be dispersed or swept at run time: the plant's
-    parameters; ``state.NAME`` (the start) or ``offset.NAME`` (added to it) of each state;
-    ``start_time``; ``dv_budget`` where one is given; ``actuator.scale``, and for each row of the
+    The inputs that may differ from case to case, to be dispersed or swept, are: the parameters of
+    the plant; ``state.NAME`` (the start) or ``offset.NAME`` (added to it) of each state;
+    ``start_time``; ``dv_budget`` where one is given; ``actuator.scale``; for each row of the
     command ``actuator.gain.ROW`` (effectiveness) and ``actuator.turn.ROW`` (misalignment about that
-    axis, rad), and ``actuator.coupling`` (what part of each component the others of its thrust
-    vector get), all constant over a flight and of the whole command, the reference's included.
+    axis, rad); and ``actuator.coupling`` (the part of each component that is added to the other
+    components of its thrust vector). Those of the actuator are constant over a flight and apply to
+    the whole command, the reference's included.
     """
 
     produces = "hillsphere_flight.products:ClosedLoopFlight"
@@ -218,7 +179,7 @@ class ClosedLoopSpec(StageSpec):
 
     needs: ClosedLoopNeeds = option("products of earlier stages", default=ClosedLoopNeeds())
     plant: Ref = reference("plant", "equations of motion")
-    law: Ref = reference("compensator", "what commands")
+    law: Ref = reference("compensator", "control law")
     follow: str = option(
         "with needs.reference: name of the trajectory in it that is followed; left out: the only "
         "one",
@@ -247,7 +208,7 @@ class ClosedLoopSpec(StageSpec):
         gt=0,
     )
     samples: int | None = option(
-        "at how many samples the law acts, instead of a duration",
+        "number of samples at which the law acts, instead of a duration",
         default=None,
         ge=1,
         le=MOST_SAMPLES,
@@ -281,12 +242,12 @@ class ClosedLoopSpec(StageSpec):
     )
     most_substeps: int = option("with tolerance: the most steps", default=1024, ge=2, le=1_000_000)
     navigation: NavigationSpec = option(
-        "errors of what the law sees; left out: none", default=NavigationSpec()
+        "errors of the states that the law sees; left out: none", default=NavigationSpec()
     )
     actuator: ActuatorSpec | None = option(
-        "limits and errors of what is done of a command; left out: none", default=None
+        "limits and execution errors of the thrust; left out: none", default=None
     )
-    limits: LimitsSpec = option("what ends a flight early", default=LimitsSpec())
+    limits: LimitsSpec = option("limits that end a flight early", default=LimitsSpec())
     largest_step_error: float = option(
         "estimated step error, in the plant's natural units, beyond which a flight is undecided, "
         "neither success nor failure; where a smaller one could turn what is required, a flight "
@@ -350,9 +311,10 @@ class ClosedLoopSpec(StageSpec):
         if not self.overtime_s:
             if self.overtime_command != "held":  # also a spec made anew from all of another one
                 raise rule("overtime_command", "there is no overtime_s; leave it out")
-            if self.require.late_s is not None:
+            if self.require.limit("late_s") is not None:
                 raise rule("require", "late_s: no flight ends later without overtime_s")
-        if self.require.landing_miss_m is not None and not (given and "impact" in self.success):
+        lands = given and "impact" in self.success
+        if self.require.limit("landing_miss_m") is not None and not lands:
             raise rule(
                 "require",
                 "landing_miss_m: flights that land follow a needs.reference, with 'impact' among "

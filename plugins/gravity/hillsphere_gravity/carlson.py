@@ -26,7 +26,7 @@ the spread of the arguments over their mean: below rounding for axes up to 6:1 (
 
 
 def carlson_rf_rd(arguments: Vec3) -> tuple[Expr, Vec3]:
-    """R_F of three positive arguments and the three R_D, each of them singled out in turn.
+    """Return R_F of three positive arguments, and R_D with each of them as the last one.
 
     Parameters
     ----------
@@ -44,9 +44,11 @@ def carlson_rf_rd(arguments: Vec3) -> tuple[Expr, Vec3]:
     sums: tuple[list[Expr], list[Expr], list[Expr]] = ([], [], [])
     quarter_power = 1.0
     for _ in range(_DUPLICATIONS):
+        # x → (x + λ)/4 with λ = √x√y + √y√z + √z√x leaves R_F unchanged
         root = (sqrt(x[0]), sqrt(x[1]), sqrt(x[2]))
         shift = root[0] * root[1] + root[1] * root[2] + root[2] * root[0]
         for i in range(3):
+            # R_D(·; z) = 3/(√z (z + λ)) + ¼ R_D of the new arguments, DLMF eq. 19.26.20
             sums[i].append(constant(quarter_power) / (root[i] * (x[i] + shift)))
         x = (0.25 * (x[0] + shift), 0.25 * (x[1] + shift), 0.25 * (x[2] + shift))
         quarter_power *= 0.25
@@ -58,18 +60,22 @@ def carlson_rf_rd(arguments: Vec3) -> tuple[Expr, Vec3]:
 
 
 def _rf_series(x: Sequence[Expr]) -> Expr:
+    """Return the series of R_F for nearly equal arguments, to sixth order."""
     mean = (x[0] + x[1] + x[2]) / 3.0
     dx, dy = 1.0 - x[0] / mean, 1.0 - x[1] / mean
     dz = -(dx + dy)
+    # elementary symmetric functions of the differences, DLMF eq. 19.36.1
     e2, e3 = dx * dy - dz * dz, dx * dy * dz
     series = 1.0 - e2 / 10.0 + e3 / 14.0 + e2 * e2 / 24.0 - 3.0 * e2 * e3 / 44.0
     return series / sqrt(mean)
 
 
 def _rd_series(x: Expr, y: Expr, z: Expr) -> Expr:
+    """Return the series of R_D for nearly equal arguments, to sixth order."""
     mean = (x + y + 3.0 * z) / 5.0
     dx, dy = 1.0 - x / mean, 1.0 - y / mean
     dz = -(dx + dy) / 3.0
+    # the same with z three times, DLMF eq. 19.36.2
     xy, zz = dx * dy, dz * dz
     e2 = xy - 6.0 * zz
     e3 = (3.0 * xy - 8.0 * zz) * dz

@@ -1,4 +1,4 @@
-"""Gravity of several models together, each placed and turned."""
+"""Gravity of several models together, each with a position and an orientation."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def gravity_sum(spec: SumSpec) -> GravitySum | ArrayGravitySum:
 
 
 def rotation_zxz(alpha_rad: float, beta_rad: float, gamma_rad: float) -> Array:
-    """Matrix R₃(γ) R₁(β) R₃(α) that takes components in the sum's axes to the part's axes.
+    """Return the matrix R₃(γ) R₁(β) R₃(α) from components in the sum's axes to the part's.
 
     Parameters
     ----------
@@ -91,6 +91,7 @@ def rotation_zxz(alpha_rad: float, beta_rad: float, gamma_rad: float) -> Array:
 
 
 def _cos_sin(angle: float) -> tuple[float, float]:
+    """Return cosine and sine, exact for multiples of 90°."""
     quarters = angle / (pi / 2)
     if abs(quarters - round(quarters)) < 1e-14 * max(1.0, abs(quarters)):
         return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[round(quarters) % 4]
@@ -107,7 +108,7 @@ class _Part:
 
 
 class _Sum:
-    """What both sums share."""
+    """Common part of both sums."""
 
     frame = "body"
 
@@ -165,13 +166,14 @@ class GravitySum(_Sum):
         """Return ∇U, m/s², at the position r, m, in the frame of the sum."""
         terms = []
         for part, model, local, own in self._local(r, p):
+            # the transpose rotates back from the part's axes
             turned = matvec(part.rotation.T.tolist(), acceleration_at(model, local, own))
             terms.append([p[f"{part.name}.scale"] * component for component in turned])
         x, y, z = (sum_of(components) for components in zip(*terms, strict=True))
         return (x, y, z)
 
     def switches(self, r: Vec3, p: Params) -> tuple[Expr, ...]:
-        """Return those of all parts that change branch, where they are placed."""
+        """Return the branch functions of all parts that have branches, at their places."""
         return tuple(
             switch
             for _, model, local, own in self._local(r, p)
@@ -216,6 +218,7 @@ class ArrayGravitySum(_Sum):
         terms = []
         for part in self._parts:
             own = {q.name: p[f"{part.name}.{q.name}"] for q in part.model.parameters()}
+            # a point at `distance` is at least this far from the part's centre
             near = maximum(distance - float(np.linalg.norm(part.position_m)), 0.0)
             if isinstance(part.model, BoundedGravity):
                 most = part.model.acceleration_bound(near, own)

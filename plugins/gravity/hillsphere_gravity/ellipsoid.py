@@ -30,9 +30,11 @@ CODATA_2018_G = 6.67430e-11
 """Constant of gravitation, m³/(kg s²): Tiesinga et al. (2021), Rev. Mod. Phys. 93, 025010."""
 
 _ACOS_LIMIT = 1.0 - 1e-12
+"""Largest argument of the arc cosine in `_confocal`: at 1 its derivative is infinite. The angle
+changes by at most √(2e-12), about 1e-6, which the Newton step after it removes."""
 _ON_SURFACE = 1.0 - 8.0 * float_info.epsilon
-"""A point on the surface but for rounding has the gradient outside: what stands on a body leaves
-it upwards."""
+"""A point within rounding of the surface takes the gradient of the outside, so that a particle
+resting on the body can leave it upwards."""
 _AXIS_NAMES = ("axis_x", "axis_y", "axis_z")
 
 
@@ -87,7 +89,7 @@ class Ellipsoid:
 
     def switches(self, r: Vec3, p: Params) -> tuple[Expr, ...]:
         """Return x²/a² + y²/b² + z²/c² − 1 with the axes of `p`: inside, Λ is zero."""
-        position, squares = self._scaled(r, p)
+        position, squares = self._scale_position(r, p)
         return (_level(position, squares) - 1.0,)
 
     def parameters(self) -> tuple[Parameter, ...]:
@@ -102,14 +104,14 @@ class Ellipsoid:
 
     def potential(self, r: Vec3, p: Params) -> Expr:
         """Return +U, m²/s², at the body-fixed position r, m."""
-        position, squares = self._scaled(r, p)
+        position, squares = self._scale_position(r, p)
         rf, rd = carlson_rf_rd(_confocal(position, squares))
         moment = dot([q * q for q in position], rd)
         return self._gm(p) / self._unit * (1.5 * rf - 0.5 * moment)
 
     def acceleration(self, r: Vec3, p: Params) -> Vec3:
         """Return ∇U, m/s², at the body-fixed position r, m."""
-        position, squares = self._scaled(r, p)
+        position, squares = self._scale_position(r, p)
         _, rd = carlson_rf_rd(_confocal(position, squares))
         factor = -self._gm(p) / self._unit**2
         return (
@@ -130,7 +132,7 @@ class Ellipsoid:
         a, b, c = (p[name] for name in _AXIS_NAMES)
         return (4.0 / 3.0 * pi * self._gravitational_constant) * p["density"] * a * b * c
 
-    def _scaled(self, r: Vec3, p: Params) -> tuple[Vec3, Vec3]:
+    def _scale_position(self, r: Vec3, p: Params) -> tuple[Vec3, Vec3]:
         """Position and squared axes in units of the greatest nominal axis."""
         a, b, c = (p[name] / self._unit for name in _AXIS_NAMES)
         return (r[0] / self._unit, r[1] / self._unit, r[2] / self._unit), (a * a, b * b, c * c)
@@ -166,14 +168,14 @@ def homogeneous_bound(distance: Expr, gm: Expr, radius: Scalar, reach: Scalar) -
 
 
 def _confocal(position: Vec3, squares: Vec3) -> Vec3:
-    """Squared semi-axes of the confocal ellipsoid through a point, of the body itself inside.
+    """Return the squared semi-axes of the confocal ellipsoid through a point, of the body inside.
 
-    Λ solves the cubic λ³ + p₂λ² + p₁λ + p₀ = 0; three real roots, by the trigonometric formula.
-    For a nearly round body two of them nearly coincide and the argument of the arc cosine reaches
-    ±1, where its derivative is infinite: the argument is clamped, which costs at most 1e-6,
-    and one Newton step on the confocal equation restores Λ to rounding. The step also makes the
-    automatic derivative right: its own derivative is that of the implicit function, the starting
-    value enters it only through its error.
+    Λ solves the cubic λ³ + p₂λ² + p₁λ + p₀ = 0, which has three real roots, by the trigonometric
+    formula. For a nearly round body two of them nearly coincide, and the argument of the arc cosine
+    reaches ±1, where its derivative is infinite. The argument is clamped, which costs at most 1e-6,
+    and one Newton step on the confocal equation restores Λ to rounding. That step also makes the
+    automatic derivative right: its own derivative is that of the implicit function, and the
+    starting value enters only through its error.
     """
     a2, b2, c2 = squares
     x, y, z = position
@@ -186,10 +188,12 @@ def _confocal(position: Vec3, squares: Vec3) -> Vec3:
     p2 = a2 + b2 + c2 - x2 - y2 - z2
     p1 = a2 * b2 + b2 * c2 + c2 * a2 - x2 * (b2 + c2) - y2 * (c2 + a2) - z2 * (a2 + b2)
     p0 = a2 * b2 * c2 - x2 * b2 * c2 - y2 * c2 * a2 - z2 * a2 * b2
+    # largest root of the cubic: λ = 2√q cos(θ/3) − p₂/3, cos θ = …/q^(3/2)
     q = p2 * p2 / 9.0 - p1 / 3.0
     cosine = ((p1 * p2 - 3.0 * p0) / 6.0 - p2 * p2 * p2 / 27.0) / (q * sqrt(q))
-    root = 2.0 * sqrt(q) * cos(acos(_clamped(cosine)) / 3.0) - p2 / 3.0
+    root = 2.0 * sqrt(q) * cos(acos(_clamp(cosine)) / 3.0) - p2 / 3.0
     u, v, w = root + a2, root + b2, root + c2
+    # Newton step on x²/u + y²/v + z²/w = 1, whose derivative by Λ is −Σ x²/u²
     excess = x2 / u + y2 / v + z2 / w - 1.0
     root = root + excess / (x2 / (u * u) + y2 / (v * v) + z2 / (w * w))
     root = select(outside, root, 0.0)
@@ -203,6 +207,7 @@ def _level(position: Vec3, squares: Vec3) -> Expr:
     return x * x / a2 + y * y / b2 + z * z / c2
 
 
-def _clamped(x: Expr) -> Expr:
+def _clamp(x: Expr) -> Expr:
+    """Return an argument of the arc cosine limited to where its derivative is finite."""
     below = select(greater(x, _ACOS_LIMIT), _ACOS_LIMIT, x)
     return select(greater(below, -_ACOS_LIMIT), below, -_ACOS_LIMIT)

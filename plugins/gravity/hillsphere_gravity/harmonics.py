@@ -72,7 +72,7 @@ class Harmonics:
             for row in table.rows
             if row.n <= self.degree and row.m <= self.order and (row.m == 0 or row.n <= tesseral)
         )
-        # C00 scales the whole mass, as gm does; one of the two is enough to disperse.
+        # C00 scales the mass as gm does: only gm is a run-time parameter.
         self._c00 = next((row.c for row in used if row.n == 0), 1.0)
         self._rows = tuple(row for row in used if row.n > 0)
         self._gm = table.gm_m3_s2
@@ -85,12 +85,12 @@ class Harmonics:
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return ``gm``, then the coefficients by degree and order, C before S."""
-        found = [Parameter("gm", self._gm, "m3/s2", positive=True)]
+        parameters = [Parameter("gm", self._gm, "m3/s2", positive=True)]
         for row in self._rows:
-            found.append(Parameter(f"C{row.n},{row.m}", row.c))
+            parameters.append(Parameter(f"C{row.n},{row.m}", row.c))
             if row.m > 0:
-                found.append(Parameter(f"S{row.n},{row.m}", row.s))
-        return tuple(found)
+                parameters.append(Parameter(f"S{row.n},{row.m}", row.s))
+        return tuple(parameters)
 
     def potential(self, r: Vec3, p: Params) -> Expr:
         """Return +U, m²/s², at the body-fixed position r, m."""
@@ -163,9 +163,9 @@ def normalisation_factor(n: int, m: int) -> float:
 
 
 def _table(spec: HarmonicsSpec) -> CoefficientTable:
-    """Bring rows of the spec, or a file and what the spec says beside it, to one table."""
+    """Return the coefficients of the Spec, or of a file completed by the Spec, as one table."""
     if spec.file is not None:
-        return _merged(spec, _READERS[file_format_of(spec)](spec.file))
+        return _merge_with_file(spec, _READERS[file_format_of(spec)](spec.file))
     gm, radius = spec.gm_m3_s2, spec.reference_radius_m
     if gm is None or radius is None:
         raise InputError("coefficients need gm_m3_s2 and reference_radius_m")
@@ -180,8 +180,15 @@ def _table(spec: HarmonicsSpec) -> CoefficientTable:
     )
 
 
-def _merged(spec: HarmonicsSpec, table: CoefficientTable) -> CoefficientTable:
-    """Hold a file against the spec: what neither states or both state differently is an error."""
+def _merge_with_file(spec: HarmonicsSpec, table: CoefficientTable) -> CoefficientTable:
+    """Return the table of a file completed by the Spec.
+
+    Raises
+    ------
+    InputError
+        If a key is stated by neither, or differently by both, or the file does not reach the
+        degree.
+    """
     for key in ("gm_m3_s2", "reference_radius_m", "normalisation", "tide_system"):
         asked, stated = getattr(spec, key), getattr(table, key)
         if asked is None and stated is None:

@@ -22,10 +22,14 @@ from hillsphere_gravity.specs import PolyhedronSpec
 __all__ = ["Polyhedron"]
 
 _CHUNK = 60_000
-"""Faces times points that are worked on at once: what the arrays take stays in the cache."""
+"""Faces times points that are computed at once, so that the arrays stay in the processor's
+cache."""
 _FAR = 1000.0
-"""Radii of the body beyond which its second moments do: the sums have lost six digits there."""
+"""Distance, in radii of the body, beyond which its second moments replace the sums: these have lost
+six digits there."""
 _PLAUSIBLE_KG_M3 = (50.0, 30_000.0)
+"""Densities that a body may have: comets reach down to a few hundred, iron up to 8000. A length
+unit that is wrong by a factor of 1000 changes the density by 1e9 and is refused."""
 
 
 class Polyhedron:
@@ -133,6 +137,7 @@ class Polyhedron:
 
         def sums(seen: _Seen) -> Array:
             edges, faces = self._edges, seen.over_faces
+            # r_e·E_e r_e: any point of the edge serves, here its middle
             to = edges.middle.T[..., None] - seen.r[:, None, :]
             by_edges = np.zeros_like(seen.potentials)
             for along, across in edges.dyads:
@@ -144,20 +149,21 @@ class Polyhedron:
         def far(x: Array) -> Array:
             return 2.0 * self._far.potential(x)[None]
 
-        return np.asarray(0.5 * self._strength(p) * self._summed(r, 1, sums, far)[0])
+        return np.asarray(0.5 * self._strength(p) * self._sum_blocks(r, 1, sums, far)[0])
 
     def acceleration_array(self, r: Array, p: Array) -> Array:
         """Return ∇U, m/s², shape (3, N)."""
 
         def sums(seen: _Seen) -> Array:
             edges = self._edges
+            # F_f r_f = n (n·r_f), with the height of the point over the face for n·r_f
             total = self.mesh.normals @ (seen.over_faces * seen.angles)
             for along, across in edges.dyads:
                 offset = np.sum(across * edges.middle.T, axis=0)[:, None] - across.T @ seen.r
                 total = total - along @ (offset * seen.potentials)
             return total
 
-        return np.asarray(self._strength(p) * self._summed(r, 3, sums, self._far.acceleration))
+        return np.asarray(self._strength(p) * self._sum_blocks(r, 3, sums, self._far.acceleration))
 
     def gradient_array(self, r: Array, p: Array) -> Array:
         """Return ∇∇U, 1/s², shape (3, 3, N)."""
@@ -171,7 +177,7 @@ class Polyhedron:
         def far(x: Array) -> Array:
             return self._far.gradient(x).reshape(9, -1)
 
-        return np.asarray(self._strength(p) * self._summed(r, 9, sums, far)).reshape(3, 3, -1)
+        return np.asarray(self._strength(p) * self._sum_blocks(r, 9, sums, far)).reshape(3, 3, -1)
 
     def laplacian_array(self, r: Array, p: Array) -> Array:
         """Return ∇²U, 1/s², shape (N,): −4πGρ inside, 0 outside; on the surface either."""
@@ -182,13 +188,13 @@ class Polyhedron:
         def far(x: Array) -> Array:
             return np.zeros((1, x.shape[1]))
 
-        return np.asarray(self._strength(p) * self._summed(r, 1, sums, far)[0])
+        return np.asarray(self._strength(p) * self._sum_blocks(r, 1, sums, far)[0])
 
     def _strength(self, p: Array) -> Array:
         """Return Gρ (N,), 1/s²."""
         return np.asarray(self._per_unit * p[0])
 
-    def _summed(
+    def _sum_blocks(
         self,
         r: Array,
         rows: int,
@@ -196,16 +202,16 @@ class Polyhedron:
         far: Callable[[Array], Array],
     ) -> Array:
         """Return sums over faces and edges (rows, N), some points at a time."""
-        found = np.empty((rows, r.shape[1]))
+        sums_of_points = np.empty((rows, r.shape[1]))
         away = np.sum(r * r, axis=0) > (_FAR * self.largest_radius_m) ** 2
         if away.any():
-            found[:, away] = far(np.ascontiguousarray(r[:, away]))
+            sums_of_points[:, away] = far(np.ascontiguousarray(r[:, away]))
         near = np.flatnonzero(~away)
         width = max(1, _CHUNK // len(self.mesh.faces))
         for first in range(0, len(near), width):
             part = near[first : first + width]
-            found[:, part] = sums(_Seen(self.mesh, self._edges, r[:, part]))
-        return found
+            sums_of_points[:, part] = sums(_Seen(self.mesh, self._edges, r[:, part]))
+        return sums_of_points
 
     @cached_property
     def _far(self) -> GravityField:
@@ -217,7 +223,7 @@ class Polyhedron:
 
 
 class _Edges:
-    """The edges of a mesh: ends, lengths, middles, and the two vectors of each half of E."""
+    """Edges of a mesh: ends, lengths, middles, and the two vectors of each dyad of E."""
 
     def __init__(self, mesh: Mesh) -> None:
         self.ends, faces = mesh.edges
@@ -235,7 +241,7 @@ class _Edges:
 
 
 class _Seen:
-    """What N points see of a mesh: solid angles, potentials of the edges, heights of the faces."""
+    """Quantities of N points relative to a mesh: solid angles, potentials, heights."""
 
     def __init__(self, mesh: Mesh, edges: _Edges, r: Array) -> None:
         self.r = r

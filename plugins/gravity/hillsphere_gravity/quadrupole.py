@@ -1,4 +1,4 @@
-"""Gravity of a mesh from afar: mass, centre and second moments."""
+"""Gravity of a mesh at a large distance: mass, centre and second moments."""
 
 from __future__ import annotations
 
@@ -34,6 +34,7 @@ class Quadrupole:
         self.gm_m3_s2 = mesh.volume_m3
         self._centre = (mesh.centroid_m / self._unit).tolist()
         moments = second_moments(mesh) / (mesh.volume_m3 * self._unit**2)
+        # 3 x·Px − r² tr P over 2 r⁵ as one quadratic form of the direction
         self._form = (1.5 * moments - 0.5 * np.trace(moments) * np.eye(3)).tolist()
 
     def parameters(self) -> tuple[Parameter, ...]:
@@ -62,6 +63,7 @@ def second_moments(mesh: Mesh) -> Array:
     Of a pyramid of volume V with its tip at the origin and the corners a, b, c it is
     (V/20) [(a+b+c)(a+b+c) + aa + bb + cc].
     """
+    # pyramids over the faces with their tips at the origin; negative where a face looks inwards
     volumes = mesh.heights * mesh.doubled_areas / 6.0
     total = mesh.corners.sum(axis=0)
     parts = np.einsum("iF,jF,F->ij", total, total, volumes)

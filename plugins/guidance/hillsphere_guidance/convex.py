@@ -1,4 +1,4 @@
-"""A descent under held commands that keeps bounds, a glide slope and an upright touchdown."""
+"""A powered descent under held commands with bounds, a glide slope and an upright touchdown."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ __all__ = ["ConvexDescent"]
 
 
 class ConvexDescent:
-    """Flight of least cost that meets requirements, by successive convex programming.
+    """Flight of least cost that meets constraints, by successive convex programming.
 
-    Of the commands, held over equal times, size and last direction are bounded; the path keeps
-    above the surface and a cone over the landing site (at the times where the command changes).
-    A lower bound of the command is no convex condition: in each round it is replaced by the
-    half-space beyond it in the direction of the last command, which lies within it [1]_ [2]_.
+    The commands are held over equal times. Their size and the last direction are bounded; at the
+    times where the command changes, the path stays above the surface and in a cone over the landing
+    site. A lower bound of the command is not convex: in each round it is replaced by the half-space
+    beyond it in the direction of the last command, which lies inside the allowed set [1]_ [2]_.
 
     Parameters
     ----------
     spec : ConvexSpec
-        The requirements.
+        The constraints.
 
     References
     ----------
@@ -53,7 +53,7 @@ class ConvexDescent:
         plant : Plant
             Equations of motion.
         task : GuidanceTask
-            From where to where, in which time.
+            Start, end and duration.
 
         Returns
         -------
@@ -63,11 +63,12 @@ class ConvexDescent:
         Raises
         ------
         InputError
-            If the plant or the task cannot be taken, or a requirement needs a landing site.
+            If the plant or the task is not suitable, or a constraint needs a landing site.
         InfeasibleGuidanceError
-            If the requirements cannot be met together; the message says what is left.
+            If the constraints cannot be met together; the message states the violations that
+            remain.
         ConvergenceError
-            If the search does not end.
+            If the search does not converge.
         """
         check_task(motion_of(plant), task)
         return fly_successively(plant, task, self.requirements)

@@ -1,4 +1,4 @@
-"""A command in steps whose flight meets a given path."""
+"""Held commands whose flight meets a given path."""
 
 from __future__ import annotations
 
@@ -8,26 +8,32 @@ from hillsphere.errors import ConvergenceError
 from hillsphere.interfaces import Array, Integers
 from hillsphere_guidance.motion import Motion
 
-__all__ = ["held_command"]
+__all__ = ["solve_held_command"]
 
 _TOLERANCE = 1e-11
+"""Error of a step, natural units, by step doubling, at which substeps are chosen: ten times `_MET`.
+Newton's iterations solve the flight of these substeps to `_MET`; the error of the substeps is what
+the replay by Taylor series shows."""
 _ROUNDS = 30
+"""Newton iterations at most. With the derivatives of free space they converge linearly, by the
+square of the step over the time scale of the field; steps that need more are too long."""
 _MET = 1e-12
-"""Largest miss, in units of the plant's scales."""
+"""Largest miss, in units of the plant's scales: a few thousand roundings, which the substeps
+leave."""
 
 
-def held_command(motion: Motion, t: Array, x: Array, mean: Array, time_s: float) -> Array:
+def solve_held_command(motion: Motion, t: Array, x: Array, mean: Array, time_s: float) -> Array:
     r"""Find accelerations, held from each time to the next, whose flight meets a path.
 
-    An acceleration that is held changes position and velocity together, so that one step cannot
-    meet both: two steps do. Every second state is met exactly (at the end of an odd number of
-    steps three are taken together), by Newton's method with the derivatives of free space,
+    A held acceleration changes position and velocity together, so that one step cannot meet both
+    but two can. Every second state is met exactly (the last three steps of an odd number are solved
+    together), by Newton's method with the derivatives of free space,
 
     .. math:: \delta r = \sum_j h_j (T - s_j - \tfrac12 h_j)\,\delta a_j, \quad
               \delta v = \sum_j h_j\,\delta a_j,
 
-    each pair from the path's own state, so that all are solved at once; of three accelerations the
-    smallest change is taken.
+    s_j the start of step j and T the length of the group. Each group starts from the path's own
+    state, so that all are solved at once; of three accelerations the smallest change is taken.
 
     Parameters
     ----------
@@ -36,9 +42,9 @@ def held_command(motion: Motion, t: Array, x: Array, mean: Array, time_s: float)
     t : ndarray, shape (K,)
         Rising times since the start, two steps at least.
     x : ndarray, shape (n, K)
-        The path, consistent with the plant's equations under some command.
+        The path, a solution of the plant's equations under some command.
     mean : ndarray, shape (d, K - 1)
-        Mean of that command over each step: where the search begins.
+        Mean of that command over each step: the start of the search.
     time_s : float
         Time at the start.
 
@@ -73,6 +79,7 @@ def _solve(
     after = (t[first + count] - np.array([t[first + j + 1] for j in range(count)])) + 0.5 * h
     # rows: position, velocity; columns: the steps of a group
     slopes = np.stack([h * after, h])
+    # the pseudo-inverse gives the smallest change of three steps, the exact one of two
     inverse = np.linalg.pinv(np.moveaxis(slopes, -1, 0))
     begun = np.ascontiguousarray(x[:, first])
     substeps = fly.choose_steps(

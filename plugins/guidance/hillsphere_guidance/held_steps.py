@@ -1,4 +1,4 @@
-"""Steps under a held command with their derivatives, many at once."""
+"""Steps under held commands with their derivatives, many at once."""
 
 from __future__ import annotations
 
@@ -10,23 +10,27 @@ import numpy as np
 from hillsphere.interfaces import Array
 from hillsphere_guidance.motion import Motion
 
-__all__ = ["HeldSteps", "held_steps", "held_times"]
+__all__ = ["HeldSteps", "command_times", "fly_held_steps"]
 
 _TOLERANCE = 1e-11
+"""Error of half a step, natural units, by step doubling: as small as the miss to which flights are
+closed. A larger one would let the end of a flight depend on the number of substeps."""
 _MOST = 256
+"""Substeps of half a step at most: a step that needs more passes close to a singularity (the centre
+of a point mass), and the search for its number would take longer than the flight."""
 
 
 class HeldSteps(NamedTuple):
-    """Where N steps end, and how that depends on where they begin and on the command.
+    """Ends of N steps, and their derivatives by start and command.
 
     Parameters
     ----------
     end : ndarray, shape (n, N)
         States at the ends, SI.
     by_state : ndarray, shape (2d, 2d, N)
-        Derivatives of positions and velocities by those at the start.
+        Derivatives of positions and velocities at the end by those at the start.
     by_command : ndarray, shape (2d, d, N)
-        By the acceleration held.
+        Derivatives by the held acceleration.
     """
 
     end: Array
@@ -34,11 +38,11 @@ class HeldSteps(NamedTuple):
     by_command: Array
 
 
-def held_times(duration_s: float, hold_s: float) -> Array:
+def command_times(duration_s: float, hold_s: float) -> Array:
     """Return the times (K,) at which a held command changes, and the end.
 
-    The last is held between half and one and a half times as long as the others, so that none is
-    held for so short that it cannot matter; there are two at least.
+    The last hold is between half and one and a half times as long as the others, so that none is
+    too short to have an effect. There are two holds at least.
     """
     if duration_s < 1.5 * hold_s:
         return np.linspace(0.0, duration_s, 3)
@@ -46,12 +50,12 @@ def held_times(duration_s: float, hold_s: float) -> Array:
     return np.append(np.arange(steps) * hold_s, duration_s)
 
 
-def held_steps(motion: Motion, x: Array, u: Array, h: Array, t: Array) -> HeldSteps:
+def fly_held_steps(motion: Motion, x: Array, u: Array, h: Array, t: Array) -> HeldSteps:
     r"""Fly N steps under held accelerations.
 
-    The states are those of the step map; the derivatives follow the variational equations
-    :math:`\dot\Phi = A \Phi`, with the exact A at the states at both ends and in the middle, by the
-    classical Runge-Kutta formula, whose error is of fifth order in the length of the step.
+    The states are those of the step map. The derivatives follow the variational equations
+    :math:`\dot\Phi = A \Phi + B` with the exact A at both ends and in the middle, integrated by the
+    classical Runge-Kutta formula. Their error is of fifth order in the length of the step.
 
     Parameters
     ----------
@@ -62,7 +66,7 @@ def held_steps(motion: Motion, x: Array, u: Array, h: Array, t: Array) -> HeldSt
     u : ndarray, shape (d, N)
         Accelerations.
     h : ndarray, shape (N,)
-        Lengths.
+        Lengths of the steps.
     t : ndarray, shape (N,)
         Times at the starts.
 
@@ -79,12 +83,15 @@ def held_steps(motion: Motion, x: Array, u: Array, h: Array, t: Array) -> HeldSt
     d, fly = motion.axes, motion.step_map
     x, u = np.ascontiguousarray(x), np.ascontiguousarray(u)
     substeps = fly.choose_steps(x, 0.5 * h, _TOLERANCE, u, t, most=_MOST)
+    # two halves with as many substeps each: the middle is needed for the Runge-Kutta formula
     middle = fly.propagate(x, 0.5 * h, substeps, u, t)
     end = fly.propagate(middle, 0.5 * h, substeps, u, t + 0.5 * h)
     slopes = [
         _slopes(motion, state, time)
         for state, time in ((x, t), (middle, t + 0.5 * h), (end, t + h))
     ]
+    # [Φ | derivatives by the command], at first [1 | 0]; B adds the unit matrix to the velocities'
+    # rows
     table = np.zeros((2 * d, 3 * d, len(h)))
     table[:, : 2 * d] = np.eye(2 * d)[:, :, None]
     push = np.zeros_like(table)

@@ -1,4 +1,4 @@
-"""Specs of guidance laws: what a mission may write in ``[compensator.NAME]``."""
+"""Specs of guidance laws: the keys of ``[compensator.NAME]`` in a mission."""
 
 from __future__ import annotations
 

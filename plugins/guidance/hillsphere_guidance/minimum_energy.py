@@ -1,4 +1,4 @@
-"""The path between two states that needs the least ∫|a|², as a spline in the full field."""
+"""Minimum-energy path between two states, ∫|a|²dt, as a spline in the full field."""
 
 from __future__ import annotations
 
@@ -15,22 +15,25 @@ from hillsphere_guidance.tasks import check_task
 __all__ = ["MinimumEnergy"]
 
 _NODES = 8
-"""Quadrature nodes a piece: beyond them the cost of a smooth field changes by rounding only."""
+"""Quadrature nodes of each piece: with more the cost of a smooth field changes by rounding only."""
 _STATIONARY = 1e-7
+"""Largest slope of the cost, as a part of the residual times its steepest derivative (a cosine), at
+which a stop of the search counts as a minimum. Rounding leaves 1e-10 (4e-10 and 7e-11 in the
+packaged landings); a search that is stuck has a slope of the order of 1."""
 
 
 class MinimumEnergy:
     r"""Path of the least :math:`\int |a|^2\,dt` between given states, in the field of any plant.
 
-    Positions are clamped quintic B-splines of the time, whose outer control points follow from the
-    states at both ends; the acceleration commanded follows from the path by inverse dynamics,
+    Positions are clamped quintic B-splines of time, whose two outer control points at each end
+    follow from the states there. The commanded acceleration follows by inverse dynamics,
 
     .. math:: a(t) = \ddot r - f(r, \dot r, q, t),
 
-    so that path and command belong together whatever the control points are. The free ones
-    minimise the integral, by Gauss quadrature a sum of squares with exact derivatives, from the
-    cubic of free space on (Levenberg-Marquardt in a trust region, [1]_). In a constant field the
-    command is linear in time, which is the optimum that ZEM/ZEV guidance flies [2]_.
+    so that path and command are consistent for any control points. The free control points minimise
+    the integral. By Gauss quadrature it is a sum of squares with exact derivatives, minimised by
+    the Levenberg-Marquardt method in a trust region [1]_ from the cubic path of free space. In a
+    constant field the command is linear in time, as that of ZEM/ZEV guidance [2]_.
 
     Parameters
     ----------
@@ -73,7 +76,7 @@ class MinimumEnergy:
         """
         motion = motion_of(plant)
         check_task(motion, task)
-        return _SplinePath(motion, task, self.control_points).solved()
+        return _SplinePath(motion, task, self.control_points).solve()
 
 
 class _SplinePath:
@@ -84,9 +87,9 @@ class _SplinePath:
     motion : Motion
         Of the plant.
     task : GuidanceTask
-        The ends.
+        Start, end and duration.
     count : int
-        Control points an axis.
+        Control points of each axis.
     """
 
     def __init__(self, motion: Motion, task: GuidanceTask, count: int) -> None:
@@ -97,16 +100,17 @@ class _SplinePath:
         self._size = scales.length_m / scales.time_s**2
         t, weights = gauss_nodes(spline.breaks, _NODES)
         self._t = task.time_s + t
+        # the square root of the quadrature's weight: the sum of squares is the integral
         self._weights = np.sqrt(weights / task.duration_s) / self._size
         self._bases = [spline.basis(t, k) for k in range(3)]
-        self._q = motion.prescribed(task.start, task.time_s, t)
+        self._q = motion.prescribe(task.start, task.time_s, t)
         self._ends = self._outer_points()
         self._free = slice(2, count - 2)
 
-    def solved(self) -> GuidedFlight:
-        """Minimise."""
+    def solve(self) -> GuidedFlight:
+        """Minimise, and return the flight."""
         guess = self._cubic()
-        found = least_squares(
+        minimum = least_squares(
             self._residuals,
             guess,
             jac=self._jacobian,
@@ -116,26 +120,27 @@ class _SplinePath:
             gtol=1e-15,
             max_nfev=200,
         )
-        residual, slopes = found.fun, found.jac
+        residual, slopes = minimum.fun, minimum.jac
+        # gradient Jᵀ r over the largest column of J times |r|: the cosine between the two
         size = np.linalg.norm(slopes, axis=0).max() * np.linalg.norm(residual)
-        slope = float(np.abs(found.grad).max() / size) if size else 0.0
-        if not np.isfinite(found.cost) or slope > _STATIONARY:
+        slope = float(np.abs(minimum.grad).max() / size) if size else 0.0
+        if not np.isfinite(minimum.cost) or slope > _STATIONARY:
             raise ConvergenceError(
-                f"minimum energy: after {found.nfev} evaluations the slope of the cost is still "
+                f"minimum energy: after {minimum.nfev} evaluations the slope of the cost is still "
                 f"{slope:.1e} of its size; give more time or another start, so that the path keeps "
                 "clear of the body's centre"
             )
-        points = self._points(found.x)
+        points = self._points(minimum.x)
         return GuidedFlight(
             duration_s=self._task.duration_s,
             states=lambda t: self._states(points, t),
             command=lambda t: self._command(points, t),
             breaks_s=self._spline.breaks,
-            account=f"{found.nfev} evaluations, slope of the cost {slope:.0e} of its size",
+            account=f"{minimum.nfev} evaluations, slope of the cost {slope:.0e} of its size",
         )
 
     def _outer_points(self) -> Array:
-        """Return all control points (n, d), those that the ends do not fix zero."""
+        """Return the control points (n, d) fixed by the ends, the free ones zero."""
         task, motion = self._task, self._motion
         points = np.zeros((self._spline.control_points, motion.axes))
         reach = self._spline.reach
@@ -146,39 +151,45 @@ class _SplinePath:
         return points
 
     def _cubic(self) -> Array:
-        """Return the free points of the optimum without any field, in natural units."""
+        """Return the free points of the optimum without a field, in natural units."""
         second = self._weights[:, None] * self._bases[2]
         known = second @ self._ends
-        found = np.linalg.lstsq(second[:, self._free], -known, rcond=None)[0]
-        return np.asarray(found.ravel() / self._length)
+        free = np.linalg.lstsq(second[:, self._free], -known, rcond=None)[0]
+        return np.asarray(free.ravel() / self._length)
 
     def _points(self, z: Array) -> Array:
+        """Return all control points (n, d) of the unknowns z."""
         points = self._ends.copy()
         points[self._free] = self._length * z.reshape(-1, self._motion.axes)
         return points
 
     def _residuals(self, z: Array) -> Array:
+        """Return the weighted commands at the quadrature nodes."""
         points = self._points(z)
         r, v, a = (basis @ points for basis in self._bases)
-        field, _, _ = self._motion.field(self._motion.assembled(r.T, v.T, self._q), self._t)
+        field, _, _ = self._motion.field(self._motion.assemble(r.T, v.T, self._q), self._t)
         return np.asarray((self._weights[:, None] * (a - field.T)).ravel())
 
     def _jacobian(self, z: Array) -> Array:
+        """Return the derivatives of the residuals by z."""
         points = self._points(z)
         r, v = (self._bases[k] @ points for k in range(2))
-        _, by_r, by_v = self._motion.field(self._motion.assembled(r.T, v.T, self._q), self._t)
+        _, by_r, by_v = self._motion.field(self._motion.assemble(r.T, v.T, self._q), self._t)
         place, speed, rise = (basis[:, self._free] for basis in self._bases)
         eye = np.eye(self._motion.axes)
+        # derivative of r̈ − f(r, ṙ) by the control points
         table = np.einsum("kc,ij->kicj", rise, eye)
         table -= np.einsum("ijk,kc->kicj", by_r, place) + np.einsum("ijk,kc->kicj", by_v, speed)
         table *= self._length * self._weights[:, None, None, None]
         return np.asarray(table.reshape(-1, z.size))
 
     def _states(self, points: Array, t: Array) -> Array:
+        """Return the states (n, K) of a path at times (K,)."""
         r, v = ((self._spline.basis(t, k) @ points).T for k in range(2))
-        q = self._motion.prescribed(self._task.start, self._task.time_s, t)
-        return self._motion.assembled(r, v, q)
+        q = self._motion.prescribe(self._task.start, self._task.time_s, t)
+        return self._motion.assemble(r, v, q)
 
     def _command(self, points: Array, t: Array) -> Array:
+        """Return the command (d, K) of a path at times (K,)."""
         field, _, _ = self._motion.field(self._states(points, t), self._task.time_s + t)
         return np.asarray((self._spline.basis(t, 2) @ points).T - field)

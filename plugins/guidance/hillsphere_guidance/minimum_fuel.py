@@ -1,4 +1,4 @@
-"""The flight between two states that needs the least ∫|a| under held commands."""
+"""Minimum-fuel flight between two states, ∫|a|dt, under held commands."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ __all__ = ["MinimumFuel"]
 class MinimumFuel:
     r"""Flight of the least :math:`\int |a|\,dt` between given states.
 
-    The command is held over equal times, bounded or not, and the flight stays above the surface
-    where the plant has one (at the times where the command changes). Burns and coasts appear by
-    themselves: the sum of :math:`h_k |a_k|` is minimised by second-order cone programming about
-    the last flight, see `hillsphere_guidance.successive_convex`. Without a bound burns tend to
-    impulses, of the length of one hold.
+    The command is held over equal times, with or without a bound. The flight stays above the
+    surface of the body, if it has one, at the times where the command changes. The sum of
+    :math:`h_k |a_k|` is minimised by second-order cone programming about the last flight, see
+    `hillsphere_guidance.successive_convex`; burns and coasts result from that. Without a bound the
+    burns tend to impulses, which last one hold.
 
     Parameters
     ----------

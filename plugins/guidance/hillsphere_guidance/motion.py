@@ -1,4 +1,4 @@
-"""A plant as guidance sees it: accelerations of the field along a path, and what is prescribed."""
+"""A plant as guidance needs it: accelerations of the field along a path."""
 
 from __future__ import annotations
 
@@ -17,6 +17,9 @@ __all__ = ["Motion", "motion_of"]
 
 _CONTROL = "u:"
 _EXACT = 1e-12
+"""Largest deviation, relative, of the rates of positions from the velocities, and of the
+derivatives by the controls from the unit matrix: rounding, for a plant to which the formulation
+applies."""
 
 
 class Motion:
@@ -24,7 +27,8 @@ class Motion:
 
     .. math:: \ddot r = f(r, \dot r, q, t) + a, \qquad \dot q = g(q, t)
 
-    for the d positions r of a plant, whose other states q (a true anomaly) go their own way.
+    These are the d positions r of a plant, and its other states q (a true anomaly), which do not
+    depend on r.
 
     Parameters
     ----------
@@ -99,7 +103,7 @@ class Motion:
         return self._slopes.rate(x, np.ascontiguousarray(u), t)
 
     def field(self, x: Array, t: Array) -> tuple[Array, Array, Array]:
-        """Return what accelerates without a command, and its derivatives.
+        """Return the accelerations without a command, and their derivatives.
 
         Parameters
         ----------
@@ -110,22 +114,22 @@ class Motion:
 
         Returns
         -------
-        f : ndarray, shape (d, N)
+        acceleration : ndarray, shape (d, N)
             m/s².
         by_position, by_velocity : ndarray, shape (d, d, N)
-            Exact.
+            Exact derivatives.
         """
         rate, slopes = self._slopes.both(x, None, t)
         rows = slopes[self.velocities]
         return rate[self.velocities], rows[:, self.positions], rows[:, self.velocities]
 
-    def assembled(self, r: Array, v: Array, q: Array) -> Array:
-        """Put positions (d, N), velocities (d, N) and others (m, N) together to states (n, N)."""
+    def assemble(self, r: Array, v: Array, q: Array) -> Array:
+        """Return states (n, N) of positions (d, N), velocities (d, N) and others (m, N)."""
         x = np.empty((len(self.states), r.shape[1]))
         x[self.positions], x[self.velocities], x[self.others] = r, v, q
         return x
 
-    def prescribed(self, start: Array, time_s: float, t: Array) -> Array:
+    def prescribe(self, start: Array, time_s: float, t: Array) -> Array:
         """Return the other states (m, K) at times t (K,) after a start.
 
         Parameters
@@ -135,18 +139,18 @@ class Motion:
         time_s : float
             Time at the start.
         t : ndarray, shape (K,)
-            In any order, not negative.
+            Times since the start, in any order, not negative.
         """
-        return np.asarray(self.prescribed_from(start[:, None], time_s, t)[:, :, 0])
+        return np.asarray(self.prescribe_from(start[:, None], time_s, t)[:, :, 0])
 
-    def prescribed_from(self, start: Array, time_s: float, t: Array) -> Array:
+    def prescribe_from(self, start: Array, time_s: float, t: Array) -> Array:
         """Return the other states (m, K, N) at times t (K,) after N starts (n, N)."""
         if not self.others:
             return np.empty((0, len(t), start.shape[1]))
         times, place = np.unique(t, return_inverse=True)
         begun = np.ascontiguousarray(start[self.others])
-        found = self._clockwork.sample(begun, time_s + times, t0=time_s)
-        return np.asarray(found[:, place])
+        others = self._clockwork.sample(begun, time_s + times, t0=time_s)
+        return np.asarray(others[:, place])
 
     @cached_property
     def step_map(self) -> StepMap:

@@ -1,4 +1,4 @@
-"""A law that commands nothing, for flights on the reference's command alone."""
+"""A law without commands, for flights under the reference's feedforward command alone."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["OpenLoop"]
 
 
 class OpenLoop:
-    """No command beyond the feedforward: what becomes of a plan that nobody corrects.
+    """No feedback: the command is the feedforward of the reference, and errors are not corrected.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class OpenLoop:
         self.period_s, self._controls = spec.period_s, spec.controls
 
     def initial(self, n_cases: int) -> Array:
-        """Return no states, (0, N)."""
+        """Return no states, shape (0, N)."""
         return np.zeros((0, n_cases))
 
     def step(self, k: int, t_s: Array, y: Array, ref: Array, xc: Array) -> tuple[Array, Array]:

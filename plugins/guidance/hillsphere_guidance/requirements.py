@@ -1,4 +1,4 @@
-"""What successive convex programming minimises, and what a flight must meet."""
+"""Cost and constraints of successive convex programming."""
 
 from __future__ import annotations
 
@@ -12,28 +12,31 @@ from hillsphere.interfaces import Array, GuidanceTask, Plant
 from hillsphere_guidance.motion import motion_of
 from hillsphere_guidance.sites import Ground
 
-__all__ = ["Excess", "Requirements", "Terms"]
+__all__ = ["Constraints", "Requirements", "Violations"]
 
 _ENDS = 1e-9
+"""Time, s, by which a node may lie before the beginning of the glide slope by rounding alone, and
+still belongs to it."""
 _SOLVER = 1e-6
-"""By how much, relatively, a bound may be exceeded: what an interior-point solver leaves."""
+"""Relative violation of a bound that counts as none: what an interior-point solver leaves. With a
+smaller value flights that lie on a bound would be refused."""
 
 
 @dataclass(frozen=True)
 class Requirements:
-    """What is asked of a flight under held commands.
+    """Cost and limits of a flight under held commands.
 
     Parameters
     ----------
     objective : {"fuel", "energy"}
         ∫|a|dt or ∫|a|²dt.
     hold_s : float
-        How long each command is held.
+        Time over which each command is held.
     minimum_m_s2, maximum_m_s2 : float or None
         Bounds of |a|.
     glide_slope_rad, glide_slope_time_s : float or None
-        Least elevation over the horizon of the site, and for how long before the end it is kept
-        (None: from the start on).
+        Least elevation over the horizon of the site, and the time before the end from which it is
+        kept (None: from the start).
     tilt_rad : float or None
         Largest angle between the last command and the outward normal of the site.
     """
@@ -52,41 +55,41 @@ class Requirements:
         return float(weights @ (size if self.objective == "fuel" else size**2))
 
     def slope(self, u: Array) -> float:
-        """Return the steepest slope of the cost of a time by a command (d, N), natural units."""
+        """Return the largest derivative of the cost by a command (d, N), natural units."""
         size = float(np.linalg.norm(u, axis=0).max())
         return 1.0 if self.objective == "fuel" or not size else 2.0 * size
 
     def convex_cost(self, cp: Any, u: Any, weights: Array, rules: list[Any]) -> Any:
-        """Return the cost as an expression of cvxpy; what it needs is added to the rules."""
+        """Return the cost as an expression of cvxpy; its constraints are added to `rules`."""
         if self.objective == "energy":
             return cp.sum_squares(u @ np.diag(np.sqrt(weights)))
         size = cp.Variable(len(weights))
         rules.append(cp.norm(u, 2, axis=0) <= size)
         return weights @ size
 
-    def terms(self, plant: Plant, task: GuidanceTask, t: Array, size: float) -> Terms:
-        """Return the conditions of one task.
+    def constraints(self, plant: Plant, task: GuidanceTask, t: Array, size: float) -> Constraints:
+        """Return the constraints of one task.
 
         Parameters
         ----------
         plant : Plant
             Equations of motion.
         task : GuidanceTask
-            The flight.
+            Start, end and duration.
         t : ndarray, shape (N + 1,)
-            When the command may change, and the end.
+            Times at which the command may change, and the end.
         size : float
             Natural unit of acceleration, m/s².
 
         Returns
         -------
-        Terms
+        Constraints
             In natural units.
 
         Raises
         ------
         InputError
-            If a condition needs a landing site and there is none.
+            If a constraint needs a landing site and there is none.
         """
         if task.up is None and (self.glide_slope_rad is not None or self.tilt_rad is not None):
             raise InputError(
@@ -103,31 +106,31 @@ class Requirements:
             else 1 + np.flatnonzero(t[1:-1] >= (0.0 if time is None else t[-1] - time - _ENDS))
         )
         length = motion_of(plant).scales.length_m
-        return Terms(self, task, ground, kept, length, size)
+        return Constraints(self, task, ground, kept, length, size)
 
 
 @dataclass
-class Excess:
-    """By how much requirements are exceeded, natural units, by what they are."""
+class Violations:
+    """Violations of constraints, in natural units, each with its name."""
 
     parts: list[tuple[str, Array]] = field(default_factory=list)
 
     def add(self, words: str, values: Array) -> None:
-        """Add what is beyond zero."""
+        """Add the positive part of values (violated where positive) under a name."""
         self.parts.append((words, np.maximum(values, 0.0)))
 
     @property
     def total(self) -> float:
-        """Sum of all."""
+        """Sum over all constraints."""
         return float(sum(values.sum() for _, values in self.parts))
 
     @property
     def largest(self) -> float:
-        """Largest of all."""
+        """Largest over all constraints."""
         return max(float(values.max(initial=0.0)) for _, values in self.parts)
 
     def words(self) -> str:
-        """Return what is exceeded, and by how much: ``"gaps between its steps of 0.02"``."""
+        """Return the violated constraints in words: ``"gaps between its steps of 0.02"``."""
         told = [
             f"{words} of {values.max():.1e}"
             for words, values in self.parts
@@ -137,19 +140,19 @@ class Excess:
 
 
 @dataclass(frozen=True)
-class Terms:
-    """The conditions of one task, in natural units.
+class Constraints:
+    """The constraints of one task, in natural units.
 
     Parameters
     ----------
     wanted : Requirements
-        What is asked for.
+        The limits.
     task : GuidanceTask
-        The flight.
+        Start, end and duration.
     ground : Ground or None
-        The surface that it must stay above.
+        The surface above which the path must stay.
     kept : ndarray of int
-        At which of the N + 1 times the glide slope is kept.
+        Numbers of the times, out of N + 1, at which the glide slope is kept.
     length : float
         Unit of length, m.
     size : float
@@ -163,31 +166,31 @@ class Terms:
     length: float
     size: float
 
-    def excess(self, r: Array, u: Array) -> Excess:
-        """Return what is exceeded by positions (d, N + 1), m, and commands (d, N), natural."""
-        wanted, found = self.wanted, Excess()
+    def violations(self, r: Array, u: Array) -> Violations:
+        """Return the violations of positions (d, N + 1), m, and commands (d, N), natural units."""
+        wanted, violations = self.wanted, Violations()
         force = np.linalg.norm(u, axis=0)
         if wanted.maximum_m_s2 is not None:
             most = wanted.maximum_m_s2 / self.size
-            found.add("commands beyond the maximum", force - most * (1.0 + _SOLVER))
+            violations.add("commands beyond the maximum", force - most * (1.0 + _SOLVER))
         if wanted.minimum_m_s2 is not None:
             least = wanted.minimum_m_s2 / self.size
-            found.add("commands below the minimum", least * (1.0 - _SOLVER) - force)
+            violations.add("commands below the minimum", least * (1.0 - _SOLVER) - force)
         if wanted.tilt_rad is not None and self.task.up is not None:
             lean = np.cos(wanted.tilt_rad) * force[-1:] - self.task.up @ u[:, -1:]
-            found.add("a tilt at the end", lean - _SOLVER * force[-1:])
+            violations.add("a tilt at the end", lean - _SOLVER * force[-1:])
         if self.kept.size and wanted.glide_slope_rad is not None and self.task.up is not None:
             away = (r[:, self.kept] - self.task.end_position_m[:, None]) / self.length
             rise = np.sin(wanted.glide_slope_rad) * np.linalg.norm(away, axis=0)
-            found.add("places below the glide slope", rise - self.task.up @ away)
+            violations.add("places below the glide slope", rise - self.task.up @ away)
         if self.ground is not None:
-            found.add("places below the surface", -self.ground.height(r[:, 1:-1]))
-        return found
+            violations.add("places below the surface", -self.ground.height(r[:, 1:-1]))
+        return violations
 
     def convex_rules(
         self, cp: Any, r: Array, moved: Any, last: Array, u: Any, rules: list[Any]
     ) -> Any:
-        """Add the conditions, linearised about a path, to the rules of a cvxpy problem.
+        """Add the constraints, linearised about a path, to the rules of a cvxpy problem.
 
         Parameters
         ----------
@@ -196,39 +199,43 @@ class Terms:
         r : ndarray, shape (d, N + 1)
             Positions of the path, m.
         moved : cvxpy expression, shape (d, N - 1)
-            Their changes but at the ends, natural units.
+            Changes of the inner positions, natural units.
         last : ndarray, shape (d, N)
-            Its command, natural units.
+            Command of the path, natural units.
         u : cvxpy expression, shape (d, N)
-            The command that is sought.
+            The new command.
         rules : list
             To which constraints are added.
 
         Returns
         -------
         cvxpy expression
-            By how much places may break the conditions, to be penalised.
+            Sum of the slack variables of constraints on the path, to be penalised.
         """
         wanted, slack = self.wanted, 0.0
         if wanted.maximum_m_s2 is not None:
             rules.append(cp.norm(u, 2, axis=0) <= wanted.maximum_m_s2 / self.size)
         if wanted.minimum_m_s2 is not None:
-            # the half-space beyond the bound in the direction of the last command
+            # |u| ≥ least is not convex. The half-space way·u ≥ least implies it, since |u| ≥ way·u.
             way = last / np.maximum(np.linalg.norm(last, axis=0), 1e-300)
             along = cp.sum(cp.multiply(way, u), axis=0)
             rules.append(along >= wanted.minimum_m_s2 / self.size)
         up = self.task.up
         if wanted.tilt_rad is not None and up is not None:
+            # up·u ≥ cos(tilt) |u|: a second-order cone
             rules.append(np.cos(wanted.tilt_rad) * cp.norm(u[:, -1]) <= up @ u[:, -1])
         if self.kept.size and wanted.glide_slope_rad is not None and up is not None:
             away = (r[:, self.kept] - self.task.end_position_m[:, None]) / self.length
             place = away + moved[:, self.kept - 1]
+            # a cone about the normal with its apex at the site; the slack keeps the problem
+            # feasible
             below = cp.Variable(len(self.kept), nonneg=True)
             rise = np.sin(wanted.glide_slope_rad) * cp.norm(place, 2, axis=0)
             rules.append(rise <= up @ place + below)
             slack = slack + cp.sum(below)
         if self.ground is not None:
             inner = np.ascontiguousarray(r[:, 1:-1])
+            # the surface to first order in the change of the position
             slope = self.ground.slopes(inner) * self.length
             under = cp.Variable(inner.shape[1], nonneg=True)
             height = self.ground.height(inner) + cp.sum(cp.multiply(slope, moved), axis=0)

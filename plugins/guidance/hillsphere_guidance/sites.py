@@ -1,4 +1,4 @@
-"""Places on the surface of the body that a plant moves about."""
+"""Landing sites on the surface of the body about which a plant moves."""
 
 from __future__ import annotations
 
@@ -16,15 +16,20 @@ from hillsphere_guidance.motion import motion_of
 __all__ = ["Ground", "Site"]
 
 _IMPACT = "impact"
-_SAMPLES = 4000
 _NEAREST, _FARTHEST = 1e-4, 10.0
-"""Range of distances along a ray in which the surface is sought, in the plant's units of length."""
+"""Range of distances along a ray in which the surface is searched, in the plant's units of
+length."""
+_SAMPLES = 4000
+"""Samples of a ray between these distances, in geometric progression: neighbours differ by 0.3 %.
+Parts of a surface that are thinner than that along the ray may be missed."""
 _STEP = 1e-4
-"""Of the differences that give slopes, relative to the distance: of fourth order, they are exact
-for an ellipsoid, and stay within one face of a mesh almost everywhere."""
+"""Step of the differences for the gradient, relative to the distance. They are of fourth order and
+exact for an ellipsoid; this step stays within one face of a mesh almost everywhere."""
 _NEXT = 1e-7
-"""How far on either side of a surface its shape is asked for it, relative to the distance."""
+"""Distance on either side of the surface, relative to that from the centre, at which the sign of
+the shape's level is checked."""
 _STENCIL = ((-2.0, 1.0 / 12.0), (-1.0, -8.0 / 12.0), (1.0, 8.0 / 12.0), (2.0, -1.0 / 12.0))
+"""Offsets in steps, and weights, of the central first difference of fourth order."""
 
 
 @dataclass(frozen=True)
@@ -44,24 +49,22 @@ class Site:
 
 
 class Ground:
-    """The surface where flights of a plant end, as its event ``impact`` tells.
+    """The surface at which flights of a plant end, that of its event ``impact``.
 
     Parameters
     ----------
     plant : Plant
         Equations of motion.
     start : ndarray, shape (n,)
-        A state of the plant, for those that are neither positions nor velocities.
+        A state of the plant, for states that are neither positions nor velocities.
 
     Raises
     ------
     InputError
-        If the plant has no such event, or no three positions.
+        If the plant has no such event, or not three positions.
 
-    Notes
-    -----
-    The body is taken to be star-shaped about its centre: a ray meets its surface once. Of one that
-    is not, sites are the outermost points.
+    Notes ----- The body is taken to be star-shaped about its centre: a ray meets its surface once.
+    Of another body the sites are the outermost points.
     """
 
     def __init__(self, plant: Plant, start: Array) -> None:
@@ -80,14 +83,14 @@ class Ground:
         self._controls = np.zeros(len(motion.controls))
 
     def height(self, r: Array, t: float | Array = 0.0) -> Array:
-        """Return the plant's event at positions (3, N): without dimension, positive outside."""
+        """Return the value of the event at positions (3, N): dimensionless, positive outside."""
         x = np.repeat(self._start[:, None], r.shape[1], axis=1)
         x[self._motion.positions] = r
-        found: Array = self._surface(x, self._controls, t)[0]
-        return found
+        level: Array = self._surface(x, self._controls, t)[0]
+        return level
 
     def direction(self, latitude_rad: float, longitude_rad: float) -> Array:
-        """Return the unit vector (3,) from the centre at planetocentric latitude and longitude."""
+        """Return the unit vector (3,) from the centre to planetocentric latitude and longitude."""
         lon = longitude_rad + self._meridian
         cos = np.cos(latitude_rad)
         return np.array([cos * np.cos(lon), cos * np.sin(lon), np.sin(latitude_rad)])
@@ -130,7 +133,7 @@ class Ground:
         return Site(place, self.normal(place))
 
     def heights(self, r: Array) -> Array:
-        """Return how far positions (3, N) are above the surface along their radii (N,), m."""
+        """Return the heights of positions (3, N) above the surface along their radii (N,), m."""
         distance = np.linalg.norm(r, axis=0)
         way = r / distance
         above = self.height(r)
@@ -159,12 +162,13 @@ class Ground:
     def normal(self, r: Array) -> Array:
         """Return the unit outward normal (3,) of the surface at a position (3,) on it.
 
-        That of the body's shape; of a body of which only the event is known, its slope.
+        It is that of the body's shape or, if only the event is known, the direction of its
+        gradient.
 
         Raises
         ------
         InputError
-            If the shape is elsewhere: the body is tilted in the plant's frame.
+            If the shape's surface is not there: the body is tilted in the plant's frame.
         """
         if self._shape is None:
             slope = self.slopes(r[:, None])[:, 0]
@@ -181,10 +185,10 @@ class Ground:
         return np.asarray(to_body.T @ normals_of(self._shape)(own)[:, 0])
 
     def slopes(self, r: Array) -> Array:
-        """Return the derivatives (3, N) of the event by position, 1/m, at positions (3, N)."""
+        """Return the gradient (3, N) of the event by position, 1/m, at positions (3, N)."""
         step = _STEP * np.linalg.norm(r, axis=0)
-        found = np.zeros_like(r)
+        gradient = np.zeros_like(r)
         for row, axis in enumerate(np.eye(3)[:, :, None]):
             for reach, weight in _STENCIL:
-                found[row] += weight * self.height(r + reach * step * axis)
-        return np.asarray(found / step)
+                gradient[row] += weight * self.height(r + reach * step * axis)
+        return np.asarray(gradient / step)

@@ -1,4 +1,4 @@
-"""Specs of guidance: what a mission may write in ``[guidance.NAME]``."""
+"""Specs of guidance: the keys of ``[guidance.NAME]`` in a mission."""
 
 from __future__ import annotations
 

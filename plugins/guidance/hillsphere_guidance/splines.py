@@ -19,9 +19,9 @@ class ClampedSpline:
     Parameters
     ----------
     duration : float
-        Length of the interval, from zero.
+        Length of the interval, which begins at zero.
     control_points : int
-        Their number n, more than the degree; knots are uniform.
+        Number n of control points, more than the degree; the knots are uniform.
     degree : int
         Degree of the polynomials.
 

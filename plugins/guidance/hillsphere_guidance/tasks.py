@@ -1,4 +1,4 @@
-"""Checks of what guidance is asked for."""
+"""Check of a guidance task."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def check_task(motion: Motion, task: GuidanceTask) -> None:
     motion : Motion
         Of the plant.
     task : GuidanceTask
-        What is asked for.
+        Start, end and duration.
 
     Raises
     ------
     InputError
-        If numbers are missing, not finite, or the plant is not fit for guidance.
+        If numbers are missing or not finite, or the plant is not suitable for guidance.
     """
     n, d = len(motion.states), motion.axes
     for name, values, count in (

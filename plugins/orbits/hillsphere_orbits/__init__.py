@@ -1,12 +1,13 @@
 """Built-in orbits plugin: families of periodic orbits, and what missions do with them.
 
-Tools for any plant lie here: `continuation` and `lockstep` (Newton and pseudo-arclength),
-`shooting` and `multiple_shooting` (the equations of an orbit), `stability`, `secondary`
-(bifurcations by kind), `parameter_continuation`, `members` (orbits at prescribed values). On them
-stand the families: `qso` (planar), `spatial`, `swing` (several revolutions in the plane),
-`libration` and `following` (any plant). What is done with orbits: `manifolds`, `transfers`,
-`robustness`, `station_keeping` and `station_keeping_flown`, `coverage`, `fidelity` and `reflown`
-(truer equations), `ephemeris`.
+The modules at the top serve any plant: `continuation` and `lockstep` (Newton's method and
+pseudo-arclength continuation), `shooting` and `multiple_shooting` (the equations of a periodic
+orbit), `stability`, `secondary` (bifurcations by kind), `parameter_continuation`, and `members`
+(orbits at prescribed values). The families use them: `qso` (planar), `spatial_qso_families`,
+`swing_qso_families` (several revolutions in the plane), `libration`, and `orbit_family` (any
+plant). Further stages take the orbits: `invariant_manifolds`, `manifold_transfers`,
+`swing_transfers`, `nonlinear_stability`, `station_keeping_index`, `station_keeping_flown`,
+`coverage`, `fidelity_ladder` and `transfers_reflown` (higher-fidelity equations), `ephemeris`.
 """
 
 from __future__ import annotations
@@ -65,14 +66,14 @@ def hillsphere_components() -> list[Component]:
             "invariant_manifolds",
             "hillsphere_orbits.invariant_manifolds.stage:InvariantManifoldsStage",
             "hillsphere_orbits.invariant_manifolds.specs:InvariantManifoldsSpec",
-            "invariant manifolds of unstable orbits and what their trajectories meet",
+            "invariant manifolds of unstable orbits and the crossings of their trajectories",
         ),
         Component(
             "stage",
             "nonlinear_stability",
             "hillsphere_orbits.nonlinear_stability.stage:NonlinearStabilityStage",
             "hillsphere_orbits.nonlinear_stability.specs:NonlinearStabilitySpec",
-            "offsets that periodic orbits bear, survival of injection errors, resonances nearby",
+            "largest offsets that orbits survive, survival of injection errors, nearby resonances",
         ),
         Component(
             "orbit_family",
@@ -114,14 +115,14 @@ def hillsphere_components() -> list[Component]:
             "swing_transfers",
             "hillsphere_orbits.swing_transfers.stage:SwingTransfersStage",
             "hillsphere_orbits.transfers.specs:SwingTransfersSpec",
-            "transfers in the plane by way of orbits of several revolutions",
+            "transfers in the plane through orbits of several revolutions",
         ),
         Component(
             "stage",
             "fidelity_ladder",
             "hillsphere_orbits.fidelity_ladder.stage:FidelityLadderStage",
             "hillsphere_orbits.fidelity_ladder.specs:FidelityLadderSpec",
-            "periodic orbits carried over to truer equations by multiple shooting",
+            "periodic orbits continued to higher-fidelity equations by multiple shooting",
         ),
         Component(
             "stage",
@@ -142,6 +143,6 @@ def hillsphere_components() -> list[Component]:
             "transfers_reflown",
             "hillsphere_orbits.transfers_reflown.stage:TransfersReflownStage",
             "hillsphere_orbits.transfers_reflown.specs:TransfersReflownSpec",
-            "transfers flown again on truer equations: what their impulses become",
+            "transfers and their impulses recomputed on higher-fidelity equations",
         ),
     ]

@@ -16,18 +16,22 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
 from hillsphere_orbits.flow import Flow, flow_of
 
-__all__ = ["ArcSearch", "Effort", "Flown", "Free", "Target"]
+__all__ = ["ArcSearch", "ContinuousFlights", "Effort", "FreeFlights", "Target"]
 
 _AT_REST = 1e-3
-"""Longest move of a node, normalised, from which on only the gaps are closed;"""
+"""If no node moves farther than this, normalised, only the gaps are closed from then on."""
 _NEARLY, _GAIN, _IDLE = 1e-3, 1e-2, 3
-"""or with gaps this small, if the distance from the target shrank by this part in so many steps."""
+"""The same holds with gaps below the first number if the distance from the target has shrunk by
+less than the second, relative, over the third number of steps."""
 _ABOUT = 1e-5
 """Gaps, normalised, up to which the first arcs are closed alone."""
-_FIRST_STEPS, _MOST_STEPS = 8, 2048
+_FIRST_STEPS = 8
+"""Sub-steps of an arc that are tried first; they are doubled until the error is small enough."""
+_MOST_STEPS = 2048
+"""Sub-steps beyond which an arc counts as one through a singularity, and its flight is given up."""
 _STEP_ERROR = 3e-9
-"""Sub-steps of an arc that are tried, and how far half as many may be off: the error of an eighth-
-order formula is 256 times smaller."""
+"""Largest difference, relative, between an arc in some sub-steps and in twice as many. The formula
+is of eighth order, so that the arc in twice as many errs by a 256th of it, 1e-11."""
 _LONGEST = 0.1
 """Longest move of a node in one step, of its distance and speed: farther arcs are not linear."""
 _ALONG = 400.0
@@ -82,7 +86,7 @@ class Effort:
 
 
 @dataclass(frozen=True, eq=False)
-class Flown:
+class ContinuousFlights:
     """Flights that solve the equations, as near to the given ones as they could be found.
 
     Parameters
@@ -114,7 +118,7 @@ class Flown:
 
 
 @dataclass(frozen=True, eq=False)
-class Free:
+class FreeFlights:
     """Free flights of some lanes: nodes and slips of all, distances, infinite where they leave."""
 
     lanes: _Lanes
@@ -160,7 +164,7 @@ class ArcSearch:
         return np.array([i for i, why in enumerate(self.reasons) if not why], dtype=np.intp)
 
     def _sub_steps(self) -> int:
-        """Return sub-steps that are enough for an arc; give flights up for which none are.
+        """Return the sub-steps that resolve every arc; give up flights that need too many.
 
         The number is common to all arcs, so that one that passes the moon's centre must not set it.
         """
@@ -176,6 +180,7 @@ class ArcSearch:
             finer = self.flow.plain.propagate(
                 np.ascontiguousarray(start[:, left]), duration[left], 2 * count, strict=False
             )
+            # Richardson: the difference of n and 2n steps is the error of n
             error = np.max(np.abs(finer - end)[self.moves], axis=0)
             needed[left[error <= _STEP_ERROR * size[left]]] = 2 * count
             end, count = finer[:, np.isinf(needed[left])], 2 * count
@@ -184,7 +189,7 @@ class ArcSearch:
             self.reasons[lane] = "an arc passes too near the body's centre, or is too unstable"
         return int(np.max(worst[np.isfinite(worst)], initial=_FIRST_STEPS))
 
-    def begin_freely(self) -> Free:
+    def begin_freely(self) -> FreeFlights:
         """Put flights that were given up on free flights that stay near their targets.
 
         Of the flight from the first node as given, and those from the first nodes after closing
@@ -195,11 +200,11 @@ class ArcSearch:
         lost = np.flatnonzero(given_up & (self.iterations > 0))
         reasons = list(self.reasons)
         points = self.x.shape[1]
-        best = Free(lost, self.x.copy(), self.slip.copy(), np.full(len(reasons), np.inf))
+        best = FreeFlights(lost, self.x.copy(), self.slip.copy(), np.full(len(reasons), np.inf))
         for window in (0, *_WINDOWS):
             if not lost.size or window >= points:
                 break
-            lanes = self._restarted(lost)
+            lanes = self._reset_to_nodes(lost)
             if window:
                 lanes = self.close(slice(0, window + 1), Effort(6, 4, _ABOUT), lanes, strict=False)
             free = self._free(lanes)
@@ -207,28 +212,28 @@ class ArcSearch:
             best.x[:, :, nearer], best.slip[:, nearer] = free.x[:, :, nearer], free.slip[:, nearer]
             best.distance[nearer] = free.distance[nearer]
         self.reasons = reasons
-        return Free(self.restart(best), best.x, best.slip, best.distance)
+        return FreeFlights(self.restart(best), best.x, best.slip, best.distance)
 
-    def restart(self, flights: Free) -> _Lanes:
-        """Put those of the flights that were given up back on their nodes, and return them."""
+    def restart(self, flights: FreeFlights) -> _Lanes:
+        """Put the flights that were given up back on their nodes, and return their numbers."""
         lanes = [k for k in flights.lanes if self.reasons[k] and np.isfinite(flights.distance[k])]
         for k in lanes:
             self.reasons[k] = ""
         self.x[:, :, lanes], self.slip[:, lanes] = flights.x[:, :, lanes], flights.slip[:, lanes]
-        # what is held stays where it was given, wherever a free flight went
+        # fixed components keep their given values, whatever the free flight reached
         back = np.ix_(self.moves, np.arange(self.x.shape[1]), lanes)
         there = self.given[back] / self.unit[self.moves]
         self.x[back] = np.where(self.freedom[:, :, lanes] == 0.0, there, self.x[back])
         return np.array(lanes, dtype=np.intp)
 
-    def _restarted(self, lanes: _Lanes) -> _Lanes:
+    def _reset_to_nodes(self, lanes: _Lanes) -> _Lanes:
         """Put flights back on the nodes that were given."""
         for k in lanes:
             self.reasons[k] = ""
         self.x[:, :, lanes], self.slip[:, lanes] = self.given[:, :, lanes] / self.unit, 0.0
         return lanes
 
-    def _free(self, lanes: _Lanes) -> Free:
+    def _free(self, lanes: _Lanes) -> FreeFlights:
         """Fly from the first nodes over all arcs, as long as flights stay near their targets."""
         x, slip = self.x.copy(), self.slip.copy()
         stays, squares = lanes, np.zeros(len(self.reasons))
@@ -251,7 +256,7 @@ class ArcSearch:
             stays = stays[away <= _NEAR * np.linalg.norm(at[self.moves, 0], axis=0)]
         distance = np.full(len(self.reasons), np.inf)
         distance[stays] = np.sqrt(squares[stays])
-        return Free(lanes, x, slip, distance)
+        return FreeFlights(lanes, x, slip, distance)
 
     def close(
         self,
@@ -303,7 +308,7 @@ class ArcSearch:
             closing[lanes] += (closing[lanes] > 0) | rest | (steps[lanes] >= effort.settle)
         return np.array([lane for lane in chosen if not self.reasons[lane]], dtype=np.intp)
 
-    def flown(self, tolerance: float) -> Flown:
+    def flights(self, tolerance: float) -> ContinuousFlights:
         """Return the flights, their gaps measured by another propagator."""
         n, points, cases = self.x.shape
         gap, good = np.full(cases, np.nan), self.alive
@@ -314,6 +319,7 @@ class ArcSearch:
                 end = self.flow.taylor.fly(start, duration, strict=False).x
             else:
                 end = self.flow.map.propagate(start, duration, 2 * self.steps, strict=False)[0]
+            # gaps by an integrator that the search did not use
             jumps = end.reshape(n, points - 1, good.size) - self.x[:, 1:, good]
             gap[good] = np.max(np.abs(jumps), axis=(0, 1))
             for lane in good[~(gap[good] <= tolerance)]:
@@ -321,7 +327,9 @@ class ArcSearch:
         converged = np.array([not why for why in self.reasons], dtype=np.bool_)
         states = np.where(converged, self.x * self.unit, self.given)
         why = tuple(self.reasons)
-        return Flown(states, converged, self.iterations, gap, self.slip, why, self.steps)
+        return ContinuousFlights(
+            states, converged, self.iterations, gap, self.slip, why, self.steps
+        )
 
     def _arcs(self, nodes: slice, lanes: _Lanes) -> tuple[Array, Array]:
         """Return the gaps (m, K, L) and matrices (m, m, K, L) of the arcs between nodes."""
@@ -345,6 +353,8 @@ class ArcSearch:
         self.slip[np.ix_(np.arange(len(self.slip))[nodes], lanes)] = slip
         away = (x - target / self.unit)[self.moves]
         distance = np.sqrt(np.mean(np.sum(away**2, axis=0), axis=0))
+        # at rest the nodes move by the shortest way that closes the gaps, no longer towards the
+        # target
         away = np.where(resting, 0.0, away)
         m = len(self.moves)
         width = np.zeros((m, *away.shape))
@@ -352,8 +362,12 @@ class ArcSearch:
         if along is not None:
             sense = (along / self.unit)[self.moves]
             sense = sense / np.sqrt(np.sum(sense**2, axis=0))
+            # a node may slip along its target curve at little cost: large variance in that
+            # direction
             width += _ALONG * sense[:, None] * sense[None, :]
+        # linear constraints A·move = gaps of all arcs, minimising (move + away)ᵀ W⁻¹ (move + away)
         rhs = gaps + away[:, 1:] - np.einsum("ijkN,jkN->ikN", phi, away[:, :-1])
+        # Lagrange multipliers λ of the arcs; the move is W Aᵀ λ − away
         multiplier = _solve(phi, width, rhs)
         pull = np.zeros_like(away)
         pull[:, 1:] += multiplier
@@ -362,6 +376,7 @@ class ArcSearch:
         size = np.sqrt(np.sum(x[self.moves] ** 2, axis=0))
         length = np.sqrt(np.sum(move**2, axis=0))
         with np.errstate(divide="ignore", invalid="ignore"):
+            # one factor per flight: all its nodes are shortened alike, which keeps the direction
             factor = np.min(_LONGEST * size / length, axis=0)
         return move * np.fmin(1.0, factor), distance
 
@@ -383,9 +398,9 @@ def _solve(phi: Array, width: Array, rhs: Array) -> Array:
             band[m + i - j, :, :-1, j] = below[i, j].T
     flat = band.reshape(2 * m, -1)
     try:
-        found = solveh_banded(flat, rhs.transpose(2, 1, 0).reshape(-1), lower=True)
+        solution = solveh_banded(flat, rhs.transpose(2, 1, 0).reshape(-1), lower=True)
     except LinAlgError as fault:
         raise InputError(
             "no flight can be continuous with so many states held: give the nodes more freedom"
         ) from fault
-    return np.asarray(found.reshape(cases, arcs, m).transpose(2, 1, 0))
+    return np.asarray(solution.reshape(cases, arcs, m).transpose(2, 1, 0))

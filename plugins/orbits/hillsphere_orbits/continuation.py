@@ -62,6 +62,7 @@ class Branch:
             self.tangent[:, k] * (length2 / np.sum(chord * self.tangent[:, k], axis=0))
             for k in (i, i + 1)
         )
+        # Hermite's cubic from both ends and their derivatives; an error of order chord⁴
         guess = (
             start
             + s * ahead
@@ -80,7 +81,7 @@ class Branch:
         """
         guess, planes = self.guess(u)
         names = [f"position {value:.3f}" for value in np.asarray(u)]
-        z = correct(problem, guess, planes).checked("member between two others", names)
+        z = correct(problem, guess, planes).require_converged("member between two others", names)
         return self.near(u, z, "member between two others", names)
 
     def near(self, u: Array, z: Array, what: str, names: Sequence[str]) -> Array:
@@ -96,6 +97,7 @@ class Branch:
         """
         i = np.clip(np.floor(np.asarray(u, dtype=float)).astype(int), 0, self.size - 2)
         chord = np.linalg.norm(self.z[:, i + 1] - self.z[:, i], axis=0)
+        # a solution farther than a chord from both neighbours belongs to another branch
         away = np.minimum(
             np.linalg.norm(z - self.z[:, i], axis=0), np.linalg.norm(z - self.z[:, i + 1], axis=0)
         )
@@ -106,7 +108,7 @@ class Branch:
             )
         return z
 
-    def resampled(self, problem: Problem, members: int, *, relative: bool = False) -> Branch:
+    def resample(self, problem: Problem, members: int, *, relative: bool = False) -> Branch:
         """Return the same piece with this many members, equally spaced in chord length.
 
         With `relative` lengths count relative to the distance from the origin where that is above
@@ -116,6 +118,7 @@ class Branch:
         if relative:
             distance = np.linalg.norm(self.z, axis=0)
             chord = chord / np.maximum(1.0, np.minimum(distance[1:], distance[:-1]))
+        # positions u at equal arclength, by inverting the cumulated chord length
         length = np.concatenate([[0.0], np.cumsum(chord)])
         u = np.interp(np.linspace(0.0, length[-1], members), length, np.arange(self.size))
         z = self.at(problem, u)
@@ -212,6 +215,7 @@ def follow(
     while len(members) < control.members:
         new, line, quick = _advance(problem, z, tangent, step, control)
         if new is None or line is None:
+            # the step is halved until the correction succeeds on this branch
             step *= 0.5
             if step < control.smallest:
                 reason = "no further member: the step collapsed"
@@ -246,22 +250,26 @@ def _advance(
     problem: Problem, z: Array, tangent: Array, step: float, control: StepControl
 ) -> tuple[Array | None, Array | None, bool]:
     """Take one step; (None, None, False) if it failed, else member, tangent and "was easy"."""
+    # Euler predictor; the corrector stays in the plane normal to the tangent (Keller 1977)
     ahead = z + step * tangent
     try:
-        found = correct(
+        corrected = correct(
             problem, ahead, on_planes(tangent, ahead), tolerance=control.tolerance, iterations=8
         )
-        if not bool(found.converged[0]):
+        if not bool(corrected.converged[0]):
             return None, None, False
-        if np.linalg.norm(found.z - ahead) > control.turn * step:
+        # a branch that turns by at most `turn` leaves its tangent by about turn·step/2; a
+        # correction farther off has met another branch
+        if np.linalg.norm(corrected.z - ahead) > control.turn * step:
             return None, None, False
-        line = tangents(problem, found.z, tangent)
+        line = tangents(problem, corrected.z, tangent)
     except PropagationError:
         return None, None, False
     cosine = float(np.sum(line * tangent))
+    # the tangent turns too far for a linear prediction
     if cosine < np.cos(control.turn):
         return None, None, False
-    return found.z, line, found.iterations <= 3 and cosine > np.cos(0.4 * control.turn)
+    return corrected.z, line, corrected.iterations <= 3 and cosine > np.cos(0.4 * control.turn)
 
 
 def _first_crossed(
@@ -273,6 +281,7 @@ def _first_crossed(
         before, after = boundary.function(pair.z)
         if after >= 0.0:
             continue
+        # the member itself lies on the boundary, to rounding
         if before <= 0.0:
             hits.append((0.0, boundary.reason))
             continue
@@ -316,6 +325,7 @@ def continue_both(
     """
     ahead = follow(problem, start, direction, boundaries=boundaries, control=control)
     back = follow(problem, start, -ahead.tangent[:, 0], boundaries=boundaries, control=control)
+    # the backward branch reversed, without the shared first member
     z = np.hstack([back.z[:, :0:-1], ahead.z])
     tangent = np.hstack([-back.tangent[:, :0:-1], ahead.tangent])
     if z.shape[1] < 2:

@@ -21,7 +21,15 @@ import numpy as np
 from hillsphere.errors import ConvergenceError
 from hillsphere.interfaces import Array
 
-__all__ = ["Constraint", "Correction", "Problem", "correct", "fixed", "on_planes", "tangents"]
+__all__ = [
+    "Constraint",
+    "Correction",
+    "Problem",
+    "correct",
+    "fix_component",
+    "on_planes",
+    "tangents",
+]
 
 
 class Problem(Protocol):
@@ -62,7 +70,7 @@ class Correction:
     converged: np.ndarray[tuple[int], np.dtype[np.bool_]]
     iterations: int
 
-    def checked(self, what: str, names: Sequence[str] | None = None) -> Array:
+    def require_converged(self, what: str, names: Sequence[str] | None = None) -> Array:
         """Return `z`, or raise `ConvergenceError` naming the lanes that failed."""
         failed = np.flatnonzero(~self.converged)
         if failed.size:
@@ -122,6 +130,7 @@ def correct(
             more, more_slopes = constraint(z)
             values = np.concatenate([values, more])
             slopes = np.concatenate([slopes, more_slopes])
+        # lanes share the iterations, so that each keeps its best iterate
         size = np.max(np.abs(values), axis=0)
         better = size < error
         best[:, better], error[better] = z[:, better], size[better]
@@ -129,6 +138,7 @@ def correct(
             break
         bound = tolerance * np.maximum(1.0, np.max(np.abs(best), axis=0))
         if bool(np.all(error <= bound)):
+            # quadratic convergence: one more step goes from the tolerance to rounding
             used, polishing = count, True
         elif count == iterations:
             break
@@ -144,10 +154,11 @@ def _least_squares(slopes: Array, values: Array) -> Array:
             return np.asarray(np.linalg.solve(matrix, rhs)[:, :, 0].T)
         except np.linalg.LinAlgError:
             pass  # one lane is singular: the pseudo-inverse below still gives a finite step
+    # least squares for redundant equations, the shortest step for missing ones
     return np.asarray((np.linalg.pinv(matrix) @ rhs)[:, :, 0].T)
 
 
-def fixed(index: int, values: Array | float) -> Constraint:
+def fix_component(index: int, values: Array | float) -> Constraint:
     """Return the constraint z[index] = values (one value per lane, or one for all)."""
 
     def constraint(z: Array) -> tuple[Array, Array]:

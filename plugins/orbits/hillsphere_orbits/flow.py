@@ -1,4 +1,4 @@
-"""The compiled flow of a plant, as the orbit tools use it."""
+"""The normalised flow of a plant with its state transition matrix, compiled once."""
 
 from __future__ import annotations
 
@@ -14,7 +14,12 @@ from hillsphere.dynamics import ArrayFunction, StepMap, System, Taylor, system
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
 
-__all__ = ["Compiled", "Flow", "flow_of"]
+__all__ = ["XY_MIRROR", "Z_HALF_TURN", "Compiled", "Flow", "flow_of"]
+
+XY_MIRROR = (1, 1, -1, 1, 1, -1)
+"""Signs of x, y, z, vx, vy, vz under the mirror xy; planar orbits need equations that keep it."""
+Z_HALF_TURN = (-1, -1, 1, -1, -1, 1)
+"""The same under half a turn about z: Hill's equations keep it, the three-body problem does not."""
 
 _LOCAL_ERROR = 1e-13
 """Of a step that chooses its length, natural units: a few hundred of them err by 1e-12 or so, which
@@ -50,10 +55,10 @@ class Compiled:
         flow = _FLOWS.get(self.plant)
         # functions of arrays need not be picklable, and their plants compile next to nothing
         outside = flow is not None and flow.system.external is not None
-        return _received, (self.plant, None if outside else flow)
+        return _adopt_flow, (self.plant, None if outside else flow)
 
 
-def _received(plant: Plant, flow: Flow | None) -> Compiled:
+def _adopt_flow(plant: Plant, flow: Flow | None) -> Compiled:
     if flow is not None:
         _FLOWS.setdefault(plant, flow)
     return Compiled(plant)
@@ -80,6 +85,7 @@ class Flow:
         self.system = system
         self.names: tuple[str, ...] = tuple(v.name for v in system.states)
         self.map = StepMap(system, method="dop853", stm=True)
+        # rates at two times, at states of no symmetry: any explicit time would show
         probe = np.linspace(0.9, 1.7, len(self.names))[:, None] * system.scale[:, None]
         if not np.array_equal(self.rate(probe, 0.0), self.rate(probe, 0.37), equal_nan=True):
             raise InputError(
@@ -88,7 +94,7 @@ class Flow:
 
     @cached_property
     def plain(self) -> StepMap:
-        """The same map without the matrix: seven times as fast, for flights of many lanes."""
+        """The step map without the matrix: seven times as fast, for flights of many lanes."""
         return StepMap(self.system, method="dop853")
 
     @cached_property
@@ -98,7 +104,7 @@ class Flow:
 
     @cached_property
     def taylor(self) -> Taylor:
-        """Its Taylor series, which an `ExternalInputs` plant does not have."""
+        """Propagator by Taylor series; an `ExternalInputs` plant has none."""
         return Taylor(self.system)
 
     @cached_property
@@ -126,7 +132,7 @@ class Flow:
         return self.map.trajectory(x, duration, steps)
 
     def at_once(self, x: Array, h: Array) -> Array:
-        """Return the states (n, N) one sub-step of length h (N,) later."""
+        """Return the states (n, N) after one sub-step of length h (N,)."""
         end: Array = self.map.step(x, h)[0]
         return end
 
@@ -137,6 +143,7 @@ class Flow:
         divides the error of an eighth-order method by 256.
         """
         size = max(1.0, float(np.max(np.abs(x) / self.system.scale[:, None])))
+        # twice the steps that meet the tolerance: a margin of 2⁸ for other members
         return 2 * self.map.choose_steps(x, duration, tolerance * size)
 
     def keeps(self, mirror: Sequence[int], x: Array, *, reverses_time: bool) -> bool:
@@ -156,6 +163,7 @@ class Flow:
         bool
             f(S x) = ±S f(x) to rounding at all samples.
         """
+        # equivariance f(S x) = S f(x), or −S f(x) under time reversal
         sign = np.asarray(mirror, dtype=float)[:, None]
         here, there = self.rate(x), self.rate(sign * x)
         expected = (-sign if reverses_time else sign) * here

@@ -40,7 +40,7 @@ _QUICK = 0.35  # part of the largest turn up to which the next step may be longe
 
 @runtime_checkable
 class LaneProblem(Problem, Contract, Protocol):
-    """Equations that are solved with other settings in every lane (sub-steps, parameters)."""
+    """Equations with settings of their own in every lane (sub-steps, parameters)."""
 
     def of(self, lanes: NDArray[np.intp]) -> Problem:
         """Return the problem of some of the lanes."""
@@ -49,7 +49,7 @@ class LaneProblem(Problem, Contract, Protocol):
 
 @dataclass
 class _Lane:
-    """What one family has done so far."""
+    """State of the continuation of one family."""
 
     step: float
     members: list[Array] = field(default_factory=list)
@@ -134,11 +134,12 @@ def follow_lanes(
     active = np.arange(z.shape[1])
     while active.size:
         own = [lanes[k] for k in active]
+        # one Newton step of every lane per pass: a lane corrects, accepts or retries independently
         z[:, active] = _advance(_of(problem, active), z[:, active], own, control)
         _ask(done, lanes, active)
         active = np.array([k for k in active if not lanes[k].end], dtype=np.intp)
     if finish:
-        return _polished(problem, lanes, control, exact)
+        return _correct_members(problem, lanes, control, exact)
     return [
         Branch(np.array(lane.members).T, np.array(lane.lines).T, ("start", lane.end))
         for lane in lanes
@@ -159,6 +160,7 @@ def _advance(problem: Problem, z: Array, lanes: list[_Lane], control: StepContro
     usable = np.isfinite(error) & np.all(np.isfinite(slopes), axis=(0, 1))
     new, tangents = z.copy(), lines.copy()
     if np.any(usable):
+        # bordered system [F'; tᵀ] of pseudo-arclength, regular at turning points too
         matrix = np.concatenate([slopes, normal])[:, :, usable]
         rhs = np.concatenate([values, plane])[:, usable]
         new[:, usable] -= (np.linalg.pinv(np.moveaxis(matrix, 2, 0)) @ rhs.T[:, :, None])[:, :, 0].T
@@ -167,6 +169,8 @@ def _advance(problem: Problem, z: Array, lanes: list[_Lane], control: StepContro
     for k, lane in enumerate(lanes):
         converged = bool(usable[k] and error[k] <= max(_COARSE, control.tolerance))
         turned = cosine[k] < np.cos(control.turn)
+        # `new` is one Newton step beyond the accepted residual, so that its error is the square of
+        # it
         if converged and not turned:
             easy = lane.newton <= _EASY and cosine[k] > np.cos(_QUICK * control.turn)
             lane.accept(new[:, k], tangents[:, k])
@@ -176,6 +180,7 @@ def _advance(problem: Problem, z: Array, lanes: list[_Lane], control: StepContro
                 lane.end = f"stopped after {control.members} members"
             continue
         lane.newton += 1
+        # the tangent turned too far, the flow left its domain, or Newton stalls: halve the step
         if converged or not usable[k] or lane.newton > _MOST:
             lane.step, lane.newton = 0.5 * lane.step, 0
             new[:, k] = lane.ahead
@@ -185,7 +190,7 @@ def _advance(problem: Problem, z: Array, lanes: list[_Lane], control: StepContro
 
 
 def _ask(done: Done, lanes: list[_Lane], active: NDArray[np.intp]) -> None:
-    """Ask whether the lanes that have just found a member end there."""
+    """Call `done` for the lanes that have just accepted a member, and end them accordingly."""
     fresh = np.array(
         [k for k in active if lanes[k].newton == 0 and len(lanes[k].members) > 1], dtype=np.intp
     )
@@ -214,18 +219,19 @@ def _evaluate(problem: Problem, z: Array) -> tuple[Array, Array]:
 
 
 def _rows(values: Array, rows: int) -> Array:
-    """Give a lane without values as many equations as the others have."""
+    """Pad the equations of a lane without values to the number of the other lanes."""
     missing = rows - len(values)
     return np.concatenate([values, np.full((missing, *values.shape[1:]), np.nan)])
 
 
 def _null_vectors(slopes: Array, along: Array) -> Array:
     """Return unit null vectors (m, N) of dF/dz (k, m, N), in the sense of `along`."""
-    found = np.linalg.svd(np.moveaxis(slopes, 2, 0))[2][:, -1, :].T
-    return np.asarray(np.where(np.sum(found * along, axis=0) < 0.0, -found, found))
+    # the right singular vector of the smallest singular value spans the null space
+    vectors = np.linalg.svd(np.moveaxis(slopes, 2, 0))[2][:, -1, :].T
+    return np.asarray(np.where(np.sum(vectors * along, axis=0) < 0.0, -vectors, vectors))
 
 
-def _polished(
+def _correct_members(
     problem: Problem,
     lanes: list[_Lane],
     control: StepControl,

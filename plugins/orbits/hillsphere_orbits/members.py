@@ -1,7 +1,8 @@
 """Members of a family at prescribed values, all corrected in lockstep.
 
-`members_at` takes a quantity with a gradient (an amplitude, the period, an integral) and lets
-Newton hold it; `members_where` takes any function of a member (a stability index) and brackets it.
+`members_at` takes a quantity with a gradient (an amplitude, the period, an integral) as a further
+equation of Newton's method; `members_where` takes any function of a member (a stability index) and
+brackets its roots.
 """
 
 from __future__ import annotations
@@ -19,7 +20,14 @@ from hillsphere_orbits.continuation import Branch
 from hillsphere_orbits.correction import Problem, correct, tangents
 from hillsphere_orbits.roots import brackets, extrema
 
-__all__ = ["Found", "Quantity", "coordinate", "members_at", "members_where", "resolved"]
+__all__ = [
+    "MembersAtValues",
+    "Quantity",
+    "coordinate",
+    "insert_members",
+    "members_at",
+    "members_where",
+]
 
 Quantity: TypeAlias = Callable[[Array], tuple[Array, Array]]
 """z (m, N) → values (N,), gradients (m, N)."""
@@ -28,7 +36,7 @@ _END = 1e-9  # a target this near to the value at an end of the chain is that en
 
 
 @dataclass(frozen=True)
-class Found:
+class MembersAtValues:
     """Members that were found on a branch.
 
     Parameters
@@ -44,7 +52,7 @@ class Found:
     z: Array
 
     def missing(self, targets: int) -> list[int]:
-        """Return the targets, of so many, that were not met."""
+        """Return the numbers, out of `targets`, of those without a member."""
         return sorted(set(range(targets)) - set(self.target.tolist()))
 
 
@@ -59,7 +67,9 @@ def coordinate(index: int, factor: float = 1.0) -> Quantity:
     return quantity
 
 
-def members_at(problem: Problem, branch: Branch, quantity: Quantity, targets: Array) -> Found:
+def members_at(
+    problem: Problem, branch: Branch, quantity: Quantity, targets: Array
+) -> MembersAtValues:
     """Find the members at which a quantity has prescribed values (natural-parameter correction).
 
     Parameters
@@ -75,7 +85,7 @@ def members_at(problem: Problem, branch: Branch, quantity: Quantity, targets: Ar
 
     Returns
     -------
-    Found
+    MembersAtValues
         Every member at every value.
 
     Raises
@@ -85,9 +95,10 @@ def members_at(problem: Problem, branch: Branch, quantity: Quantity, targets: Ar
     """
     targets = np.atleast_1d(np.asarray(targets, dtype=float))
     values, _ = quantity(branch.z)
+    # linear interpolation gives the guess, Newton's method the member itself
     which, u = _positions(values, targets)
     if not which.size:
-        return Found(which, np.empty((branch.z.shape[0], 0)))
+        return MembersAtValues(which, np.empty((branch.z.shape[0], 0)))
     wanted = targets[which]
 
     def hold(z: Array) -> tuple[Array, Array]:
@@ -96,11 +107,11 @@ def members_at(problem: Problem, branch: Branch, quantity: Quantity, targets: Ar
 
     guess, _ = branch.guess(u)
     what, names = "member at a prescribed value", [f"{v:.9g}" for v in wanted]
-    z = correct(problem, guess, hold).checked(what, names)
-    return Found(which, branch.near(u, z, what, names))
+    z = correct(problem, guess, hold).require_converged(what, names)
+    return MembersAtValues(which, branch.near(u, z, what, names))
 
 
-def resolved(
+def insert_members(
     problem: Problem,
     branch: Branch,
     function: Callable[[Array], Array],
@@ -134,6 +145,7 @@ def resolved(
         left = np.flatnonzero(coarse)
         if not left.size:
             break
+        # a corrected member half-way; its value against the mean measures the curvature
         middle = Branch(z, tangent, branch.ends).at(problem, np.asarray(left, dtype=float) + 0.5)
         between = function(middle)
         gap = np.abs(between - 0.5 * (values[left] + values[left + 1]))
@@ -155,7 +167,7 @@ def members_where(
     targets: Array,
     *,
     width: float = 1e-12,
-) -> Found:
+) -> MembersAtValues:
     """Find every member at which a function takes given values.
 
     Sign changes between neighbouring members bracket the roots; extrema are refined first, so
@@ -178,7 +190,7 @@ def members_where(
 
     Returns
     -------
-    Found
+    MembersAtValues
         Every root.
     """
     targets = np.atleast_1d(np.asarray(targets, dtype=float))
@@ -191,17 +203,17 @@ def members_where(
     places = np.concatenate([np.arange(branch.size), u_bend])
     order = np.argsort(places, kind="stable")
     places, values = places[order], np.concatenate([values, f_bend])[order]
-    found = [(k, i) for k, target in enumerate(targets) for i in brackets(values, float(target))]
-    if not found:
-        return Found(np.empty(0, dtype=np.intp), np.empty((branch.z.shape[0], 0)))
-    which, i = (np.array(column, dtype=np.intp) for column in zip(*found, strict=True))
+    hits = [(k, i) for k, target in enumerate(targets) for i in brackets(values, float(target))]
+    if not hits:
+        return MembersAtValues(np.empty(0, dtype=np.intp), np.empty((branch.z.shape[0], 0)))
+    which, i = (np.array(column, dtype=np.intp) for column in zip(*hits, strict=True))
     wanted = targets[which]
     u = bracketed_roots(
         lambda u: at(u) - wanted,
         places[i], places[i + 1], values[i] - wanted, values[i + 1] - wanted,
         np.full(wanted.shape, width),
     )  # fmt: skip
-    return Found(which, branch.at(problem, u))
+    return MembersAtValues(which, branch.at(problem, u))
 
 
 def _positions(values: Array, targets: Array) -> tuple[NDArray[np.intp], Array]:

@@ -1,4 +1,4 @@
-r"""Multiple shooting: the flight nearest to a given one that solves other equations.
+r"""Multiple shooting: the solution of other equations that is nearest to a given flight.
 
 A flight is given by its states at K + 1 times, the nodes. Of all flights of the new equations that
 are continuous at the nodes, the one is sought whose nodes are nearest to their targets r,
@@ -34,9 +34,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array, Plant
-from hillsphere_orbits.arc_search import ArcSearch, Effort, Flown, Target
+from hillsphere_orbits.arc_search import ArcSearch, ContinuousFlights, Effort, Target
 
-__all__ = ["Flown", "Target", "reconverge"]
+__all__ = ["ContinuousFlights", "Target", "reconverge"]
 
 _SETTLE, _CLOSE = 25, 12
 """Most steps towards the target, and then to close the gaps."""
@@ -50,7 +50,7 @@ def reconverge(
     target: Target | None = None,
     freedom: Array | None = None,
     tolerance: float = 1e-9,
-) -> Flown:
+) -> ContinuousFlights:
     """Find flights of a plant near given nodes.
 
     Parameters
@@ -72,7 +72,7 @@ def reconverge(
 
     Returns
     -------
-    Flown
+    ContinuousFlights
         Flights that failed are classified, not raised.
 
     Raises
@@ -81,19 +81,20 @@ def reconverge(
         If shapes do not fit, times do not rise, or the equations depend on time.
     """
     given = np.asarray(nodes, dtype=float)
-    aim: Target = _Given(given) if target is None else target
+    aim: Target = _GivenNodes(given) if target is None else target
     search = ArcSearch(plant, t_s, given, aim, freedom)
     whole = slice(0, given.shape[1])
     search.close(whole, Effort(_SETTLE, _CLOSE, tolerance))
+    # flights that failed start again from free flights near the target
     begun = search.begin_freely()
     search.close(whole, Effort(_SETTLE, _CLOSE, tolerance), begun.lanes)
     # Where the way to the nearest flight is too bent for it, any flight near by will do.
     again = search.restart(begun)
     search.close(whole, Effort(0, _SETTLE, tolerance), again)
-    return search.flown(tolerance)
+    return search.flights(tolerance)
 
 
-class _Given:
+class _GivenNodes:
     """The nodes as they were given."""
 
     def __init__(self, nodes: Array) -> None:

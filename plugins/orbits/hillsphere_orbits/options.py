@@ -1,4 +1,4 @@
-"""What the Specs of several stages say alike: a label."""
+"""The option `label`, common to the Specs of several stages."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ __all__ = ["label"]
 
 
 def label(
-    what: str = "names of tables, figures and metrics, to tell two such stages apart",
+    what: str = "names of tables, figures and metrics, to distinguish two stages of this type",
 ) -> Any:
-    """Return the option that is appended to the names of what a stage shows."""
+    """Return the option `label`, appended to the names of a stage's tables, figures and metrics."""
     return option(
         f"appended to the {what}",
         default="",

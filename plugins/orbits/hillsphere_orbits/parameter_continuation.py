@@ -1,4 +1,4 @@
-"""Continuation in the parameters of the equations: orbits carried along as gravity or rate change.
+"""Continuation of periodic orbits in the parameters of the equations (gravity, rates).
 
 The parameters move along a straight line, p(s) = p₀ + s (p₁ − p₀), and its fraction s joins the
 unknowns z of an orbit. With one quantity Q held (an integral, the period, an amplitude) the
@@ -34,16 +34,18 @@ from hillsphere_orbits.shooting import Shooting
 
 __all__ = [
     "Conditions",
-    "Held",
+    "HeldQuantity",
     "ParameterFlow",
     "ParameterPath",
     "ParameterProblem",
-    "held_integral",
-    "held_member",
+    "hold_integral",
+    "hold_orbit_quantity",
 ]
 
 _COARSE = 1e-6
-_ROUNDING = 1e-14  # times the largest element of the matrix: what no number of steps improves on
+"""Tolerance of a first flight that only measures how much the transition matrix magnifies
+errors."""
+_ROUNDING = 1e-14  # rounding, relative to the largest element of the matrix
 
 
 @runtime_checkable
@@ -156,11 +158,11 @@ class ParameterFlow:
     @cached_property
     def integral(self) -> ArrayFunction | None:
         """Integral of motion and its derivatives by states and parameters; None without one."""
-        found = self.system.integral
-        if found is None:
+        expression = self.system.integral
+        if expression is None:
             return None
         by = [*self.system.x, *(parameter(name) for name in self.system.run_time_names)]
-        return self.system.function(found, *gradient(found, by))
+        return self.system.function(expression, *gradient(expression, by))
 
 
 @dataclass(frozen=True)
@@ -173,7 +175,7 @@ class ParameterProblem:
     Parameters
     ----------
     base : Conditions
-        The orbits' equations; what they say of the flow is replaced by `flow`.
+        The orbits' equations, evaluated on `flow` instead of their own flow.
     flow : ParameterFlow
         Of the same plant, with the parameters of `path`.
     path : ParameterPath
@@ -223,6 +225,7 @@ class ParameterProblem:
         start, p = self.state(z), self.path.at(z[-1])
         end, phi = self.flow.map.propagate(start, z[-2], self.base.steps, p)
         n = len(end)
+        # chain rule: dx/ds = Σ ∂x/∂p_k · dp_k/ds, the column of the fraction
         along = np.einsum("ikN,k->iN", phi[:, n:], self.path.change)[:, None]
         wide = np.concatenate([phi[:, :n], along], axis=1)
         return self.base.conditions(start, end, wide, self.flow.rate(end, p))
@@ -230,6 +233,7 @@ class ParameterProblem:
     def monodromy(self, z: Array) -> Array:
         """Return the state transition matrices over one period (n, n, N)."""
         x, period = self.state(z), self.period(z)
+        # problems that shoot over half a period need twice the sub-steps for a whole one
         whole = max(1, round(float(np.max(period / z[-2], initial=1.0))))
         _, phi = self.flow.map.propagate(x, period, whole * self.base.steps, self.path.at(z[-1]))
         return np.ascontiguousarray(phi[:, : len(x)])
@@ -244,8 +248,10 @@ class ParameterProblem:
         """Return sub-steps that keep a tolerance, or rounding where that is more; with a margin."""
         x, p, choose = self.state(z), self.path.at(z[-1]), self.flow.map.choose_steps
         _, phi = self.flow.map.propagate(x, z[-2], choose(x, z[-2], _COARSE, p), p)
+        # an unstable orbit magnifies rounding by its matrix: a tolerance below that cannot be met
         floor = _ROUNDING * float(np.max(np.abs(phi[:, : len(x)])))
         size = max(1.0, float(np.max(np.abs(x))))
+        # twice as many: other members of the branch may pass closer than those tried
         return 2 * choose(x, z[-2], max(tolerance * size, floor), p)
 
     def orbits(self, z: Array, labels: tuple[str, ...]) -> PeriodicOrbits:
@@ -267,7 +273,7 @@ class ParameterProblem:
         )
 
 
-class Held(Protocol):
+class HeldQuantity(Protocol):
     """A quantity of an orbit and its parameters that may be held."""
 
     def __call__(self, z: Array) -> tuple[Array, Array]:
@@ -275,7 +281,7 @@ class Held(Protocol):
         ...
 
 
-def held_member(quantity: Quantity) -> Held:
+def hold_orbit_quantity(quantity: Quantity) -> HeldQuantity:
     """Return a quantity of the orbit alone (amplitude, period) as one that may be held."""
 
     def held(z: Array) -> tuple[Array, Array]:
@@ -285,7 +291,7 @@ def held_member(quantity: Quantity) -> Held:
     return held
 
 
-def held_integral(problem: ParameterProblem) -> Held:
+def hold_integral(problem: ParameterProblem) -> HeldQuantity:
     """Return the integral of motion as a quantity that may be held.
 
     Raises
@@ -303,9 +309,10 @@ def held_integral(problem: ParameterProblem) -> Held:
     rows = [1 + names.index(name) for name in problem.base.unknowns[:-1]]
 
     def held(z: Array) -> tuple[Array, Array]:
-        found = compiled(problem.state(z), problem.path.at(z[-1]))
-        along = np.einsum("kN,k->N", found[1 + len(names) :], problem.path.change)
-        slopes = [found[rows], np.zeros((1, z.shape[1])), along[None]]
-        return found[0], np.concatenate(slopes)
+        values = compiled(problem.state(z), problem.path.at(z[-1]))
+        # derivative of the integral by the fraction, through the parameters
+        along = np.einsum("kN,k->N", values[1 + len(names) :], problem.path.change)
+        slopes = [values[rows], np.zeros((1, z.shape[1])), along[None]]
+        return values[0], np.concatenate(slopes)
 
     return held

@@ -1,4 +1,4 @@
-"""Members of a family carried from one set of parameters to another, with a quantity held.
+"""Continuation of members from one set of parameters to another at a held quantity.
 
 Natural steps advance all members in lockstep; pseudo-arclength follows each by itself, through the
 folds at which the parameters turn back.
@@ -17,9 +17,9 @@ from hillsphere.errors import ConvergenceError, InputError, PropagationError
 from hillsphere.interfaces import Array
 from hillsphere_orbits.continuation import Boundary, StepControl, follow
 from hillsphere_orbits.correction import Constraint, Correction, correct
-from hillsphere_orbits.parameter_continuation import Held, ParameterProblem
+from hillsphere_orbits.parameter_continuation import HeldQuantity, ParameterProblem
 
-__all__ = ["Carried", "HeldProblem", "Method", "carry", "refined"]
+__all__ = ["ContinuedOrbits", "HeldProblem", "Method", "carry", "refine_orbits"]
 
 Method: TypeAlias = Literal["arclength", "natural"]
 
@@ -44,7 +44,7 @@ class HeldProblem:
     """
 
     problem: ParameterProblem
-    held: Held
+    held: HeldQuantity
     value: float
 
     @property
@@ -63,7 +63,7 @@ class HeldProblem:
 
 
 @dataclass(frozen=True)
-class Carried:
+class ContinuedOrbits:
     """Orbits at the end of a path of parameters.
 
     Parameters
@@ -89,11 +89,11 @@ class Carried:
 def carry(
     problem: ParameterProblem,
     z: Array,
-    held: Held,
+    held: HeldQuantity,
     *,
     method: Method = "arclength",
     advance: Callable[[int], None] | None = None,
-) -> Carried:
+) -> ContinuedOrbits:
     """Carry members of a family along a path of parameters.
 
     Parameters
@@ -111,7 +111,7 @@ def carry(
 
     Returns
     -------
-    Carried
+    ContinuedOrbits
         A member that does not arrive is classified, not raised.
 
     Raises
@@ -128,24 +128,28 @@ def carry(
     start = np.concatenate([z, np.zeros((1, z.shape[1]))])
     wanted, _ = held(start)
     names = [str(k) for k in range(z.shape[1])]
-    start = correct(problem, start, _both(held, wanted, 0.0)).checked("start of the path", names)
+    start = correct(problem, start, _both(held, wanted, 0.0)).require_converged(
+        "start of the path", names
+    )
     if method == "natural":
         return _natural(problem, start, held, wanted, advance)
     ends, status, ways = [], [], []
     for k in range(z.shape[1]):
-        end, reason, way = _followed(problem, start[:, k], held, float(wanted[k]))
+        end, reason, way = _follow_by_arclength(problem, start[:, k], held, float(wanted[k]))
         ends.append(end)
         status.append(reason)
         ways.append(way)
         if advance is not None:
             advance(1)
-    return Carried(np.array(ends).reshape(len(ends), len(start)).T, tuple(status), tuple(ways))
+    return ContinuedOrbits(
+        np.array(ends).reshape(len(ends), len(start)).T, tuple(status), tuple(ways)
+    )
 
 
-def _followed(
-    problem: ParameterProblem, start: Array, held: Held, wanted: float
+def _follow_by_arclength(
+    problem: ParameterProblem, start: Array, held: HeldQuantity, wanted: float
 ) -> tuple[Array, str, Array]:
-    """Follow one orbit by pseudo-arclength: its end, why there, and the way."""
+    """Follow one orbit by pseudo-arclength; return its end, the reason, and the way."""
     curve = HeldProblem(problem, held, wanted)
     boundaries = [
         Boundary(_REACHED, lambda z: 1.0 - z[-1]),
@@ -159,12 +163,14 @@ def _followed(
         return start, f"not followed: {error}", start[:, None]
     way, reason = branch.z, branch.ends[1]
     if reason == _REACHED:
+        # the boundary is located to rounding of the fraction; set it to 1 exactly and correct once
+        # more
         last = way[:, -1:].copy()
         last[-1] = 1.0
-        found = correct(problem, last, _both(held, np.array([wanted]), 1.0))
-        way[:, -1:] = found.z
-        if not found.converged[0]:
-            reason = f"not_converged: residual {found.error[0]:.1e} at the end of the path"
+        corrected = correct(problem, last, _both(held, np.array([wanted]), 1.0))
+        way[:, -1:] = corrected.z
+        if not corrected.converged[0]:
+            reason = f"not_converged: residual {corrected.error[0]:.1e} at the end of the path"
     else:
         reason += f" (last fraction {way[-1, -1]:.4g}, largest {way[-1].max():.4g})"
     return way[:, -1], reason, way
@@ -173,10 +179,10 @@ def _followed(
 def _natural(
     problem: ParameterProblem,
     start: Array,
-    held: Held,
+    held: HeldQuantity,
     wanted: Array,
     advance: Callable[[int], None] | None,
-) -> Carried:
+) -> ContinuedOrbits:
     """Carry all orbits in common steps of the fraction; one that fails stays behind."""
     z, here, step = start.copy(), 0.0, _FIRST
     slopes = _slopes(problem, z, held)
@@ -184,16 +190,19 @@ def _natural(
     status = [_REACHED] * z.shape[1]
     active = np.arange(z.shape[1])
     while active.size and here < 1.0:
+        # a remainder of less than a hundredth of a step is added to this one
         there = 1.0 if here + 1.01 * step >= 1.0 else here + step
         old, slope = z[:, active], slopes[:, active]
+        # Euler predictor along dz/ds; the fraction itself is prescribed
         guess = old + (there - here) * slope
         guess[-1] = there
-        found, good = _corrected(problem, guess, held, wanted[active], there)
+        corrected, good = _correct_lanes(problem, guess, held, wanted[active], there)
         new = slope.copy()
         if good.any():
-            new[:, good] = _slopes(problem, found[:, good], held)
-        # Newton's iteration may have met another family: the slopes tell, they do not fit the chord
-        chord, mean = found - old, 0.5 * (there - here) * (slope + new)
+            new[:, good] = _slopes(problem, corrected[:, good], held)
+        # Newton's method may have met another family: then its slopes do not fit the chord
+        # trapezoidal rule with the slopes at both ends against the step taken
+        chord, mean = corrected - old, 0.5 * (there - here) * (slope + new)
         good &= np.linalg.norm(chord - mean, axis=0) <= _ASTRAY * np.linalg.norm(chord, axis=0)
         if not good.all() and step > _SMALLEST:
             step *= 0.5
@@ -203,26 +212,27 @@ def _natural(
             if advance is not None:
                 advance(1)
         active = active[good]
-        z[:, active], slopes[:, active] = found[:, good], new[:, good]
+        z[:, active], slopes[:, active] = corrected[:, good], new[:, good]
         for k in active:
             ways[k].append(z[:, k].copy())
         here, step = there, min(_LARGEST, 2.0 * step)
     if advance is not None:
         advance(active.size)
-    return Carried(z, tuple(status), tuple(np.array(way).T for way in ways))
+    return ContinuedOrbits(z, tuple(status), tuple(np.array(way).T for way in ways))
 
 
-def _slopes(problem: ParameterProblem, z: Array, held: Held) -> Array:
+def _slopes(problem: ParameterProblem, z: Array, held: HeldQuantity) -> Array:
     """Return dz/ds (m, N) at constant held quantity; its last row is one."""
     _, slopes = problem.residual(z)
     matrix = np.concatenate([slopes, held(z)[1][None]])
+    # implicit function theorem: dz/ds = −(∂G/∂z)⁻¹ ∂G/∂s with the held quantity among G
     inner, along = np.moveaxis(matrix[:, :-1], 2, 0), matrix[:, -1].T[:, :, None]
     change = -(np.linalg.pinv(inner) @ along)[:, :, 0].T
     return np.concatenate([change, np.ones((1, z.shape[1]))])
 
 
-def _corrected(
-    problem: ParameterProblem, guess: Array, held: Held, wanted: Array, fraction: float
+def _correct_lanes(
+    problem: ParameterProblem, guess: Array, held: HeldQuantity, wanted: Array, fraction: float
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Correct lanes at a fraction; one that leaves the domain of the equations just fails."""
 
@@ -233,8 +243,8 @@ def _corrected(
             return None
 
     lanes = np.arange(guess.shape[1])
-    if (found := attempt(lanes)) is not None:
-        return found.z, found.converged
+    if (together := attempt(lanes)) is not None:
+        return together.z, together.converged
     z, good = guess.copy(), np.zeros(guess.shape[1], dtype=bool)
     for k in lanes:
         if (one := attempt(lanes[k : k + 1])) is not None:
@@ -242,7 +252,7 @@ def _corrected(
     return z, good
 
 
-def _both(held: Held, wanted: Array, fraction: float) -> Constraint:
+def _both(held: HeldQuantity, wanted: Array, fraction: float) -> Constraint:
     """Return the constraint that holds the quantity and the fraction."""
 
     def constraint(z: Array) -> tuple[Array, Array]:
@@ -254,7 +264,7 @@ def _both(held: Held, wanted: Array, fraction: float) -> Constraint:
     return constraint
 
 
-def refined(problem: ParameterProblem, z: Array, held: Held, values: Array) -> Array:
+def refine_orbits(problem: ParameterProblem, z: Array, held: HeldQuantity, values: Array) -> Array:
     """Correct orbits (m, N) at the end of the path, on a problem with more sub-steps.
 
     Raises
@@ -263,4 +273,4 @@ def refined(problem: ParameterProblem, z: Array, held: Held, values: Array) -> A
         If one does not converge.
     """
     names = [str(k) for k in range(z.shape[1])]
-    return correct(problem, z, _both(held, values, 1.0)).checked("end of the path", names)
+    return correct(problem, z, _both(held, values, 1.0)).require_converged("end of the path", names)

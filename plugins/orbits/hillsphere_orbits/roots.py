@@ -1,4 +1,4 @@
-"""Where a function passes a value along a chain of samples, and where it turns."""
+"""Brackets of roots and extrema of a function along a chain of samples."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from hillsphere.interfaces import Array
 __all__ = ["brackets", "extrema"]
 
 _GOLDEN = 0.6180339887498949
+"""(√5 − 1)/2: each new point of a golden-section search divides the bracket in this ratio."""
 _BESIDE = 0.05
+"""Distance, in samples, of an extra point from each end. It shows an extremum that lies farther
+than about half of it from the end; nearer to the end its difference would drown in rounding."""
 
 
 def brackets(values: Array, target: float) -> NDArray[np.intp]:
@@ -63,6 +66,8 @@ def extrema(
     p, q = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
     fp, fq = sign * function(p), sign * function(q)
     while float(np.max(high - low)) > width:
+        # keep the side of the smaller inner value; one inner point of the new bracket is known
+        # already
         left = fp < fq
         low, high = np.where(left, low, p), np.where(left, q, high)
         new = np.where(left, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))

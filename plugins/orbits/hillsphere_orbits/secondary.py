@@ -1,8 +1,9 @@
-"""Secondary bifurcations along a curve of periodic orbits: where they are, and of which kind.
+"""Secondary bifurcations along a curve of periodic orbits: location and classification.
 
 Besides 1, 1 the multipliers of an orbit are two pairs λ, 1/λ with the stability indices
 b = λ + 1/λ. Along a family the kinds of bifurcation are roots of smooth functions of M alone, so
-that no multiplier need be told from another: with P(β) = (β − b₁)(β − b₂) = β² − σβ + τ,
+that the multipliers need not be matched from orbit to orbit. With
+P(β) = (β − b₁)(β − b₂) = β² − σβ + τ,
 
 ========================  ===============================================================
 ``fold``, ``branching``   P(2) = 0, a pair 1, 1: a fold if the integral of motion turns
@@ -44,7 +45,7 @@ from hillsphere_orbits.stability import is_decoupled, stability_indices
 
 __all__ = ["Secondary", "secondary"]
 
-_NOISE = 1e-8  # of an index: what is nearer to a root has no sign
+_NOISE = 1e-8  # of an index: values nearer to a root than this count as without sign
 _LINEAR, _SQUARE = 1e-11, 1e-13  # rounding of traces of M and of M², relative to its elements
 _PASSES = 3  # of the parabola through a near miss
 _BESIDE = 1e-2  # of the distance of two samples: where the integral is looked at
@@ -108,7 +109,7 @@ def secondary(
     Returns
     -------
     Secondary
-        All that were found, perhaps none.
+        All bifurcations, in the order of position; possibly empty.
 
     Raises
     ------
@@ -137,7 +138,7 @@ def secondary(
         for k in np.unique(which):
             own = which == k
             out[own] = tests[k][2](matrices[:, :, own])
-        # without a certain sign: as near to the root as rounding lets
+        # without a certain sign the root is known as closely as rounding permits
         return np.where(np.isfinite(out), out, 0.0)
 
     u = bracketed_roots(values_at, low, high, f_low, f_high, np.full(low.shape, width))
@@ -146,7 +147,7 @@ def secondary(
     kinds = [tests[k][0] for k in which]
     planes = [tests[k][1] for k in which]
     return Secondary(
-        tuple(_told_apart(integral, kinds, planes, u, count - 1.0)),
+        tuple(_classify_tangent_bifurcations(integral, kinds, planes, u, count - 1.0)),
         tuple(planes),
         u,
         _indices(at(u)),
@@ -154,8 +155,9 @@ def secondary(
 
 
 def _tests(monodromy: Array, resonances: Sequence[tuple[int, int]]) -> list[tuple[str, str, _Test]]:
-    """Return (kind, plane, test function) of everything that is sought."""
+    """Return (kind, plane, test function) of all bifurcations sought."""
     targets = [("tangent", 2.0), ("doubling", -2.0)]
+    # multipliers exp(±2πi d/n) have the index 2 cos(2π d/n)
     targets += [(f"{d}:{n}", 2.0 * cos(2.0 * pi * d / n)) for d, n in resonances]
     if monodromy.shape[0] == 4 or bool(np.all(is_decoupled(monodromy))):
         planes = ("planar", "vertical")[: 1 if monodromy.shape[0] == 4 else 2]
@@ -181,6 +183,7 @@ def _of_pairs(target: float) -> _Test:
     def test(monodromy: Array) -> Array:
         first, second = pair_indices(monodromy)
         size = np.max(np.abs(monodromy), axis=(0, 1))
+        # P(β) = (β − b₁)(β − b₂), real also for a complex pair
         values = ((target - first) * (target - second)).real
         values = _sure(values, _NOISE * (1.0 + np.abs(first)) + _SQUARE * size**2)
         # the sign of a pair that cannot be told from 1, 1 is rounding: `_beside_neutral` looks on
@@ -190,7 +193,7 @@ def _of_pairs(target: float) -> _Test:
 
 
 def _beside_neutral(monodromy: Array) -> Array:
-    """Return 2 − b of the dominant pair where the other one cannot be told from 1, 1."""
+    """Return 2 − b of the dominant pair where the other one is 1, 1 to rounding."""
     first, second = pair_indices(monodromy)
     values = _sure(2.0 - first.real, _NOISE * (1.0 + np.abs(first)))
     return np.where(second == 2.0, values, np.inf)
@@ -199,6 +202,7 @@ def _beside_neutral(monodromy: Array) -> Array:
 def _collision(monodromy: Array) -> Array:
     first, second = pair_indices(monodromy)
     size = np.max(np.abs(monodromy), axis=(0, 1))
+    # (b₁ − b₂)² = σ² − 4τ: negative under complex instability
     gap = ((first - second) ** 2).real
     return _sure(gap, _NOISE * (1.0 + np.abs(first) ** 2) + _SQUARE * size**2)
 
@@ -232,6 +236,8 @@ def _with_turns(
             bend = (last - first) / (r - p)
             vertex = 0.5 * (p + q - first / bend)
             least = a + (vertex - p) * (first + bend * (vertex - q))
+            # sample the vertex if the parabola passes zero there, or comes to less than half the
+            # value
             near = toward & np.isfinite(least) & ((least > 0.0) != (b > 0.0))
             near |= toward & np.isfinite(least) & (np.abs(least) < 0.5 * np.abs(b))
         near &= np.min(np.abs(places - vertex[:, None]), axis=1) > 1e-6 * (r - p)
@@ -244,31 +250,32 @@ def _with_turns(
     return u, values
 
 
-def _told_apart(
+def _classify_tangent_bifurcations(
     integral: Callable[[Array], Array] | None,
     kinds: Sequence[str],
     planes: Sequence[str],
     u: Array,
     last: float,
 ) -> list[str]:
-    """Tell folds from branchings by whether the integral turns at the root."""
-    found = list(kinds)
+    """Separate folds from branchings: at a fold the integral of motion has an extremum."""
+    classified = list(kinds)
     pairs = [k for k, kind in enumerate(kinds) if kind == "tangent"]
     # The integral is the coordinate of the plane's own family: it cannot turn out of the plane.
     for k in [k for k in pairs if planes[k] == "vertical"]:
-        found[k] = "branching"
+        classified[k] = "branching"
     asked = [k for k in pairs if planes[k] != "vertical"]
     if integral is None or not asked:
-        return found
+        return classified
     middle = np.clip(u[asked], _BESIDE, last - _BESIDE)
     before, here, after = (integral(middle + step) for step in (-_BESIDE, 0.0, _BESIDE))
     slope, bend = after - before, after - 2.0 * here + before
     # the vertex of the parabola lies −slope/(2 bend) of the spacing from the middle
     place = middle - u[asked]
     for k, s, b, shift in zip(asked, slope, bend, place, strict=True):
+        # at a fold the integral has its extremum at the root; at a branching it passes with a slope
         offset = abs(shift - 0.5 * _BESIDE * s / b) if b != 0.0 else np.inf
-        found[k] = "fold" if offset < _TURNS * _BESIDE else "branching"
-    return found
+        classified[k] = "fold" if offset < _TURNS * _BESIDE else "branching"
+    return classified
 
 
 def _indices(monodromy: Array) -> NDArray[np.complex128]:

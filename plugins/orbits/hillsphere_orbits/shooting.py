@@ -30,7 +30,7 @@ __all__ = ["PeriodicShooting", "Shooting", "SymmetricShooting"]
 
 
 class Shooting(OrbitProblem, Protocol):
-    """What both problems offer beside being the problem of an orbit family."""
+    """Interface of a shooting problem, beyond that of an orbit family's problem."""
 
     @property
     def flow(self) -> Flow:
@@ -135,6 +135,7 @@ class SymmetricShooting:
         `phi` is (n, n + k, N): by the initial states, then by k parameters.
         """
         rows = phi[self._zero]
+        # dF/dz: columns of Φ for the free initial states, dx/dt at the end for the half period
         slopes = [rows[:, self._free], rate[self._zero, None], rows[:, len(end) :]]
         return end[self._zero], np.concatenate(slopes, axis=1)
 
@@ -216,6 +217,7 @@ class PeriodicShooting:
         `phi` is (n, n + k, N): by the initial states, then by k parameters.
         """
         closing, free = self._closing, self._free
+        # dF/dz of x(T) − x(0): Φ − I for the free initial states, dx/dt at the end for the period
         slopes = phi[np.ix_(closing, free)] - np.eye(len(start))[np.ix_(closing, free)][:, :, None]
         more = [slopes, rate[closing, None], phi[closing][:, len(end) :]]
         return (end - start)[closing], np.concatenate(more, axis=1)

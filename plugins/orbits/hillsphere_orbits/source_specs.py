@@ -1,4 +1,4 @@
-"""What the stages that judge periodic orbits take: members of families of any kind."""
+"""Input of the stages on periodic orbits: members of families of any kind."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ __all__ = ["OrbitNeeds"]
 
 
 class OrbitNeeds(Spec):
-    """Stages whose orbits are taken, whatever the family."""
+    """Stages whose orbits are used, of any family."""
 
     examples = ({"orbits": ["family"]}, {"orbits": ["family", "families"]})
 

@@ -53,7 +53,7 @@ def members_of(*families: OrbitSet) -> PeriodicOrbits:
 
 
 def _distinct(labels: list[str]) -> tuple[str, ...]:
-    """Return the labels, numbered from the second of a name on: stages tell orbits by them."""
+    """Return unique labels: from the second of a name on they are numbered."""
     names: dict[str, None] = {}
     for label in labels:
         name, number = label, 1

@@ -48,6 +48,7 @@ def monodromy_of_half(half: Array, mirror: Sequence[int]) -> Array:
     """
     sign = np.asarray(mirror, dtype=float)
     first = np.moveaxis(half, 2, 0)
+    # M_h⁻¹ is not formed: a linear solve loses fewer digits for large multipliers
     second = sign[:, None] * np.linalg.solve(first, sign[:, None] * first)
     return np.ascontiguousarray(np.moveaxis(second, 0, 2))
 
@@ -104,8 +105,10 @@ def stability_indices(monodromy: Array) -> tuple[Array, Array]:
         return diagonal.sum(axis=0) - 2.0, np.full(monodromy.shape[2], np.nan)
     if size != 6:
         raise InputError(f"stability indices are defined for 4 or 6 states, got {size}")
+    # index of each plane: the trace of its block, less 2 for the pair 1, 1 of the planar one
     vertical = diagonal[2] + diagonal[5]
     planar = diagonal[0] + diagonal[1] + diagonal[3] + diagonal[4] - 2.0
+    # coupled motion: b₁ + b₂ = tr M − 2 and b₁² + b₂² = tr M² + 2, since λ² + 1/λ² = b² − 2
     total = diagonal.sum(axis=0) - 2.0
     squares = np.einsum("ijk,jik->k", monodromy, monodromy) + 2.0
     gap = 2.0 * squares - total**2  # (b1 − b2)²

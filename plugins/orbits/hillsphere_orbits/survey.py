@@ -1,4 +1,4 @@
-"""Everything that is said of a family's members: states, stability, extent, and checks."""
+"""Survey of a family's members: states, stability, extent, and checks."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ __all__ = [
 ]
 
 _TRACK_POINTS = 240
+"""Points of a stored track, about: a smooth curve in a figure, and a small product."""
 NEARLY_PLANAR = 0.05
 """Of an orbit's largest extent: one that leaves the plane by less has no limit of |z|. Gravity
 without the mirror plane xy lifts every orbit by some metres, and twice that bounds nothing."""
@@ -34,7 +35,7 @@ without the mirror plane xy lifts every orbit by some metres, and twice that bou
 
 @runtime_checkable
 class LockedMoon(Contract, Protocol):
-    """What a plant may tell of the moon that stands still in its frame."""
+    """Optional data of a plant's moon, which is fixed in its frame."""
 
     body_name: str
     primary_distance_m: float
@@ -144,6 +145,7 @@ class Surveyor:
         x, period = self.problem.state(z), self.problem.period(z)
         start, worst = self.integral(x), np.zeros(z.shape[1])
         done = 0
+        # ten looks, each after whole revolutions
         for target in np.unique(np.linspace(0, revolutions, 11).astype(int))[1:]:
             x = self.propagate(x, (target - done) * period, int(target - done))
             worst = np.maximum(worst, np.abs(self.integral(x) - start))
@@ -166,9 +168,11 @@ def require_accuracy(orbits: PeriodicOrbits, accuracy: float, drift: Array | Non
     """
     unit = np.array([orbits.length_m] * 3 + [orbits.length_m / orbits.time_s] * 3)
     size = np.maximum(1.0, np.max(np.abs(orbits.x0) / unit[:, None], axis=0))
+    # an unstable orbit magnifies the rounding of its start by its largest multiplier
     growth = np.maximum(1.0, np.abs(multipliers(orbits.monodromy)[0]))
     lost = ~(orbits.residual <= accuracy * size * growth)
     what = f"closure {np.max(orbits.residual):.1e}"
+    # Liouville: det M = 1; products of large elements cancel in it, so that it is less accurate
     volume = np.abs(determinant_error(orbits.monodromy))
     lost |= ~(volume <= 1e3 * accuracy)
     what += f", determinant error {np.max(volume):.1e}"
@@ -224,6 +228,7 @@ def extent(problem: Shooting, z: Array) -> tuple[Array, Array]:
     h = np.zeros(z.shape[1])
     here = base
     for _ in range(8):
+        # Newton's iteration for ẏ = 0 at the largest sample of y
         change = here[4] / flow.rate(here)[4]
         h = h - change
         here = flow.at_once(base, h)

@@ -1,4 +1,4 @@
-"""Which family an orbit belongs to: how often it winds about the bodies, and whether it is one.
+"""Winding numbers of orbits about the bodies, which identify their family.
 
 A solution of the shooting equations is periodic, but need not be of the family that was meant:
 Newton's iteration also ends on orbits about the other body, on equilibria, and on flights of no
@@ -43,7 +43,7 @@ _SENSITIVE = 1e-12 / float(np.finfo(float).eps)
 """Largest element of the matrix of the flight that is solved: rounding grows to what Newton's
 iteration is to meet, so that members beyond could not be told from their neighbours."""
 _SAME_MOTION = 1e-8
-"""Farthest way from its start, relative to its size, of what is an equilibrium or has no period:
+"""Largest distance from its start, relative to its size, of an equilibrium or vanishing orbit:
 Newton's iteration meets these to 1e-12, and the smallest orbits that are followed are 1e-4."""
 _LOOKS = 256  # of a period: neighbouring directions of a resolved orbit are less than π apart
 _WHOLE = 0.1  # revolutions: a closed orbit winds a whole number of times, but for rounding
@@ -78,6 +78,7 @@ def turns(way: Array, x: float = 0.0) -> Array:
     ndarray, shape (N,)
         Revolutions, positive in the sense from +x to +y.
     """
+    # the unwrapped angle grows by 2π with each turn; samples must be less than π apart
     angle = np.unwrap(np.arctan2(way[1], way[0] - x), axis=0)
     return np.asarray((angle[-1] - angle[0]) / (2.0 * np.pi))
 
@@ -141,6 +142,7 @@ class Winding:
 def require_motion(problem: Shooting, z: Array, unit_m: float) -> None:
     """Raise `ConvergenceError` if one of the orbits (m, N) is an equilibrium or has no period."""
     way = _whole_way(problem, z)[:3]
+    # largest distance from the start: zero along an equilibrium and over a period of zero
     away = np.max(np.linalg.norm(way - way[:, :1], axis=0), axis=0)
     size = np.maximum(np.linalg.norm(way[:, 0], axis=0), np.finfo(float).tiny)
     bad = np.flatnonzero(~((away > _SAME_MOTION * size) & (problem.period(z) > 0.0)))
@@ -166,6 +168,7 @@ def require_smooth(indices: Array, x: Array, unit_m: float) -> None:
     unit_m : float
         Unit of length, m.
     """
+    # arsinh: relative changes of large indices, absolute ones of small indices
     for name, row in zip(("first", "second"), np.arcsinh(indices), strict=True):
         change = np.abs(np.diff(row))
         if change.size < 3:
@@ -186,7 +189,7 @@ def require_smooth(indices: Array, x: Array, unit_m: float) -> None:
 
 
 def resolution(problem: Shooting, plant: Plant) -> Boundary:
-    """Return where orbits pass a centre of attraction too closely for as many sub-steps as we take.
+    """Return the boundary at which a close passage needs more sub-steps than are taken.
 
     The sub-steps of an orbit are equal, so that the closest approach decides how many it needs: a
     quarter of √(d³/GM) each. The last orbit of the family that is resolved is the one that needs
@@ -212,6 +215,7 @@ def resolution(problem: Shooting, plant: Plant) -> Boundary:
         if distance is not None:
             # n² a³ = GM + Gm, which is distance³ in units in which n and Gm are one
             slow = np.minimum(slow, _slowness(way, -distance, distance**3 - 1.0))
+        # sub-steps of half a period if the shortest local time scale √(d³/GM) sets all of them
         needed = 0.5 * problem.period(z) / (_PER_STEP * slow)
         return np.asarray(1.0 - needed / _MOST_STEPS)
 
@@ -223,7 +227,7 @@ def resolution(problem: Shooting, plant: Plant) -> Boundary:
 
 
 def sensitivity(problem: Shooting, size: float = 1.0) -> Boundary:
-    """Return where rounding errors grow, over the flight solved, to Newton's tolerance.
+    """Return the boundary at which rounding grows to Newton's tolerance over the flight.
 
     Parameters
     ----------
@@ -255,6 +259,7 @@ def _least_squared(d2: Array) -> Array:
     points, lane = d2.shape[0] - 1, np.arange(d2.shape[1])
     i = np.argmin(d2[:-1], axis=0)
     here, before, after = d2[i, lane], d2[(i - 1) % points, lane], d2[(i + 1) % points, lane]
+    # second and first difference of the parabola through the least sample and its neighbours
     bend, slope = before - 2.0 * here + after, 0.5 * (after - before)
     vertex = here - 0.5 * slope**2 / np.where(bend > 0.0, bend, np.inf)
     # of a sharp passage the parabola may miss the depth, but not by more than the samples' own

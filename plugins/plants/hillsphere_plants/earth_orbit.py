@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.engine.start_states import Centre
 from hillsphere.errors import InputError
 from hillsphere.gravity import (
@@ -55,8 +56,7 @@ from hillsphere_plants.sun_moon import GM_M3_S2, moon_position, sun_position
 __all__ = ["EarthOrbit"]
 
 _GRAVITY = "gravity."
-_DAY = 86400.0
-_CENTURY = 36525.0 * _DAY
+_CENTURY = 36525.0 * DAY_S
 _PLACES = {"sun": sun_position, "moon": moon_position}
 
 
@@ -164,23 +164,23 @@ class EarthOrbit:
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the parameters of rotation, drag and, prefixed, of the gravity model."""
-        found = [
+        own = [
             Parameter("rotation_angle", self.rotation_angle_rad, "rad"),
             Parameter("rotation_rate", self.rotation_rate_rad_s, "rad/s"),
         ]
         if (drag := self.drag) is not None:
-            found += [
+            own += [
                 Parameter("drag.coefficient", drag.drag_coefficient, positive=True),
                 Parameter("drag.area_to_mass", drag.area_to_mass_m2_kg, "m2/kg", positive=True),
                 Parameter("drag.f107", drag.f107, positive=True),
                 Parameter("drag.f107_average", drag.f107_average, positive=True),
                 Parameter("drag.ap", drag.ap),
             ]
-        found += [
+        own += [
             Parameter(f"{name}.gm", GM_M3_S2[name], "m3/s2", True) for name in self.third_bodies
         ]
         gravity = (replace(q, name=_GRAVITY + q.name) for q in self.gravity.parameters())
-        return (*found, *gravity)
+        return (*own, *gravity)
 
     def derivative(
         self, x: tuple[Expr, ...], u: tuple[Expr, ...], t: Expr, p: Params
@@ -204,7 +204,7 @@ class EarthOrbit:
         return {"impact": sum_of([across, pz * pz / (b * b), -1.0])}
 
     def switches(self, x: tuple[Expr, ...], t: Expr, p: Params) -> tuple[Expr, ...]:
-        """Return where the gravity model changes branch, if it has branches."""
+        """Return the functions at whose zeros the gravity model changes branch."""
         if not isinstance(self.gravity, Piecewise):
             return ()
         return self.gravity.switches(self._to_earth(vector(x[:3]), t, p), _of_gravity(p))
@@ -216,17 +216,19 @@ class EarthOrbit:
         and so is no integral in the sense of `hillsphere.interfaces.ConservedQuantity`.
         """
         place, speed = self._to_equator(vector(x[:3])), self._to_equator(vector(x[3:6]))
-        potential = potential_at(self.gravity, self._turned(place, t, p), _of_gravity(p))
+        potential = potential_at(self.gravity, self._rotate(place, t, p), _of_gravity(p))
+        # ω · (r × v): the Jacobi integral of a potential that rotates with the Earth
         spin = p["rotation_rate"] * cross(place, speed)[2]
         return sum_of([0.5 * dot(speed, speed), -potential, -spin])
 
     def _drag(self, x: tuple[Expr, ...], place: Vec3, t: Expr, p: Params) -> Vec3:
-        day = _days_into_year(self.epoch) + t * (1.0 / _DAY)
+        day = _days_into_year(self.epoch) + t * (1.0 / DAY_S)
         weather = (p["drag.f107"], p["drag.f107_average"], p["drag.ap"])
         rho = density(place, day, self.planet.ellipsoid, *weather)
         px, py, _ = self._to_equator(vector(x[:3]))
         vx, vy, vz = self._to_equator(vector(x[3:6]))
         rate = p["rotation_rate"]
+        # velocity relative to the atmosphere, v − ω × r
         wind = (vx + rate * py, vy - rate * px, vz)
         factor = -0.5 * p["drag.coefficient"] * p["drag.area_to_mass"] * rho * norm(wind)
         return self._from_equator((factor * wind[0], factor * wind[1], factor * wind[2]))
@@ -238,6 +240,7 @@ class EarthOrbit:
         towards = vector([b - q for b, q in zip(body, r, strict=True)])
         near, far = norm(towards), norm(body)
         gm = p[f"{name}.gm"]
+        # attraction of the satellite less that of the Earth
         return vector(
             [
                 gm * (d / (near * near * near) - b / (far * far * far))
@@ -258,18 +261,18 @@ class EarthOrbit:
         return ours.T @ theirs
 
     def _to_equator(self, r: Vec3) -> Vec3:
-        """Turn to axes of which z is the Earth's."""
+        """Return components in axes whose z is the Earth's axis."""
         return r if self.to_equator is None else vector(matvec(self.to_equator.tolist(), r))
 
     def _from_equator(self, r: Vec3) -> Vec3:
         return r if self.to_equator is None else vector(matvec(self.to_equator.T.tolist(), r))
 
-    def _turned(self, r: Vec3, t: Expr, p: Params) -> Vec3:
+    def _rotate(self, r: Vec3, t: Expr, p: Params) -> Vec3:
         c, s = _turn(t, p)
         return (c * r[0] + s * r[1], c * r[1] - s * r[0], r[2])
 
     def _to_earth(self, r: Vec3, t: Expr, p: Params) -> Vec3:
-        return self._turned(self._to_equator(r), t, p)
+        return self._rotate(self._to_equator(r), t, p)
 
     def _from_earth(self, r: Vec3, t: Expr, p: Params) -> Vec3:
         c, s = _turn(t, p)
@@ -284,7 +287,7 @@ def _turn(t: Expr, p: Params) -> tuple[Expr, Expr]:
 def _days_into_year(epoch: Epoch) -> Expr:
     """Return the days since the first of January of the epoch's year."""
     first = Epoch.parse(epoch.isot(np.zeros(1), 0)[0][:4] + "-01-01", "UTC")
-    return constant(epoch.seconds_since(first) / _DAY)
+    return constant(epoch.seconds_since(first) / DAY_S)
 
 
 def _of_gravity(p: Params) -> Params:

@@ -1,4 +1,4 @@
-"""Bodies and spacecraft on their ways around the Sun, together as one state."""
+"""Motion of bodies and spacecraft around the Sun, together as one state."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from hillsphere.base.constants import AU_M
 from hillsphere.engine.start_states import Centre
 from hillsphere.interfaces import Array, Parameter, Scales, Variable
 from hillsphere.model.ephemeris import from_equator
 from hillsphere.symbolic import Expr, Params, dot, power, sum_of
 from hillsphere.time import Epoch
 from hillsphere_plants.moon_centred import CONTROLS, POSITION_AND_VELOCITY
-from hillsphere_plants.proximity import AU_M
 from hillsphere_plants.proximity_specs import HeliocentricSpec
 
 __all__ = ["Heliocentric"]
@@ -24,9 +24,9 @@ class Heliocentric:
 
     In the frame ``ecliptic`` each moves by
 
-    .. math:: \ddot r = -\left(GM - \frac{C_R A}{m} P_0\, \mathrm{au}^2\right)\frac{r}{|r|^3} + u ;
+    .. math:: \ddot r = -\left(GM - \frac{C_R A}{m} P_0\, \mathrm{au}^2\right)\frac{r}{|r|^3} + u .
 
-    they do not attract each other: at 10 000 km a body of 2 m³/s² pulls by 2e-14 m/s².
+    Their mutual attraction is neglected: that of a body of 2 m³/s² is 2e-14 m/s² at 10 000 km.
 
     Parameters
     ----------
@@ -50,12 +50,12 @@ class Heliocentric:
     @property
     def states(self) -> tuple[Variable, ...]:
         """Position and velocity of the first, then of the next; x1 … if several."""
-        return self._numbered(POSITION_AND_VELOCITY)
+        return self._number_variables(POSITION_AND_VELOCITY)
 
     @property
     def controls(self) -> tuple[Variable, ...]:
         """Three accelerations each."""
-        return self._numbered(CONTROLS)
+        return self._number_variables(CONTROLS)
 
     @property
     def scales(self) -> Scales:
@@ -63,11 +63,11 @@ class Heliocentric:
         return Scales(AU_M, (AU_M**3 / self.spec.primary_gm_m3_s2) ** 0.5)
 
     def frame_rate(self, others: Mapping[str, float]) -> Array:
-        """Return zero (3,): the frame does not turn."""
+        """Return zero (3,): the frame does not rotate."""
         return np.zeros(3)
 
     def centres(self, others: Mapping[str, float]) -> Mapping[str, Centre]:
-        """Return the Sun, with its whole attraction: without what radiation pressure takes off."""
+        """Return the Sun with its full GM, without the reduction by radiation pressure."""
         return {"sun": Centre(self.spec.primary_gm_m3_s2, np.zeros(3), np.zeros(3))}
 
     def icrf_axes(self, epoch: Epoch) -> Array:
@@ -87,22 +87,23 @@ class Heliocentric:
         self, x: tuple[Expr, ...], u: tuple[Expr, ...], t: Expr, p: Params
     ) -> tuple[Expr, ...]:
         """Return dx/dt, SI."""
-        found: list[Expr] = []
+        rates: list[Expr] = []
         for i, value in enumerate(self._radiation):
             r, v, command = x[6 * i : 6 * i + 3], x[6 * i + 3 : 6 * i + 6], u[3 * i : 3 * i + 3]
             gm = p["primary_gm"]
             if value:
+                # radiation pressure falls with the square of the distance too: it reduces GM
                 push = self.spec.radiation_pressure_n_m2 * AU_M**2
                 gm = gm - p[f"radiation{i + 1}"] * push
             pull = -gm * power(dot(r, r), -1.5)
-            found += [*v, *(sum_of([pull * q, c]) for q, c in zip(r, command, strict=True))]
-        return tuple(found)
+            rates += [*v, *(sum_of([pull * q, c]) for q, c in zip(r, command, strict=True))]
+        return tuple(rates)
 
     def events(self, x: tuple[Expr, ...], t: Expr, p: Params) -> Mapping[str, Expr]:
         """Return none."""
         return {}
 
-    def _numbered(self, of_one: Sequence[Variable]) -> tuple[Variable, ...]:
+    def _number_variables(self, of_one: Sequence[Variable]) -> tuple[Variable, ...]:
         count = len(self.bodies)
         if count == 1:
             return tuple(of_one)

@@ -47,6 +47,7 @@ class _HillMotion(MoonCentred):
         self, x: tuple[Expr, ...], u: tuple[Expr, ...], p: Params, pull: Vec3
     ) -> tuple[Expr, ...]:
         px, _, pz, vx, vy, vz = x
+        # Coriolis terms, and the sum of tide and centrifugal acceleration (3n²x, 0, −n²z)
         n = p["mean_motion"]
         return (
             vx,

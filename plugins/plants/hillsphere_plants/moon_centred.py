@@ -1,4 +1,4 @@
-"""What plants about a moon share: its gravity, its surface, the end of a flight."""
+"""Common part of plants about a moon: its gravity, its surface, the end of a flight."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ _LEVEL = Variable("surface:level", unit="-")
 
 
 class MoonCentredSpec(Protocol):
-    """What the Specs of such plants have in common."""
+    """Keys that the Specs of such plants have in common."""
 
     @property
     def body(self) -> Ref:
@@ -92,15 +92,15 @@ class MoonCentredSpec(Protocol):
 
     @property
     def escape_radius_m(self) -> float | None:
-        """Where a flight ends as escaped."""
+        """Radius at which a flight ends as escaped."""
         ...
 
 
 class MoonCentred(ABC):
-    """Motion about a moon in a frame in which the moon stands still.
+    """Motion about a moon in a frame in which the moon is at rest.
 
-    A subclass writes the equations (`_motion`, `_own_parameters`); one of `SymbolicAttraction` and
-    `ArrayAttraction` brings the attraction of the moon.
+    A subclass gives the equations (`_motion`, `_own_parameters`). One of `SymbolicAttraction` and
+    `ArrayAttraction` gives the attraction of the moon.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ class MoonCentred(ABC):
         self.moon: OrbitingBody = body
         self.body_name: str = body.name
         self.primary_distance_m: float = body.semi_major_axis_m
-        # Its square is divided by, and both underflow for a primary that attracts next to nothing.
+        # Its square is a divisor, and underflows for a primary of next to no attraction.
         if not 0.0 < mean_motion_rad_s * mean_motion_rad_s < inf:
             raise InputError(
                 f"the mean motion of {body.name!r} is {mean_motion_rad_s:.3g} rad/s, with which "
@@ -199,20 +199,20 @@ class MoonCentred(ABC):
         x²/a² + y²/b² + z²/c² − 1, and 1 − r²/R². Of a surface that is no expression the first is
         one of the `event_terms`.
         """
-        found: dict[str, Expr] = {}
+        events: dict[str, Expr] = {}
         place = self._place(x)
         if self._shape is not None and isinstance(x[0], Overloaded):
-            found["impact"] = level_within(self._shape, place)
+            events["impact"] = level_within(self._shape, place)
         elif self.event_terms:
-            found["impact"] = variable(_LEVEL.name)
+            events["impact"] = variable(_LEVEL.name)
         elif isinstance(self._shape, Surface):
-            found["impact"] = self._shape.surface(place)
+            events["impact"] = self._shape.surface(place)
         elif self._semi_axes_m is not None:
             squares = [q * q / (a * a) for q, a in zip(place, self._semi_axes_m, strict=True)]
-            found["impact"] = sum_of([*squares, -1.0])
+            events["impact"] = sum_of([*squares, -1.0])
         if self._escape_radius_m is not None:
-            found["escape"] = 1.0 - dot(x[:3], x[:3]) / self._escape_radius_m**2
-        return found
+            events["escape"] = 1.0 - dot(x[:3], x[:3]) / self._escape_radius_m**2
+        return events
 
     @property
     def event_terms(self) -> tuple[Variable, ...]:
@@ -257,7 +257,7 @@ class MoonCentred(ABC):
                 "stand in the ICRF: give it pole_right_ascension_deg, pole_declination_deg and "
                 "prime_meridian_deg, or axes = 'plant'"
             )
-        # a frame fixed in the body has longitude 0 on its x axis: the meridian is zero there
+        # in a body-fixed frame x is longitude 0, so that the meridian's angle is zero
         turning = RotatingFrame(
             orientation, epoch, self.mean_motion_rad_s, self.prime_meridian_rad,
             self.primary_distance_m,
@@ -306,7 +306,10 @@ class SymbolicAttraction(MoonCentred):
         return model
 
     def switches(self, x: tuple[Expr, ...], t: Expr, p: Params) -> tuple[Expr, ...]:
-        """Return where the gravity model changes branch: the surface of an ellipsoid."""
+        """Return functions at whose zeros the gravity model changes branch.
+
+        An ellipsoid does at its surface.
+        """
         if not isinstance(self.gravity, Piecewise):
             return ()
         return self.gravity.switches(self._place(x), _of_gravity(p))
@@ -347,6 +350,7 @@ class ArrayAttraction(MoonCentred):
         slopes = np.zeros((3, *x.shape))
         own = p[len(self._own_parameters()) :]
         body = self._field.gradient(self._axes.T @ x[:3], own)
+        # A G Aᵀ: the body's gravity gradient in the axes of the motion
         slopes[:, :3] = np.einsum("ia,abk,jb->ijk", self._axes, body, self._axes)
         return slopes
 
@@ -366,7 +370,7 @@ class ArrayAttraction(MoonCentred):
 
 
 def moon_of(reference: Ref) -> OrbitingBody:
-    """Return the moon that is referred to; an `InputError` if the body is something else."""
+    """Return the moon of a reference, or raise `InputError` if the body orbits no other."""
     body: object = reference.get()
     if not isinstance(body, OrbitingBody):
         raise InputError(

@@ -12,6 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from hillsphere.base.constants import AU_M
 from hillsphere.dynamics import ArrayFunction
 from hillsphere.errors import InputError
 from hillsphere.gravity import AnyGravityModel, acceleration_at, whole_gravity
@@ -62,9 +63,8 @@ from hillsphere_plants.proximity_start import HillFrame
 from hillsphere_plants.tidal import tidal_acceleration
 from hillsphere_plants.turning import turning_motion
 
-__all__ = ["AU_M", "Proximity", "of_gravity"]
+__all__ = ["Proximity", "of_gravity"]
 
-AU_M = 1.495978707e11
 _GRAVITY = "gravity."
 _NOMINAL: Mapping[str, float] = MappingProxyType({})
 
@@ -143,12 +143,12 @@ class Proximity:
     @property
     def states(self) -> tuple[Variable, ...]:
         """Position and velocity of the first spacecraft, then of the next; x1 … if several."""
-        return self._numbered(POSITION_AND_VELOCITY)
+        return self._number_variables(POSITION_AND_VELOCITY)
 
     @property
     def controls(self) -> tuple[Variable, ...]:
         """Three accelerations a spacecraft."""
-        return self._numbered(CONTROLS)
+        return self._number_variables(CONTROLS)
 
     @property
     def scales(self) -> Scales:
@@ -207,55 +207,60 @@ class Proximity:
         orbit = orbit_known(p) or orbit_at(t, p)
         rows = self._body_rows(orbit, t, p)
         sun = (-orbit.distance, constant(0.0), constant(0.0))
-        found: list[Expr] = []
+        rates: list[Expr] = []
         for i in range(len(self.spacecraft)):
             own, command = x[6 * i : 6 * i + 6], u[3 * i : 3 * i + 3]
             r = vector(own[:3])
             pull = self._attraction(i, rows, r, p)
             tide = tidal_acceleration(r, sun, orbit.distance, p["primary_gm"])
+            # radiation pressure acts along +x, away from the Sun
             pushed = (sum_of([command[0], self._pressure(i, orbit, p)]), *command[1:])
-            found += turning_motion(own, pushed, pull, tide, orbit.rate, orbit.acceleration)
-        return tuple(found)
+            rates += turning_motion(own, pushed, pull, tide, orbit.rate, orbit.acceleration)
+        return tuple(rates)
 
     def time_terms(self, t: Expr, p: Params) -> Mapping[str, Expr]:
-        """Return where the asteroid is on its orbit: Kepler's equation is most of the motion."""
+        """Return the expressions of the orbit, which depend on time alone and are costly."""
         return orbit_terms(orbit_at(t, p))
 
     def disturbances(self, x: tuple[Expr, ...], t: Expr, p: Params) -> tuple[Expr, ...]:
-        """Return what a simple law cancels, m/s²: attraction as of a point, and pressure.
+        """Return the accelerations, m/s², that a simple law cancels.
 
-        Three expressions a spacecraft, like its controls.
+        They are the attraction as of a point mass, and radiation pressure: three expressions a
+        spacecraft, like its controls.
         """
         orbit = orbit_at(t, p)
-        found: list[Expr] = []
+        accelerations: list[Expr] = []
         for i in range(len(self.spacecraft)):
             r = x[6 * i : 6 * i + 3]
             pull = -self._gm(p) * power(dot(r, r), -1.5)
-            found += [
+            accelerations += [
                 sum_of([pull * r[0], self._pressure(i, orbit, p)]),
                 pull * r[1],
                 pull * r[2],
             ]
-        return tuple(found)
+        return tuple(accelerations)
 
     def events(self, x: tuple[Expr, ...], t: Expr, p: Params) -> Mapping[str, Expr]:
-        """Return ``impact`` (where the body has a surface), ``escape`` (where it is asked for).
+        """Return ``impact`` (if the body has a surface) and ``escape`` (if it is asked for).
 
-        Of the first spacecraft that meets it.
+        Both are those of the first spacecraft to meet them.
         """
         places = [vector(x[i : i + 3]) for i in range(0, len(x), 6)]
-        found: dict[str, Expr] = {}
+        events: dict[str, Expr] = {}
         if self.semi_axes_m is not None:
             rows = self._body_rows(orbit_at(t, p), t, p)
             levels = [self._level(i, axes_of(rows, r)) for i, r in enumerate(places)]
-            found["impact"] = _least(levels)
+            events["impact"] = _least(levels)
         if self.spec.escape_radius_m is not None:
             far = self.spec.escape_radius_m**2
-            found["escape"] = _least([1.0 - dot(r, r) / far for r in places])
-        return found
+            events["escape"] = _least([1.0 - dot(r, r) / far for r in places])
+        return events
 
     def switches(self, x: tuple[Expr, ...], t: Expr, p: Params) -> tuple[Expr, ...]:
-        """Return where the gravity model changes branch: the surface of an ellipsoid."""
+        """Return functions at whose zeros the gravity model changes branch.
+
+        An ellipsoid does at its surface.
+        """
         model = self._model
         if not isinstance(model, Piecewise):
             return ()
@@ -282,7 +287,7 @@ class Proximity:
         return flat.reshape(len(self.spacecraft), -1)
 
     def scene(self, t_s: Array, **values: Array | float) -> dict[str, Array]:
-        """Return what sensors take from the scene at times (N,).
+        """Return the Sun's position and the body's orientation at times (N,), for sensors.
 
         Parameters
         ----------
@@ -315,34 +320,34 @@ class Proximity:
 
     @property
     def oriented(self) -> bool:
-        """Whether the body gives the angles of its orbit: where heliocentric axes are known."""
+        """Whether the body gives all angles of its orbit, so that heliocentric axes are known."""
         body = self.body
         return None not in (body.inclination_rad, body.node_rad, body.periapsis_rad)
 
     def heliocentric(self, t_s: Array, **values: Array | float) -> dict[str, Array]:
-        """Return what sensors take of the frame's place in the Solar System at times (N,).
+        """Return the heliocentric state and axes of the frame at times (N,), for sensors.
 
         Parameters
         ----------
         t_s, **values
-            As `scene` takes them.
+            As of `scene`.
 
         Returns
         -------
         dict of str to ndarray
             ``"origin"``, shape (6, N), ``"axes"``, (3, 3, N), and ``"rate"``, (3, N), as in
-            `hillsphere_plants.proximity_frame.frame_at`; in the axes of ecliptic and equinox J2000
-            where `oriented`, otherwise in axes that are as good for what depends on none.
+            `hillsphere_plants.proximity_frame.frame_at`. The axes are the ecliptic and equinox of
+            J2000 if the plant is `oriented`, otherwise arbitrary ones.
         """
         t = np.atleast_1d(np.asarray(t_s, dtype=float))
         return frame_at(t, self.body, {q.name: q.value for q in self._own} | values)
 
     def turning_frame(self, time_s: float) -> HillFrame:
         """Return the Hill frame at a time, about which starts in other forms are placed."""
-        found = self.heliocentric(np.array([time_s]))
+        frame = self.heliocentric(np.array([time_s]))
         return HillFrame(
             (self.body_name, self.body.primary_name), (self.gm_m3_s2, self.primary_gm_m3_s2),
-            found["origin"][:, 0], found["axes"][..., 0], found["rate"][:, 0],
+            frame["origin"][:, 0], frame["axes"][..., 0], frame["rate"][:, 0],
             self.oriented, None if self.epoch is None else Epoch.parse(self.epoch, "TDB"), time_s,
         )  # fmt: skip
 
@@ -358,12 +363,13 @@ class Proximity:
         """
         distance = self._distance(np.reshape(t_s, (1, -1)))[0]
         pressure = self.spec.radiation_pressure_n_m2 * (AU_M / distance) ** 2
-        found = np.full(
+        sigma = np.full(
             (3 * len(self.spacecraft), distance.size), self.spec.acceleration_noise_m_s2
         )
+        # independent errors of the pressure along x and of the accelerations: root of the sum
         for i, value in enumerate(self._radiation):
-            found[3 * i] = np.hypot(found[3 * i], self.spec.radiation_noise * value * pressure)
-        return found
+            sigma[3 * i] = np.hypot(sigma[3 * i], self.spec.radiation_noise * value * pressure)
+        return sigma
 
     @cached_property
     def _own(self) -> tuple[Parameter, ...]:
@@ -459,7 +465,7 @@ class Proximity:
         places = x.reshape(-1, 6, x.shape[1])[:, :3]
         return np.einsum("ijn,sjn->isn", turn, places), turn
 
-    def _numbered(self, of_one: Sequence[Variable]) -> tuple[Variable, ...]:
+    def _number_variables(self, of_one: Sequence[Variable]) -> tuple[Variable, ...]:
         count = len(self.spacecraft)
         if count == 1:
             return tuple(of_one)
@@ -483,5 +489,5 @@ def _least(values: Sequence[Expr]) -> Expr:
 
 
 def of_gravity(p: Params) -> Params:
-    """Return what parameters of a plant belong to its gravity, under the model's own names."""
+    """Return the parameters of a plant's gravity under the names of the gravity model."""
     return {k.removeprefix(_GRAVITY): v for k, v in p.items() if k.startswith(_GRAVITY)}

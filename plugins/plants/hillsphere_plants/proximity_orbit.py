@@ -30,12 +30,12 @@ _ORBIT = "orbit."
 
 
 class OrbitPoint(NamedTuple):
-    """The asteroid on its ellipse.
+    """State of the asteroid on its Keplerian orbit.
 
     Parameters
     ----------
     distance : Expr
-        From the Sun, m.
+        Distance from the Sun, m.
     rate, acceleration : Expr
         ḟ and f̈ of the true anomaly, rad/s and rad/s².
     travelled : Expr
@@ -49,7 +49,7 @@ class OrbitPoint(NamedTuple):
 
 
 def orbit_at(t: Expr, p: Params) -> OrbitPoint:
-    """Return where the asteroid is on its Keplerian orbit.
+    """Return the state of the asteroid on its Keplerian orbit.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def orbit_at(t: Expr, p: Params) -> OrbitPoint:
     Returns
     -------
     OrbitPoint
-        By Kepler's equation.
+        By Kepler's equation [1]_.
     """
     gm, a, e, start = (
         p[key] for key in ("primary_gm", "semi_major_axis", "eccentricity", "true_anomaly")
@@ -71,9 +71,10 @@ def orbit_at(t: Expr, p: Params) -> OrbitPoint:
     c, s = cos(eccentric), sin(eccentric)
     root = sqrt(1.0 - e * e)
     beta = e / (1.0 + root)
-    # f − E = 2 atan(β sin E/(1 − β cos E)) has no quadrant to choose
+    # f − E = 2 atan(β sin E/(1 − β cos E)): exact, and unlike tan(f/2) without a choice of quadrant
     anomaly = eccentric + 2.0 * atan2(beta * s, 1.0 - beta * c)
     distance = a * (1.0 - e * c)
+    # ḟ = h/R² with h = √(GM a (1 − e²)); Ṙ = √(GM a) e sin E / R; f̈ = −2 ḟ Ṙ/R
     rate = sqrt(gm * a) * root / (distance * distance)
     outward = sqrt(gm * a) * e * s / distance
     return OrbitPoint(distance, rate, -2.0 * rate * outward / distance, anomaly - start)
@@ -86,8 +87,8 @@ def orbit_terms(orbit: OrbitPoint) -> dict[str, Expr]:
 
 def orbit_known(p: Params) -> OrbitPoint | None:
     """Return the point of which `orbit_terms` stand among the parameters, or None."""
-    found = [p.get(_ORBIT + name) for name in OrbitPoint._fields]
-    return None if None in found else OrbitPoint(*(e for e in found if e is not None))
+    terms = [p.get(_ORBIT + name) for name in OrbitPoint._fields]
+    return None if None in terms else OrbitPoint(*(e for e in terms if e is not None))
 
 
 def body_turn(
@@ -120,7 +121,8 @@ def body_turn(
         c, s = cos(spin - travelled), sin(spin - travelled)
         zero = constant(0.0)
         return (c, s, zero), (-s, c, zero), (zero, zero, constant(1.0))
-    # by axes that do not turn: x along the common line of orbit and equator
+    # by way of inertial axes with x along the line of the equinox, in which orbit plane and equator
+    # intersect: rotations by u from the Hill frame, by the obliquity, and by v to the body
     start = p["true_anomaly"] - equinox
     u, v = start + travelled, start + spin
     cu, su, cv, sv = cos(u), sin(u), cos(v), sin(v)

@@ -19,6 +19,8 @@ __all__ = [
 ]
 
 _QUARTERS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
+"""Cosine and sine of 0°, 90°, 180° and 270°, exact: cos(π/2) of the library is 6e-17, which would
+add terms to every equation."""
 _SNAP_RAD = 1e-14  # a few units in the last place of π: what 180° leaves after conversion
 
 
@@ -66,14 +68,14 @@ class AxialRotation(NamedTuple):
 
 
 class Spin(NamedTuple):
-    """How a moon has turned against the line to its primary, as expressions.
+    """Rotation of a moon relative to the line to its primary, as expressions.
 
     Parameters
     ----------
     angle : Expr
         ψ from the moon's mean direction to the primary to the true one, about +z, rad.
     rate, acceleration : Expr
-        Angular velocity ω of the moon among the stars, rad/s, and its derivative, rad/s².
+        Inertial angular velocity ω of the moon, rad/s, and its derivative, rad/s².
     """
 
     angle: Expr
@@ -109,7 +111,7 @@ def mean_anomaly(anomaly: Expr, eccentricity: Expr) -> tuple[Expr, Expr]:
 
 
 def locked_spin(anomaly: Expr, eccentricity: Expr, mean_motion: Expr) -> Spin:
-    """Return the spin of a moon that always turns the same side to its primary."""
+    """Return the spin of a moon that always turns the same side to its primary (ψ = 0, ω = ν̇)."""
     return Spin(constant(0.0), *anomaly_rates(anomaly, eccentricity, mean_motion))
 
 

@@ -1,4 +1,4 @@
-"""Specs of the plants: what a mission may write in ``[plant.NAME]``."""
+"""Specs of the plants: the keys of ``[plant.NAME]`` in a mission."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motion about a body that turns at a rate of its own: an asteroid on its way around the Sun."""
+"""Motion about a body that rotates at its own rate, such as an asteroid on its orbit."""
 
 from __future__ import annotations
 
@@ -88,6 +88,7 @@ class _SpinningMotion(ThreeBody):
     ) -> tuple[Expr, ...]:
         anomaly, angle = x[6], x[7]
         e, rate = p["eccentricity"], p["rotation_rate"]
+        # the orbit enters by the true anomaly as a state: its rate, and the distance at it
         ahead, _ = anomaly_rates(anomaly, e, self._mean_motion(p))
         distance = p["semi_major_axis"] * (1.0 - e * e) / (1.0 + e * cos(anomaly))
         way = self._primary_direction(anomaly, angle)
@@ -102,7 +103,7 @@ class _SpinningMotion(ThreeBody):
             way: Vec3 = (cos(anomaly - angle), sin(anomaly - angle), constant(0.0))
             return self._to_primary.from_body(way)
         since = anomaly - self._equinox_rad
-        # In axes that do not turn: x to the primary at the equinox, z the spin axis.
+        # In inertial axes: x to the primary at the equinox, z the spin axis; then turned by θ.
         x, y, z = cos(since), upright * sin(since), tilted * sin(since)
         c, s = cos(angle), sin(angle)
         return self._to_primary.from_body((c * x + s * y, c * y - s * x, z))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import cast
 
+from hillsphere.base.constants import AU_M
 from hillsphere.symbolic import Expr, Vec3
 from hillsphere.symbolic._heyoka import heyoka as _hy
 
@@ -36,7 +37,7 @@ def sun_position(centuries: Expr) -> Vec3:
        VSOP2013 and TOP2013, Astronomy & Astrophysics 557, A49.
     """
     series = _hy.model.vsop2013_cartesian_icrf(3, time_expr=centuries * 0.1, thresh=1e-4)
-    x, y, z = (cast(Expr, q) * -1.495978707e11 for q in series[:3])
+    x, y, z = (cast(Expr, q) * -AU_M for q in series[:3])
     return (x, y, z)
 
 

@@ -57,8 +57,8 @@ __all__ = [
 _ANOMALY = Variable("true_anomaly", unit="rad")
 
 
-def _given_anomaly(others: Mapping[str, float]) -> float:
-    """Return the true anomaly among the states at a start; `InputError` if it is left out."""
+def _require_anomaly(others: Mapping[str, float]) -> float:
+    """Return the true anomaly among the states at a start, or raise `InputError`."""
     if _ANOMALY.name not in others:
         raise InputError(
             f"the body's place on its ellipse decides what it means; give start.others."
@@ -68,7 +68,7 @@ def _given_anomaly(others: Mapping[str, float]) -> float:
 
 
 class ThreeBody(MoonCentred):
-    """What all three-body problems share.
+    """Common part of all three-body problems.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ class ThreeBody(MoonCentred):
 
 
 class _CircularMotion(ThreeBody):
-    """The circular problem, whatever the gravity."""
+    """The circular problem, for any gravity."""
 
     mirrors: Mapping[str, tuple[int, ...]] = {"xz": (1, -1, 1, -1, 1, -1)}
     """Time reversal that holds if the gravity has the same mirror plane; check before use."""
@@ -121,6 +121,8 @@ class _CircularMotion(ThreeBody):
             vx,
             vy,
             vz,
+            # Coriolis and centrifugal acceleration; the tide replaces both attractions of the
+            # primary
             sum_of([2.0 * n * vy, n * n * px, tide[0], pull[0], u[0]]),
             sum_of([-2.0 * n * vx, n * n * py, tide[1], pull[1], u[1]]),
             sum_of([tide[2], pull[2], u[2]]),
@@ -189,7 +191,7 @@ class ArrayCircularThreeBody(ArrayAttraction, _CircularMotion):
 
 
 class _EllipticMotion(ThreeBody):
-    """The elliptic problem, whatever the gravity."""
+    """The elliptic problem, for any gravity."""
 
     states = (*POSITION_AND_VELOCITY, _ANOMALY)
     mirrors: Mapping[str, tuple[int, ...]] = {"xz": (1, -1, 1, -1, 1, -1, -1)}
@@ -217,7 +219,7 @@ class _EllipticMotion(ThreeBody):
         return f"body:{self.body_name}"
 
     def in_hill_frame(self, x: Array) -> Array:
-        """Return positions and velocities in the frame that turns with the line to the primary.
+        """Return positions and velocities in the frame that rotates with the line to the primary.
 
         Parameters
         ----------
@@ -227,11 +229,11 @@ class _EllipticMotion(ThreeBody):
         Returns
         -------
         ndarray, shape (6, N)
-            x away from the primary at that moment, z the orbit normal; velocities as seen in that
+            x points away from the primary, z is the orbit normal; velocities are relative to that
             frame.
         """
         angle, rate, anomaly_rate = self._orientation(x[6:])
-        return _turned(x[:6], -angle, rate - anomaly_rate)
+        return _rotate_states(x[:6], -angle, rate - anomaly_rate)
 
     def from_hill_frame(self, x: Array, true_anomaly_rad: Array) -> Array:
         """Return states of this plant (7, N), SI; the inverse of `in_hill_frame`.
@@ -244,19 +246,22 @@ class _EllipticMotion(ThreeBody):
             True anomaly of the moon.
         """
         angle, rate, anomaly_rate = self._orientation(true_anomaly_rad[None])
-        return np.concatenate([_turned(x, angle, anomaly_rate - rate), true_anomaly_rad[None]])
+        return np.concatenate(
+            [_rotate_states(x, angle, anomaly_rate - rate), true_anomaly_rad[None]]
+        )
 
     def frame_rate(self, others: Mapping[str, float]) -> Array:
         """Return the angular velocity (3,) of the body, rad/s, at its true anomaly."""
-        anomaly = np.array([[_given_anomaly(others)]])
+        anomaly = np.array([[_require_anomaly(others)]])
         return np.array([0.0, 0.0, float(self._orientation(anomaly)[1][0])])
 
     def centres(self, others: Mapping[str, float]) -> Mapping[str, Centre]:
-        """Return the moon, and its primary where it is at the true anomaly."""
-        anomaly = _given_anomaly(others)
+        """Return the moon, and its primary at the true anomaly."""
+        anomaly = _require_anomaly(others)
         e, n = self.eccentricity, self.mean_motion_rad_s
         root = np.sqrt(1.0 - e * e)
         distance = self.primary_distance_m * root**2 / (1.0 + e * np.cos(anomaly))
+        # radial velocity Ṙ = a n e sin ν / √(1 − e²)
         away = self.primary_distance_m * n * e * np.sin(anomaly) / root
         hill = np.array([[-distance], [0.0], [0.0], [-away], [0.0], [0.0]])
         x = self.from_hill_frame(hill, np.array([anomaly]))[:, 0]
@@ -282,7 +287,7 @@ class _EllipticMotion(ThreeBody):
         def excess(anomaly: Array) -> Array:
             return np.asarray(self._mean_anomaly(anomaly[None])[0] - target)
 
-        # M and ν pass every multiple of π together, so they are never farther apart
+        # M and ν pass every multiple of π together, so that |ν − M| < π brackets the root
         low, high = target - pi, target + pi
         width = 4.0 * np.spacing(np.maximum(1.0, np.abs(target)))
         return bracketed_roots(excess, low, high, excess(low), excess(high), width)
@@ -305,6 +310,7 @@ class _EllipticMotion(ThreeBody):
         anomaly = x[6]
         e = p["eccentricity"]
         spin = self._spin(anomaly, p)
+        # distance and direction of the primary in the body's frame, at the true anomaly
         ahead, _ = anomaly_rates(anomaly, e, self._mean_motion(p))
         distance = p["semi_major_axis"] * (1.0 - e * e) / (1.0 + e * cos(anomaly))
         zero = constant(0.0)
@@ -374,8 +380,8 @@ class ArrayEllipticThreeBody(ArrayAttraction, _EllipticMotion):
     """
 
 
-def _turned(x: Array, angle: Array, rate: Array) -> Array:
-    """Turn states (6, N) by an angle about z, after adding the velocity ``rate · z × r``."""
+def _rotate_states(x: Array, angle: Array, rate: Array) -> Array:
+    """Rotate states (6, N) about z, after adding the velocity ``rate · z × r``."""
     c, s = np.cos(angle), np.sin(angle)
     px, py, pz, vx, vy, vz = x
     ux, uy = vx - rate * py, vy + rate * px

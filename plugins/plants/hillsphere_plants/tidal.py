@@ -1,8 +1,8 @@
-"""Attraction of a distant primary on motion about its moon, without cancellation.
+"""Tidal acceleration by a distant primary on motion about its moon, without cancellation.
 
-Both the acceleration and its potential are differences of nearly equal terms (what the primary
-does to the particle less what it does to the moon); written as such they lose as many digits as
-the distance of the primary exceeds that of the particle.
+The tidal acceleration is the attraction of the particle less that of the moon. Both are nearly
+equal: their difference loses as many digits as the distance of the primary exceeds that of the
+particle. The same holds for its potential.
 
 References
 ----------
@@ -18,7 +18,7 @@ __all__ = ["tidal_acceleration", "tidal_potential"]
 
 
 def tidal_acceleration(r: Vec3, d: Vec3, distance: Scalar, gm: Expr) -> Vec3:
-    r"""Return what the primary does to a particle less what it does to the moon.
+    r"""Return the tidal acceleration by the primary.
 
     .. math::
 
@@ -42,6 +42,7 @@ def tidal_acceleration(r: Vec3, d: Vec3, distance: Scalar, gm: Expr) -> Vec3:
     Vec3
         m/s².
     """
+    # |r − d|² = D² (1 + q); f(q) = (1 + q)^(3/2) − 1 in the form without cancellation for small q
     q = _q(r, d, distance)
     cube = (1.0 + q) * sqrt(1.0 + q)
     f = q * (3.0 + 3.0 * q + q * q) / (1.0 + cube)
@@ -61,6 +62,7 @@ def tidal_potential(r: Vec3, d: Vec3, distance: Scalar, gm: Expr) -> Expr:
         GM\left[\frac1{|r-d|} - \frac1D - \frac{r\cdot d}{D^3}\right] = \frac{GM}{D}\left[
         \frac{q^2(s+2)}{2s(1+s)^2} - \frac{r^2}{2D^2}\right], \quad s = \sqrt{1+q} .
     """
+    # the bracket's terms of first order in r/D cancel; written so that only second order remains
     q = _q(r, d, distance)
     s = sqrt(1.0 + q)
     first = q * q * (s + 2.0) / (2.0 * s * (1.0 + s) * (1.0 + s))

@@ -1,4 +1,4 @@
-"""Motion as seen in a frame that turns about its z axis."""
+"""Motion in a frame that rotates about its z axis."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def turning_motion(
     rate: Expr,
     acceleration: Expr,
 ) -> tuple[Expr, ...]:
-    r"""Return the rates of position and velocity.
+    r"""Return the rates of position and velocity in a rotating frame.
 
     .. math::
 
@@ -29,16 +29,17 @@ def turning_motion(
     u : tuple of Expr
         Commanded acceleration, m/s².
     pull, tide : Vec3
-        Attractions of the body and of others, m/s².
+        Attraction of the body, and tidal acceleration by others, m/s².
     rate, acceleration : Expr
-        Angular velocity of the frame, rad/s, and its derivative, rad/s².
+        Angular velocity of the frame about z, rad/s, and its derivative, rad/s².
 
     Returns
     -------
     tuple of Expr
-        Six.
+        Six: velocity and acceleration.
     """
     px, py, _, vx, vy, vz = x[:6]
+    # in each row: Coriolis, Euler and centrifugal acceleration, then the forces
     w, dw = rate, acceleration
     return (
         vx,

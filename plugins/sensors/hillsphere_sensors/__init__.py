@@ -1,4 +1,4 @@
-"""Built-in sensors plugin: what is measured of a state, with errors."""
+"""Built-in sensors plugin: measurements of states, with errors."""
 
 from __future__ import annotations
 

@@ -26,16 +26,16 @@ _LEAST = 1e-3
 
 
 class Antenna:
-    """Azimuth from north eastwards and elevation, both geometric (no refraction).
+    """Azimuth from north to the east, and elevation, both geometric (without refraction).
 
-    With elevation h and range ρ the standard deviations of the noise are [1]_
+    With elevation h and range ρ the standard deviations of the noise are (eqs. 22 to 25 of [1]_)
 
     - azimuth: c1 + c2/cos h + c3 ρ/cos h,
-    - elevation: c1 + c2/sin h + c3 cot h,
+    - elevation: c1 + c2/sin h + c3 cot h.
 
-    and biases of the same form, with coefficients of their own, are added. From the scene it takes
-    ``"earth_fixed"``, shape (3, 3, N): what turns positions of the states' frame to Earth-fixed
-    ones (`hillsphere.model.earth.rotation.earth_fixed`).
+    Biases of the same form, with coefficients of their own, are added. The sensor takes
+    ``"earth_fixed"``, shape (3, 3, N), from the scene: the rotation from the frame of the states to
+    Earth-fixed axes (`hillsphere.model.earth.rotation.earth_fixed`).
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class Antenna:
         self._outlier = _threshold(spec.outlier_probability)
 
     def believed_stations(self, constant: Array) -> tuple[Station, ...]:
-        """Return where trackers are told that the station is, for each case.
+        """Return the position of the station that trackers assume, for each case.
 
         Parameters
         ----------
@@ -63,7 +63,7 @@ class Antenna:
         Returns
         -------
         tuple of Station
-            N of them; one and the same if the Spec disperses nothing.
+            N of them; all the same if the Spec does not disperse the station.
         """
         spec = self.spec
         told = Station(
@@ -83,25 +83,27 @@ class Antenna:
         return self._seen(x, t_s, scene)[0]
 
     def visible(self, x: Array, t_s: Array, scene: Scene) -> NDArray[np.bool_]:
-        """Say where the satellite is above the mask."""
+        """Return whether the satellite is above the mask."""
         return np.asarray(self.observe(x, t_s, scene)[1] >= self.spec.mask_elevation_rad)
 
     def sigma(self, x: Array, t_s: Array, scene: Scene) -> Array:
         """Return the standard deviations of the noise (2, N), outliers left out."""
         spec = self.spec
-        return _grown(*self._seen(x, t_s, scene), spec.azimuth_noise_rad, spec.elevation_noise_rad)
+        return _angle_errors(
+            *self._seen(x, t_s, scene), spec.azimuth_noise_rad, spec.elevation_noise_rad
+        )
 
     def measure(self, x: Array, t_s: Array, scene: Scene, constant: Array, noise: Array) -> Array:
-        """Return measured azimuth and elevation; NaN below the mask and where one is missing.
+        """Return measured azimuth and elevation; NaN below the mask and in a dropout.
 
-        The rows of `constant` are two biases, three coordinates of the station and the bias that
-        goes with cot h; those of `noise` both angles' noise, dropout, outlier, and both angles'
-        outlying error. An elevation that errors carry beyond the zenith is shown as the same
-        direction, on the other side of it.
+        The rows of `constant` are two biases, three coordinates of the station, and the bias of the
+        term in cot h. Those of `noise` are the noise of both angles, dropout, outlier, and the
+        errors of an outlier in both angles. An elevation beyond the zenith is returned as the same
+        direction with an azimuth half a turn away.
         """
         spec = self.spec
         true, distance = self._seen(x, t_s, scene)
-        sigma = _grown(true, distance, spec.azimuth_noise_rad, spec.elevation_noise_rad)
+        sigma = _angle_errors(true, distance, spec.azimuth_noise_rad, spec.elevation_noise_rad)
         shown = true + sigma * noise[:2] + self._biases(true, distance, constant)
         shown += np.where(noise[3] < self._outlier, spec.outlier_sigma_rad * noise[4:6], 0.0)
         # what errors do to a direction stays a direction: −π/2 ≤ elevation ≤ π/2
@@ -117,14 +119,14 @@ class Antenna:
 
     def _biases(self, true: Array, distance: Array, constant: Array) -> Array:
         spec = self.spec
-        grown = _grown(true, distance, spec.azimuth_bias_rad, spec.elevation_bias_rad)
+        grown = _angle_errors(true, distance, spec.azimuth_bias_rad, spec.elevation_bias_rad)
         grown += np.array(spec.bias_sigma_rad)[:, None] * constant[:2]
         cotangent = np.cos(true[1]) / np.maximum(np.sin(true[1]), _LEAST)
         grown[1] += spec.horizon_bias_sigma_rad * constant[5] * cotangent
         return grown
 
     def _seen(self, x: Array, t_s: Array, scene: Scene) -> tuple[Array, Array]:
-        """Return true angles (2, N) and ranges (N,), m."""
+        """Return true angles (2, N), rad, and ranges (N,), m."""
         if "earth_fixed" not in scene:
             raise InputError(
                 f"antenna {self.spec.station!r}: the scene lacks 'earth_fixed', the matrices "
@@ -144,13 +146,16 @@ class Antenna:
         return np.array([azimuth, np.arctan2(up, level)]), np.hypot(level, up)
 
 
-def _grown(
+def _angle_errors(
     true: Array,
     distance: Array,
     azimuth: tuple[float, float, float],
     elevation: tuple[float, float, float],
 ) -> Array:
-    """Return the errors that both sets of coefficients make of elevations and ranges, (2, N)."""
+    """Return errors of azimuth and elevation (2, N) with three coefficients each.
+
+    The range enters in units of 1000 km. Sines and cosines are kept off zero.
+    """
     sine, cosine = np.sin(true[1]), np.cos(true[1])
     low, high = np.maximum(sine, _LEAST), np.maximum(cosine, _LEAST)
     return np.array(
@@ -162,7 +167,7 @@ def _grown(
 
 
 def _threshold(probability: float) -> float:
-    """Return below which number a normal one falls with this probability."""
+    """Return the number below which a normal one lies with this probability."""
     if probability in (0.0, 1.0):
         return np.inf if probability else -np.inf
     return NormalDist().inv_cdf(probability)

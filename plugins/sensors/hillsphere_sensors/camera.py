@@ -1,4 +1,4 @@
-"""A camera that finds an asteroid."""
+"""A camera that measures the direction of an asteroid."""
 
 from __future__ import annotations
 
@@ -7,31 +7,37 @@ from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array, Channel, Scene
 from hillsphere_sensors.body_surface import BodySurface
-from hillsphere_sensors.spacecraft import SpacecraftSensor, line_of_sight_frame, rotated, sighted
+from hillsphere_sensors.spacecraft import (
+    SpacecraftSensor,
+    boresight_components,
+    line_of_sight_frame,
+    rotate,
+)
 from hillsphere_sensors.spacecraft_specs import CameraSpec
 
 __all__ = ["Camera"]
 
 _AT_ONCE = 1_000_000
-"""Points of the grid times lanes that are worked on at once."""
+"""Points of the grid times lanes that are computed at once, which bounds the memory (8 MB an
+array)."""
 
 
 class Camera(SpacecraftSensor):
-    r"""Where an asteroid stands in the image of a camera.
+    """Position of an asteroid in the image of a camera.
 
-    Its axes: z the boresight, x level (z of the states' frame × boresight), y completing. A point
-    at (x, y, z) there is seen under the angles atan(x/z) and atan(y/z), and at the pixels f x/(z p)
-    and f y/(z p) from the middle of the image, with the focal length f and the width p of a pixel,
-    which follows from field of view and resolution.
+    The axes of the camera are z along the boresight, x level (z of the states' frame × boresight),
+    and y completing them. A point at (x, y, z) in these axes has the angles atan(x/z) and
+    atan(y/z), and the pixels f x/(z p) and f y/(z p) from the middle of the image, with the focal
+    length f and the width p of a pixel, which follows from field of view and resolution.
 
-    From the scene it takes ``"boresight"``, shape (S, 3, N), where each of S spacecraft is
-    commanded to look, in the states' frame; for more than the centre ``"to_body"``, (3, 3, N), the
-    matrices from that frame to the body's; and ``"sun"``, (3, N), the Sun's position, m, if only
-    what is sunlit is seen.
+    From the scene it takes ``"boresight"``, shape (S, 3, N), the commanded boresights of S
+    spacecraft in the states' frame; for more than the centre ``"to_body"``, (3, 3, N), the matrices
+    from that frame to the body's; and ``"sun"``, (3, N), the Sun's position, m, if only the sunlit
+    part is seen.
 
-    The grid's visible points come and go at the limb: with the target ``points`` what is measured
-    is not differentiable; with ``disc`` a point counts by the solid angle that it shows, which
-    vanishes there.
+    With the target ``points`` the measurement is not differentiable, since points of the grid
+    appear and vanish at the limb. With ``disc`` a point is weighted by its solid angle as seen by
+    the camera, which is zero at the limb.
 
     Parameters
     ----------
@@ -64,7 +70,7 @@ class Camera(SpacecraftSensor):
         """Pixels from the middle of the image to where x/z is one."""
 
     def pose(self, x: Array, t_s: Array, scene: Scene) -> tuple[Array, Array]:
-        """Return where the camera is from its target's centre, m, and where it looks, (3, N)."""
+        """Return the camera's position from its target's centre, m, and its boresight, (3, N)."""
         r = self._states(x, self.spec.spacecraft)[:3]
         if self.spec.target_rows:
             r = r - self._states(x, self.spec.target_rows)[:3]
@@ -97,10 +103,10 @@ class Camera(SpacecraftSensor):
     def _target(
         self, x: Array, t_s: Array, scene: Scene
     ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-        """Return the target in the camera's axes (each (N,)), and whether there is one."""
+        """Return the target in the camera's axes (each (N,)), and whether it is visible."""
         spec = self.spec
         r, boresight = self.pose(x, t_s, scene)
-        u, v, ahead = sighted(boresight, -r)
+        u, v, ahead = boresight_components(boresight, -r)
         there = np.ones(t_s.shape, dtype=bool)
         if spec.target == "centre":
             return u, v, ahead, there
@@ -109,8 +115,8 @@ class Camera(SpacecraftSensor):
         frame = line_of_sight_frame(boresight)
         # the camera's axes in those of the body
         inside = np.einsum("ikn,jkn->ijn", *np.broadcast_arrays(frame, turn))
-        place = rotated(turn, r)
-        light = None if sun is None else np.broadcast_to(rotated(turn, sun), place.shape)
+        place = rotate(turn, r)
+        light = None if sun is None else np.broadcast_to(rotate(turn, sun), place.shape)
         inside = np.broadcast_to(inside, (3, 3, t_s.size))
         size = max(1, _AT_ONCE // self._grid[0].shape[1])
         slopes = np.empty((2, t_s.size))
@@ -119,24 +125,27 @@ class Camera(SpacecraftSensor):
             slopes[:, some], there[some] = self._middle(
                 place[:, some], inside[:, :, some], None if light is None else light[:, some]
             )
-        # without anything visible: the centre
+        # without a visible point the values are those of the centre, and the mask says so
         u, v = (np.where(there, s * ahead, c) for s, c in zip(slopes, (u, v), strict=True))
         return u, v, ahead, there
 
     def _middle(
         self, place: Array, frame: Array, light: Array | None
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return x/z and y/z (2, N) of what is visible, and whether anything is.
+        """Return x/z and y/z (2, N) of the centroid of what is visible, and whether anything is.
 
-        place (3, N), frame (3, 3, N) as rows and light (3, N) are in the axes of the body.
+        `place` (3, N), `frame` (3, 3, N, axes as rows) and `light` (3, N) are in the axes of the
+        body.
         """
         points, normals, areas = self._grid
         away = points[:, :, None] - place[:, None, :]
+        # a point is visible if its normal points towards the camera (the body is convex)
         facing = -np.einsum("im,imn->mn", normals, away)
         weight = np.maximum(facing, 0.0)
         if self.spec.target == "points":
             weight = (facing > 0.0).astype(float)
         else:
+            # solid angle: area times cos(angle of incidence) / distance²; facing has one distance
             weight *= areas[:, None] / np.sum(away * away, axis=0) ** 1.5
         if light is not None:
             weight *= (normals.T @ light) > 0.0
@@ -144,10 +153,11 @@ class Camera(SpacecraftSensor):
         weight *= ahead > 0.0
         total = np.sum(weight, axis=0)
         there = total > 0.0
+        # the centroid in the image is the weighted mean of x/z and y/z
         over = weight / (np.where(there, total, 1.0) * np.where(ahead > 0.0, ahead, 1.0))
         return np.array([np.sum(over * u, axis=0), np.sum(over * v, axis=0)]), there
 
 
 def _forward(u: Array, v: Array, ahead: Array) -> Array:
-    """Return how far ahead something is, kept off zero where it is at the camera's side or back."""
+    """Return the distance ahead of the camera, kept off zero to the side and behind."""
     return np.asarray(np.maximum(ahead, 1e-6 * np.sqrt(u * u + v * v + ahead * ahead)))

@@ -1,4 +1,4 @@
-"""The image that a camera takes of an ellipsoid: for figures."""
+"""The image of an ellipsoid by a camera, for figures."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Scene
 from hillsphere_sensors.camera import Camera
-from hillsphere_sensors.spacecraft import line_of_sight_frame, rotated
+from hillsphere_sensors.spacecraft import line_of_sight_frame, rotate
 
 __all__ = ["CameraImage", "camera_image"]
 
 
 @dataclass(frozen=True)
 class CameraImage:
-    """An image, and where in it the camera finds what.
+    """An image, with the position that the camera measures in it.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class CameraImage:
     edge_px : float
         The image reaches from −edge_px to edge_px in both directions, pixels of the camera.
     centre_px, found_px : ndarray, shape (2,)
-        The centre of mass, and what the camera takes as target, u and v in pixels from the middle.
+        Centre of mass, and measured position of the target: u and v in pixels from the middle.
     """
 
     brightness: Array
@@ -73,24 +73,24 @@ def camera_image(
     slopes = edge * (2.0 * (np.arange(size) + 0.5) / size - 1.0)
     u, v = (grid.ravel() for grid in np.meshgrid(slopes, slopes))
     rays = np.array([u, v, np.ones_like(u)])
-    rays = rotated(turn, rotated(frame.transpose(1, 0, 2), rays / np.linalg.norm(rays, axis=0)))
-    place = rotated(turn, r)
+    rays = rotate(turn, rotate(frame.transpose(1, 0, 2), rays / np.linalg.norm(rays, axis=0)))
+    place = rotate(turn, r)
     distance, met = camera.surface.ray(place, rays)
     normals = (place + distance * rays) / camera.surface.semi_axes_m[:, None] ** 2
     bright = np.ones_like(u)
     if "sun" in scene:
-        sun = rotated(turn, np.asarray(scene["sun"], dtype=float))
+        sun = rotate(turn, np.asarray(scene["sun"], dtype=float))
         cosine = np.sum(normals * sun, axis=0) / (
             np.linalg.norm(normals, axis=0) * np.linalg.norm(sun)
         )
         bright = ambient + (1.0 - ambient) * np.maximum(cosine, 0.0)
-    centre = rotated(frame, -r)[:, 0]
-    found = camera.observe(state, time, scene)[:, 0]
+    centre = rotate(frame, -r)[:, 0]
+    centroid = camera.observe(state, time, scene)[:, 0]
     if spec.output == "angles":
-        found = camera.pixels_per_slope * np.tan(found)
+        centroid = camera.pixels_per_slope * np.tan(centroid)
     return CameraImage(
         np.where(met, bright, 0.0).reshape(size, size),
         0.5 * spec.resolution,
         camera.pixels_per_slope * centre[:2] / centre[2],
-        found,
+        centroid,
     )

@@ -11,18 +11,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.base.constants import NOMINAL_SOLAR_GM_M3_S2
+from hillsphere.base.constants import NOMINAL_SOLAR_GM_M3_S2, SPEED_OF_LIGHT_M_S
 from hillsphere.base.geodetic import Station
 from hillsphere.interfaces import Array, Channel, Scene
 from hillsphere.model.ephemeris import kepler_step
 from hillsphere_sensors.heliocentric import HeliocentricSensor
-from hillsphere_sensors.spacecraft import rotated
+from hillsphere_sensors.spacecraft import rotate
 from hillsphere_sensors.spacecraft_specs import DeepSpaceStationSpec
 
-__all__ = ["SPEED_OF_LIGHT_M_S", "DeepSpaceStation"]
+__all__ = ["DeepSpaceStation"]
 
-SPEED_OF_LIGHT_M_S = 299792458.0
 _EARTH_RATE_RAD_S = 7.292115146706979e-5
+"""Rate of the Earth rotation angle, 2π × 1.00273781191135448 a day of UT1 (IERS Conventions 2010,
+eq. 5.15); the same as that of `hillsphere.model.earth.rotation` in the frame GCRS."""
 _ROUNDS = 4
 """Of the light time; each takes off four digits (speed over that of light)."""
 
@@ -73,19 +74,21 @@ class DeepSpaceStation(HeliocentricSensor):
     def _true(self, x: Array, t_s: Array, scene: Scene) -> Array:
         way, speed, station = self._line(x, t_s, scene)
         distance = np.sqrt(np.sum(way * way, axis=0))
-        found: list[Array] = []
+        rows: list[Array] = []
         for name in self.spec.measures:
             if name == "range":
-                found.append(distance)
+                rows.append(distance)
             elif name == "range_rate":
                 along = np.sum(way * speed, axis=0) / distance
                 against = np.sum(way * (speed - station[3:]), axis=0) / distance
-                found.append(against / (1.0 + along / SPEED_OF_LIGHT_M_S))
+                # the light time changes with the range: division by 1 + e·ṙ/c, see the class
+                rows.append(against / (1.0 + along / SPEED_OF_LIGHT_M_S))
             else:
                 longitude = np.arctan2(way[1], way[0])
-                found.append(np.where(longitude >= np.pi, -np.pi, longitude))
-                found.append(np.arctan2(way[2], np.hypot(way[0], way[1])))
-        return np.array(found)
+                # in [−π, π): atan2 returns +π for the negative axis
+                rows.append(np.where(longitude >= np.pi, -np.pi, longitude))
+                rows.append(np.arctan2(way[2], np.hypot(way[0], way[1])))
+        return np.array(rows)
 
     def _sees(self, x: Array, t_s: Array, scene: Scene) -> NDArray[np.bool_]:
         way, _, station = self._line(x, t_s, scene)
@@ -106,21 +109,28 @@ class DeepSpaceStation(HeliocentricSensor):
         return self._errors(true, spec.range_bias_m, spec.range_rate_bias_m_s, spec.angle_bias_rad)
 
     def _errors(self, true: Array, distance: float, rate: float, angle: float) -> Array:
-        """Return errors of each row; on the sky, so that longitude's grow with the latitude."""
-        found = np.empty_like(true)
+        """Return the standard deviations of each row from those on the sky.
+
+        An angle on the sky is an angle in longitude divided by the cosine of the latitude.
+        """
+        errors = np.empty_like(true)
         for row, channel in enumerate(self.channels):
             if channel.name == "longitude":
-                found[row] = angle / np.maximum(np.cos(true[row + 1]), 1e-3)
+                errors[row] = angle / np.maximum(np.cos(true[row + 1]), 1e-3)
             else:
-                found[row] = {"range": distance, "range_rate": rate, "latitude": angle}[
+                errors[row] = {"range": distance, "range_rate": rate, "latitude": angle}[
                     channel.name
                 ]
-        return found
+        return errors
 
     def _line(self, x: Array, t_s: Array, scene: Scene) -> tuple[Array, Array, Array]:
-        """Return the line of sight (3, N), the spacecraft's velocity then, the station's state."""
+        """Return the line of sight (3, N), the spacecraft's velocity then, and the station's state.
+
+        The spacecraft is at the time at which the light left it.
+        """
         now = self._heliocentric(x, t_s, scene)
         station = self._station(t_s, scene)
+        # fixed-point iteration for the time at which the light left the spacecraft
         then = now
         for _ in range(_ROUNDS):
             way = then[:3] - station[:3]
@@ -133,11 +143,13 @@ class DeepSpaceStation(HeliocentricSensor):
         earth = self._from(scene, "earth", (6,), t_s)
         back = self._from(scene, "earth_axes", (3, 3), t_s).transpose(1, 0, 2)
         place = self.station.ecef_m[:, None]
+        # ω × r in Earth-fixed axes
         moved = _EARTH_RATE_RAD_S * np.array([-place[1], place[0], np.zeros(1)])
-        return np.asarray(earth + np.concatenate([rotated(back, place), rotated(back, moved)]))
+        return np.asarray(earth + np.concatenate([rotate(back, place), rotate(back, moved)]))
 
     def _elevation(self, turn: Array, way: Array) -> Array:
+        """Return the elevation of a direction (3, N) over the station's horizon, rad."""
         up = self.station.axes[2][:, None]
-        fixed = rotated(turn, way)
+        fixed = rotate(turn, way)
         sine = np.sum(up * fixed, axis=0) / np.sqrt(np.sum(way * way, axis=0))
         return np.asarray(np.arcsin(np.clip(sine, -1.0, 1.0)))

@@ -1,4 +1,4 @@
-"""From the states of spacecraft, in whatever frame, to heliocentric ones; and the scene for it."""
+"""Heliocentric states of spacecraft from states in another frame, and the scene for them."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from hillsphere.model.bodies import OrbitingBody
 from hillsphere.model.earth.rotation import earth_fixed
 from hillsphere.model.ephemeris import Ephemeris, KeplerOrbit, from_equator, hill_axes
 from hillsphere.time import Epoch
-from hillsphere_sensors.spacecraft import SpacecraftSensor, rotated
+from hillsphere_sensors.spacecraft import SpacecraftSensor, rotate
 
 __all__ = ["HeliocentricSensor", "heliocentric_scene"]
 
 
 class HeliocentricSensor(SpacecraftSensor):
-    """A sensor that needs to know where its spacecraft is in the Solar System.
+    """A sensor that needs the heliocentric state of its spacecraft.
 
-    From the scene it takes the frame of the states: ``"origin"``, shape (6, N), the heliocentric
-    state of its origin; ``"axes"``, (3, 3, N), its axes as columns in those of the heliocentric
-    states; ``"rate"``, (3, N), its angular velocity in its own axes, rad/s. For states that are
-    heliocentric themselves: zeros, the identity, zeros. `heliocentric_scene` makes them.
+    It takes the frame of the states from the scene: ``"origin"``, shape (6, N), the heliocentric
+    state of its origin; ``"axes"``, (3, 3, N), its axes as columns in heliocentric axes;
+    ``"rate"``, (3, N), its angular velocity in its own axes, rad/s. For states that are
+    heliocentric these are zeros, the identity, and zeros. `heliocentric_scene` computes them.
     """
 
     def _heliocentric(self, x: Array, t_s: Array, scene: Scene) -> Array:
@@ -31,7 +31,7 @@ class HeliocentricSensor(SpacecraftSensor):
         axes = self._from(scene, "axes", (3, 3), t_s)
         rate = np.broadcast_to(self._from(scene, "rate", (3,), t_s), own[:3].shape)
         speed = own[3:] + np.cross(rate, own[:3], axis=0)
-        return np.asarray(origin + np.concatenate([rotated(axes, own[:3]), rotated(axes, speed)]))
+        return np.asarray(origin + np.concatenate([rotate(axes, own[:3]), rotate(axes, speed)]))
 
 
 def heliocentric_scene(

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array, Channel, Scene
 from hillsphere_sensors.body_surface import BodySurface
-from hillsphere_sensors.spacecraft import SpacecraftSensor, rotated
+from hillsphere_sensors.spacecraft import SpacecraftSensor, rotate
 from hillsphere_sensors.spacecraft_specs import InterSatelliteSpec
 
 __all__ = ["InterSatellite"]
@@ -17,10 +17,10 @@ _ANGLES = (Channel("azimuth", "rad", "angle"), Channel("elevation", "rad", "angl
 
 
 class InterSatellite(SpacecraftSensor):
-    """Distance of a partner, and its azimuth (from x over y) and elevation over the xy plane.
+    """Distance of a partner, its azimuth (from x towards y) and its elevation over the xy plane.
 
-    In the axes of the states; the attitude is taken as known. It is blind where the Sun stands near
-    its partner, or, if a body is given, where that body stands between the two (its ellipsoid).
+    The angles are in the axes of the states: the attitude counts as known. There is no measurement
+    if the Sun is near the partner or, with a body, if the body's ellipsoid lies between the two.
 
     From the scene it takes, with a cone about the Sun, ``"sun"``, shape (3, N), the Sun's position
     in the states' frame, m; with a body ``"to_body"``, (3, 3, N), the matrices to the body's axes.
@@ -48,13 +48,13 @@ class InterSatellite(SpacecraftSensor):
         self._surroundings(t_s, scene)
         d = self._way(x)
         level = d[0] * d[0] + d[1] * d[1]
-        found = np.empty((3, d.shape[1]))
-        np.sqrt(level + d[2] * d[2], out=found[0])
-        np.arctan2(d[1], d[0], out=found[1])
-        np.arctan2(d[2], np.sqrt(level), out=found[2])
+        rows = np.empty((3, d.shape[1]))
+        np.sqrt(level + d[2] * d[2], out=rows[0])
+        np.arctan2(d[1], d[0], out=rows[1])
+        np.arctan2(d[2], np.sqrt(level), out=rows[2])
         # arctan2 gives +π where the interval of angles begins at −π
-        found[1, found[1] >= np.pi] = -np.pi
-        return found if len(self._kept) == 3 else found[self._kept]
+        rows[1, rows[1] >= np.pi] = -np.pi
+        return rows if len(self._kept) == 3 else rows[self._kept]
 
     def _sees(self, x: Array, t_s: Array, scene: Scene) -> NDArray[np.bool_]:
         spec, way = self.spec, self._way(x)
@@ -71,7 +71,7 @@ class InterSatellite(SpacecraftSensor):
             there &= aligned < np.cos(spec.sun_cone_rad) * size
         if turn is not None and self.surface is not None:
             axes = self.surface.semi_axes_m[:, None]
-            a, d = rotated(turn, own) / axes, rotated(turn, way) / axes
+            a, d = rotate(turn, own) / axes, rotate(turn, way) / axes
             part = -np.sum(a * d, axis=0) / np.maximum(np.sum(d * d, axis=0), 1e-300)
             nearest = a + np.clip(part, 0.0, 1.0) * d
             there &= np.sum(nearest * nearest, axis=0) > 1.0

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Channel, Scene
 from hillsphere_sensors.body_surface import BodySurface
-from hillsphere_sensors.spacecraft import SpacecraftSensor, rotated, sighted
+from hillsphere_sensors.spacecraft import SpacecraftSensor, boresight_components, rotate
 from hillsphere_sensors.spacecraft_specs import LidarSpec
 
 __all__ = ["Lidar"]
@@ -18,17 +18,17 @@ _ANGLES = (Channel("azimuth", "rad", "angle"), Channel("elevation", "rad", "angl
 
 
 class Lidar(SpacecraftSensor):
-    r"""Range to the surface of an asteroid, and the direction of the spot.
+    r"""Range to the surface of an asteroid, and the direction of the laser spot.
 
     With the spot ``below`` the spacecraft the range is :math:`|r| - R(\hat r)`, R the radius of the
-    surface in that direction; azimuth and elevation are those of the spot in the axes of the
-    camera (`hillsphere_sensors.camera.Camera`). With the spot where the boresight is ``pointing``
-    it is the distance along the boresight, on an ellipsoid. With a field of view the spot ``below``
-    is found only where the centre of mass lies in that cone about the boresight.
+    surface in that direction; azimuth and elevation are those of the spot in the axes of the camera
+    (`hillsphere_sensors.camera.Camera`). With the spot in the direction of ``pointing`` the range
+    is the distance along the boresight to the ellipsoid. With a field of view the spot ``below`` is
+    measured only if the centre of mass lies in that cone about the boresight.
 
     From the scene it takes ``"to_body"``, shape (3, 3, N), the matrices from the states' frame to
-    the body's, and, if it measures angles, has a field of view or looks along it, ``"boresight"``,
-    (S, 3, N), where each of S spacecraft is commanded to look, in the states' frame.
+    the body's. If it measures angles, has a field of view or points along the boresight, it also
+    takes ``"boresight"``, (S, 3, N), the commanded boresights of S spacecraft in the states' frame.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Lidar(SpacecraftSensor):
     Raises
     ------
     InputError
-        If the body has no surface, or, for ``pointing``, one that is no ellipsoid.
+        If the body has no surface or, for ``pointing``, one that is no ellipsoid.
     """
 
     def __init__(self, spec: LidarSpec) -> None:
@@ -64,7 +64,7 @@ class Lidar(SpacecraftSensor):
         if self.spec.maximum_range_m is not None:
             met = met & (distance <= self.spec.maximum_range_m)
         if self.spec.field_of_view_rad is not None:
-            u, v, ahead = sighted(self._boresight(scene, t_s), -r)
+            u, v, ahead = boresight_components(self._boresight(scene, t_s), -r)
             off = np.arctan2(np.sqrt(u * u + v * v), ahead)
             met = met & (off <= 0.5 * self.spec.field_of_view_rad)
         return met
@@ -81,11 +81,11 @@ class Lidar(SpacecraftSensor):
 
     def _range(self, r: Array, t_s: Array, scene: Scene) -> tuple[Array, NDArray[np.bool_]]:
         turn = self._from(scene, "to_body", (3, 3), t_s)
-        place = rotated(turn, r)
+        place = rotate(turn, r)
         if self.spec.spot == "below":
             away = np.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
-            found = away - self.surface.radius(place)
-            return found, np.asarray(found > 0.0)
+            distance = away - self.surface.radius(place)
+            return distance, np.asarray(distance > 0.0)
         boresight = self._boresight(scene, t_s)
-        beam = rotated(turn, boresight / np.sqrt(np.sum(boresight**2, axis=0)))
+        beam = rotate(turn, boresight / np.sqrt(np.sum(boresight**2, axis=0)))
         return self.surface.ray(place, np.broadcast_to(beam, place.shape))

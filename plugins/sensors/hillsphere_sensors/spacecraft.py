@@ -1,4 +1,4 @@
-"""What sensors of spacecraft have in common: whose states, when there is a measurement, errors."""
+"""Common parts of the sensors of spacecraft: states, availability, and errors."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from hillsphere.interfaces import Array, Channel, Scene
 from hillsphere.sensor_suite import CommonScene
 from hillsphere_sensors.spacecraft_specs import SpacecraftSensorSpec
 
-__all__ = ["SpacecraftSensor", "line_of_sight_frame", "rotated", "sighted"]
+__all__ = ["SpacecraftSensor", "boresight_components", "line_of_sight_frame", "rotate"]
 
 Booleans = NDArray[np.bool_]
 
 _SAME_TIME_S = 1e-6
+"""Difference from a multiple of the period, s, that is rounding of the time (1e-8 s after a year)
+and not a time without measurement."""
 _LEVEL = 1e-11
 """Part of a boresight along ±z that is made level: less than any camera resolves."""
 
@@ -25,16 +27,16 @@ _LEVEL = 1e-11
 class SpacecraftSensor(ABC):
     """A sensor whose rows have noise and constant biases, at times when it is available.
 
-    A subclass says what is true (`_true`), where there is something to see (`_sees`), how large the
-    errors are (`_sigmas`, `_bias_sigmas`). A row's noise is normal; that of an outlier is greater
-    by a factor.
+    A subclass gives the true values (`_true`), where the geometry allows a measurement (`_sees`),
+    and the standard deviations of the errors (`_sigmas`, `_bias_sigmas`). The noise is normal; that
+    of an outlier is larger by a factor.
 
     Parameters
     ----------
     spec : SpacecraftSensorSpec
         Its parameters.
     channels : tuple of Channel
-        What it measures.
+        Measured quantities.
     """
 
     def __init__(self, spec: SpacecraftSensorSpec, channels: tuple[Channel, ...]) -> None:
@@ -46,20 +48,20 @@ class SpacecraftSensor(ABC):
 
     @property
     def draws(self) -> tuple[int, int]:
-        """A bias for each row; noise for each row, a dropout and an outlier."""
+        """Normal numbers: a bias for each row; noise for each row, a dropout and an outlier."""
         return self._rows, self._rows + 2
 
     @property
     def takes(self) -> tuple[str, ...]:
-        """What it takes from the scene, by name."""
+        """Names of what the sensor takes from the scene."""
         return self.common.takes
 
     def observe(self, x: Array, t_s: Array, scene: Scene) -> Array:
-        """Return what a perfect sensor shows; see `hillsphere.interfaces.Sensor`."""
+        """Return perfect measurements; see `hillsphere.interfaces.Sensor`."""
         return self._true(np.asarray(x, float), np.asarray(t_s, float), scene)
 
     def visible(self, x: Array, t_s: Array, scene: Scene) -> Booleans:
-        """Say where there is something to measure."""
+        """Return whether there is a measurement."""
         times = np.asarray(t_s, float)
         return self._available(times) & self._sees(np.asarray(x, float), times, scene)
 
@@ -69,7 +71,7 @@ class SpacecraftSensor(ABC):
         return np.array(np.broadcast_to(self._sigmas(true), true.shape))
 
     def measure(self, x: Array, t_s: Array, scene: Scene, constant: Array, noise: Array) -> Array:
-        """Return what is measured; NaN where nothing is.
+        """Return the measurements, NaN where there is none.
 
         The rows of `constant` are the biases; those of `noise` the noise of each row, dropout and
         outlier.
@@ -94,7 +96,7 @@ class SpacecraftSensor(ABC):
         """Return the standard deviations of the biases, (m, N) or (m, 1)."""
 
     def _sees(self, x: Array, t_s: Array, scene: Scene) -> Booleans:
-        """Say where geometry allows a measurement."""
+        """Return whether the geometry allows a measurement."""
         return np.ones(np.shape(t_s), dtype=bool)
 
     def _with_errors(self, true: Array, off: Array) -> Array:
@@ -108,6 +110,7 @@ class SpacecraftSensor(ABC):
         return shown
 
     def _available(self, t_s: Array) -> Booleans:
+        """Return whether the schedule and the outages allow a measurement."""
         spec = self.common
         there = np.ones(t_s.shape, dtype=bool)
         if spec.period_s:
@@ -118,7 +121,7 @@ class SpacecraftSensor(ABC):
         return there
 
     def _states(self, x: Array, number: int) -> Array:
-        """Return the six rows of a spacecraft, from 1."""
+        """Return the six rows of a spacecraft, counted from 1."""
         rows = x[6 * (number - 1) : 6 * number]
         if rows.ndim != 2 or rows.shape[0] != 6:
             raise InputError(
@@ -128,14 +131,14 @@ class SpacecraftSensor(ABC):
         return rows
 
     def _angles_of_centre(self, r: Array, t_s: Array, scene: Scene) -> Array:
-        """Return azimuth and elevation (2, N) of the origin from the boresight, at places r (3, N).
+        """Return azimuth and elevation (2, N) of the origin from the boresight, for r (3, N).
 
-        Sensors of one suite that look at the same time compute them once.
+        Sensors of one suite with the same boresight compute them once.
         """
         kept = scene.kept if isinstance(scene, CommonScene) else {}
         key = ("angles of the centre", self.common.spacecraft)
         if key not in kept:
-            u, v, ahead = sighted(self._boresight(scene, t_s), -r)
+            u, v, ahead = boresight_components(self._boresight(scene, t_s), -r)
             kept[key] = np.array([np.arctan2(u, ahead), np.arctan2(v, ahead)])
         return kept[key]
 
@@ -146,16 +149,17 @@ class SpacecraftSensor(ABC):
                 f"{type(self).__name__}: the scene lacks {name!r}; it has: "
                 f"{', '.join(sorted(scene)) or 'nothing'}"
             )
-        found = np.asarray(scene[name], dtype=float)
-        if found.shape[:-1] != shape or found.shape[-1] not in (1, t_s.size):
+        values = np.asarray(scene[name], dtype=float)
+        if values.shape[:-1] != shape or values.shape[-1] not in (1, t_s.size):
             wanted = ", ".join(map(str, (*shape, t_s.size)))
             raise InputError(
-                f"{type(self).__name__}: the scene's {name!r} must be ({wanted}), got {found.shape}"
+                f"{type(self).__name__}: the scene's {name!r} must be ({wanted}), got "
+                f"{values.shape}"
             )
-        return found
+        return values
 
     def _boresight(self, scene: Scene, t_s: Array) -> Array:
-        """Return where the spacecraft is commanded to look, (3, N) or (3, 1), any length."""
+        """Return the commanded boresight, (3, N) or (3, 1), of any length."""
         if "boresight" in scene:
             crafts = np.shape(scene["boresight"])[:1]
             if crafts and crafts[0] < self.common.spacecraft:
@@ -163,17 +167,17 @@ class SpacecraftSensor(ABC):
                     f"{type(self).__name__}: the scene's 'boresight' is that of {crafts[0]} "
                     f"spacecraft, number {self.common.spacecraft} is asked for"
                 )
-            found = self._from(scene, "boresight", (*crafts, 3), t_s)
-            return np.asarray(found[self.common.spacecraft - 1])
+            boresights = self._from(scene, "boresight", (*crafts, 3), t_s)
+            return np.asarray(boresights[self.common.spacecraft - 1])
         return self._from(scene, "boresight", (1, 3), t_s)
 
 
 def line_of_sight_frame(boresight: Array) -> Array:
-    """Return the axes (3, 3, N), as rows, of what looks along boresights (3, N).
+    """Return the axes (3, 3, N), as rows, of a camera with the boresights (3, N).
 
-    The third is the boresight, the first z × boresight (level with the frame's xy plane), the
-    second completes them. A boresight along ±z, which leaves open which way is up, counts as turned
-    off it towards +x.
+    The third axis is the boresight, the first z × boresight (level with the frame's xy plane), the
+    second completes them. For a boresight along ±z the first axis is undefined; the boresight then
+    counts as tilted towards +x by an angle that no camera resolves.
 
     Raises
     ------
@@ -190,10 +194,10 @@ def line_of_sight_frame(boresight: Array) -> Array:
     return np.array([x, y, z])
 
 
-def sighted(boresight: Array, way: Array) -> tuple[Array, Array, Array]:
+def boresight_components(boresight: Array, way: Array) -> tuple[Array, Array, Array]:
     """Return the components of vectors (3, N) in the axes of `line_of_sight_frame`.
 
-    Without making these: a filter asks for it at every sigma point.
+    The axes are not formed, which saves time: a filter calls this at every sigma point.
 
     Raises
     ------
@@ -206,7 +210,8 @@ def sighted(boresight: Array, way: Array) -> tuple[Array, Array, Array]:
     size = np.sqrt(square + bz * bz)
     level = np.sqrt(square)
     if not (level > 1e-12 * size).all():
-        return sighted(_off_the_pole(boresight), way)
+        return boresight_components(_off_the_pole(boresight), way)
+    # dot products with z × b/|·|, with the axis that completes the frame, and with b/|b|
     flat = bx * rx + by * ry
     return (
         (bx * ry - by * rx) / level,
@@ -216,7 +221,7 @@ def sighted(boresight: Array, way: Array) -> tuple[Array, Array, Array]:
 
 
 def _off_the_pole(boresight: Array) -> Array:
-    """Return boresights (3, N), those along ±z turned off it by less than anything resolves."""
+    """Return boresights (3, N), those along ±z tilted by less than any camera resolves."""
     bx, by, bz = boresight
     size = np.sqrt(bx * bx + by * by + bz * bz)
     if not ((size > 0.0) & (size < np.inf)).all():
@@ -228,7 +233,7 @@ def _off_the_pole(boresight: Array) -> Array:
     return np.array([np.where(steep, _LEVEL * size, bx), np.where(steep, 0.0, by), bz])
 
 
-def rotated(matrices: Array, vectors: Array) -> Array:
+def rotate(matrices: Array, vectors: Array) -> Array:
     """Return matrices (3, 3, N or 1) times vectors (3, …, N)."""
     between = (slice(None),) * 2 + (None,) * (vectors.ndim - 2)
     a, (x, y, z) = matrices[between], vectors
@@ -236,7 +241,7 @@ def rotated(matrices: Array, vectors: Array) -> Array:
 
 
 def _threshold(probability: float) -> float:
-    """Return below which number a normal one falls with this probability."""
+    """Return the number below which a normal one lies with this probability."""
     if probability in (0.0, 1.0):
         return np.inf if probability else -np.inf
     return NormalDist().inv_cdf(probability)

@@ -1,4 +1,4 @@
-"""Specs of what spacecraft near an asteroid, and stations that track them, measure."""
+"""Specs of the sensors of spacecraft near an asteroid, and of stations that track them."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ __all__ = [
     "SunSensorSpec",
 ]
 
-_DEGREE = 0.017453292519943295
+_DEGREE = pi / 180.0
 _STAR_TRACKER = 1e-4 * _DEGREE
 _HELIOCENTRIC = ("origin", "axes", "rate")
 
 
 class SpacecraftSensorSpec(Spec):
-    """What all these sensors have in common: whose they are, when they measure, what goes wrong."""
+    """Common keys of these sensors: their spacecraft, schedule, dropouts, outliers and outages."""
 
     spacecraft: int = option(
         "whose: the number of its six rows among the states, from 1", default=1, ge=1
@@ -54,7 +54,7 @@ class SpacecraftSensorSpec(Spec):
 
     @property
     def noise(self) -> Mapping[str, float]:
-        """Keys that make the noise of what it measures, and how large that is, SI."""
+        """Standard deviations of the noise, SI, by the keys that set them."""
         return {}
 
 
@@ -113,7 +113,7 @@ class CameraSpec(SpacecraftSensorSpec):
 
     @property
     def noise(self) -> Mapping[str, float]:
-        """Keys that make the noise of what it measures, and how large that is."""
+        """Standard deviations of the noise by the keys that set them."""
         return {"noise_px and attitude_sigma_rad": hypot(self.noise_px, self.attitude_sigma_rad)}
 
 
@@ -177,12 +177,12 @@ class LidarSpec(SpacecraftSensorSpec):
 
     @property
     def noise(self) -> Mapping[str, float]:
-        """Keys that make the noise of what it measures, and how large that is, SI."""
-        found = {"range_sigma_m": self.range_sigma_m}
+        """Standard deviations of the noise, SI, by the keys that set them."""
+        sigmas = {"range_sigma_m": self.range_sigma_m}
         if self.angles:
             angle = hypot(self.pointing_sigma_rad, self.attitude_sigma_rad)
-            found["pointing_sigma_rad and attitude_sigma_rad"] = angle
-        return found
+            sigmas["pointing_sigma_rad and attitude_sigma_rad"] = angle
+        return sigmas
 
 
 class InterSatelliteSpec(SpacecraftSensorSpec):
@@ -237,9 +237,9 @@ class InterSatelliteSpec(SpacecraftSensorSpec):
 
     @property
     def noise(self) -> Mapping[str, float]:
-        """Keys that make the noise of what it measures, and how large that is, SI."""
-        found = {"range_sigma_m": self.range_sigma_m} if self.range else {}
-        return found | ({"angle_sigma_rad": self.angle_sigma_rad} if self.angles else {})
+        """Standard deviations of the noise, SI, by the keys that set them."""
+        sigmas = {"range_sigma_m": self.range_sigma_m} if self.range else {}
+        return sigmas | ({"angle_sigma_rad": self.angle_sigma_rad} if self.angles else {})
 
 
 class DeepSpaceStationSpec(SpacecraftSensorSpec):
@@ -314,7 +314,7 @@ class DeepSpaceStationSpec(SpacecraftSensorSpec):
 
     @property
     def noise(self) -> Mapping[str, float]:
-        """Keys that make the noise of what it measures, and how large that is, SI."""
+        """Standard deviations of the noise, SI, by the keys that set them."""
         keys = {"range": "range_sigma_m", "range_rate": "range_rate_sigma_m_s"}
         every = [keys.get(name, "angle_sigma_rad") for name in self.measures]
         return {key: getattr(self, key) for key in every}
@@ -337,7 +337,7 @@ class SunDopplerSpec(SpacecraftSensorSpec):
 
     @property
     def noise(self) -> Mapping[str, float]:
-        """Keys that make the noise of what it measures, and how large that is, SI."""
+        """Standard deviations of the noise, SI, by the keys that set them."""
         return {"sigma_m_s": self.sigma_m_s}
 
 
@@ -365,7 +365,7 @@ class SunSensorSpec(SpacecraftSensorSpec):
 
     @property
     def noise(self) -> Mapping[str, float]:
-        """Keys that make the noise of what it measures, and how large that is, SI."""
+        """Standard deviations of the noise, SI, by the keys that set them."""
         return {"sigma_rad": self.sigma_rad}
 
 
@@ -399,5 +399,5 @@ class StarTrackerSpec(SpacecraftSensorSpec):
 
     @property
     def noise(self) -> Mapping[str, float]:
-        """Keys that make the noise of what it measures, and how large that is, SI."""
+        """Standard deviations of the noise, SI, by the keys that set them."""
         return {"sigma_rad": self.sigma_rad, "roll_sigma_rad": self.roll_sigma_rad}

@@ -1,4 +1,4 @@
-"""Specs of the sensors: what a mission may write in ``[sensor.NAME]``."""
+"""Specs of the sensors: the keys of ``[sensor.NAME]`` in a mission."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hillsphere.spec import Pair, Spec, Vector3, option, quantity
 
 __all__ = ["AntennaSpec"]
 
-_DEGREE = 0.017453292519943295
+_DEGREE = pi / 180.0
 _AZIMUTH = (0.05 * _DEGREE, 0.01 * _DEGREE, 0.001 * _DEGREE)
 _ELEVATION = (0.05 * _DEGREE, 0.001 * _DEGREE, 0.01 * _DEGREE)
 _OF_AZIMUTH = "constant part, part over cos h, and part over cos h for each 1000 km of range"

@@ -1,4 +1,4 @@
-"""Attitude of a spacecraft by the stars."""
+"""Attitude of a spacecraft by a star tracker."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ __all__ = ["StarTracker"]
 
 
 class StarTracker(SpacecraftSensor):
-    """The small turn of a spacecraft from its commanded attitude, about the axes of its camera.
+    """Small rotation of a spacecraft from its commanded attitude, about the axes of its camera.
 
-    Components of the rotation vector about x, y and z (the boresight) of
-    `hillsphere_sensors.camera.Camera`. It looks opposite to the boresight, and is blind where the
-    Sun stands too near to that.
+    The components of the rotation vector are about x, y and z (the boresight) of
+    `hillsphere_sensors.camera.Camera`. The tracker points opposite to the boresight, and has no
+    measurement if the Sun is too near to that direction.
 
-    From the scene it takes ``"attitude"``, shape (S, 3, N), the true turns of S spacecraft, rad;
-    with a cone about the Sun also ``"boresight"``, (S, 3, N), and ``"sun"``, (3, N), see there.
+    From the scene it takes ``"attitude"``, shape (S, 3, N), the true rotations of S spacecraft,
+    rad; with a cone about the Sun also ``"boresight"``, (S, 3, N), and ``"sun"``, (3, N), as the
+    camera.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What the Sun's light tells a spacecraft: its radial velocity, and where the Sun stands."""
+"""Sensors of the Sun's light: radial velocity and direction of the Sun."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["SunDoppler", "SunSensor"]
 
 
 class SunDoppler(HeliocentricSensor):
-    """Radial velocity against the Sun, r·v/|r|; what the light's own travel adds is left out.
+    """Radial velocity relative to the Sun, r·v/|r|, without the light time.
 
     Parameters
     ----------
@@ -39,13 +39,13 @@ class SunDoppler(HeliocentricSensor):
 
 
 class SunSensor(SpacecraftSensor):
-    """Unit vector to the Sun in the axes of the states; the attitude is taken as known.
+    """Unit vector to the Sun in the axes of the states; the attitude counts as known.
 
     From the scene it takes ``"sun"``, shape (3, N), the Sun's position in the states' frame, m;
-    with a field of view also ``"boresight"``, (S, 3, N), of the camera, opposite to which the
-    sensor looks.
+    with a field of view also ``"boresight"``, (S, 3, N), of the camera: the sensor points opposite
+    to it.
 
-    Its errors are small turns of that vector about two axes across it.
+    Its errors are small rotations of that vector about two axes across it.
 
     Parameters
     ----------
@@ -59,11 +59,11 @@ class SunSensor(SpacecraftSensor):
 
     @property
     def draws(self) -> tuple[int, int]:
-        """Two biases; noise about two axes, a dropout and an outlier."""
+        """Normal numbers: two biases; noise about two axes, a dropout and an outlier."""
         return 2, 4
 
     def measure(self, x: Array, t_s: Array, scene: Scene, constant: Array, noise: Array) -> Array:
-        """Return what is measured; NaN where nothing is."""
+        """Return the measurements, NaN where there is none."""
         # the turns have two rows, the vector three: the third row of errors is empty
         nothing = np.zeros((1, noise.shape[1]))
         full = np.concatenate([noise[:2], nothing, noise[2:]])

@@ -1,6 +1,6 @@
-r"""Equations of Brouwer's theory of a satellite about an oblate planet, as expressions.
+r"""Brouwer's theory of a satellite about an oblate planet [1]_, as symbolic expressions.
 
-Written once for values and derivatives: `hillsphere_tracking.mean_elements` and the trackers
+The expressions are the single source for values and derivatives: `mean_elements` and the trackers
 compile them. With η = √(1−e²), θ = cos i, γ₂ = (J2/2)(R/a)²/η⁴, γ₄ = −(3/8)J4(R/a)⁴/η⁸,
 
 .. math::
@@ -13,10 +13,10 @@ compile them. With η = √(1−e²), θ = cos i, γ₂ = (J2/2)(R/a)²/η⁴, �
     \dot Ω/n &= -3γ_2 θ + \tfrac38 γ_2^2 [(-5+12η+9η^2)θ - (35+36η+5η^2)θ^3]
         + \tfrac54 γ_4 (5-3η^2) θ (3-7θ^2).
 
-The short-period terms are those of first order in J2, in Lyddane's combinations, which stay finite
-at e = 0 and i = 0. The long-period terms, which hold the divisor 1 − 5θ² of the critical
-inclinations 63.4° and 116.6°, are left out: nothing here is singular there, and over a pass they
-are constants that any fitted or converted mean element takes up.
+The short-period terms are of first order in J2, in Lyddane's combinations [2]_, which stay finite
+at e = 0 and i = 0. The long-period terms are neglected: they contain the divisor 1 − 5θ², which
+vanishes at the critical inclinations 63.4° and 116.6°. Over a pass they are nearly constant, and
+fitted or converted mean elements absorb them.
 
 References
 ----------
@@ -40,19 +40,19 @@ __all__ = ["Equinoctial", "ZonalField", "at_time", "osculating_equinoctial", "po
 
 @dataclass(frozen=True)
 class ZonalField:
-    """What the theory needs to know of the planet; left out: the Earth.
+    """Zonal gravity field of a planet; the defaults are the Earth.
 
     Parameters
     ----------
     gm_m3_s2, radius_m : float
-        Gravitational parameter and the equatorial radius to which J2 and J4 belong.
+        Gravitational parameter, and the equatorial radius to which J2 and J4 refer.
     j2, j4 : float
         Zonal coefficients, not normalised.
 
     Raises
     ------
     InputError
-        If the first two are not positive or anything is not finite.
+        If `gm_m3_s2` or `radius_m` is not positive, or a value is not finite.
     """
 
     gm_m3_s2: float = 398600.4418e9
@@ -68,10 +68,10 @@ class ZonalField:
 
 @dataclass(frozen=True)
 class Equinoctial:
-    """Elements without singularity: a, e cos ϖ, e sin ϖ, t cos Ω, t sin Ω, λ = M + ϖ.
+    """Equinoctial elements a, e cos ϖ, e sin ϖ, t cos Ω, t sin Ω, λ = M + ϖ.
 
-    ϖ = ω + sΩ and t = tan(i/2) for s = 1, cot(i/2) for s = −1: the first is regular but at
-    i = 180°, the second but at i = 0.
+    With s = 1, ϖ = ω + Ω and t = tan(i/2): regular except at i = 180°. With s = −1, ϖ = ω − Ω and
+    t = cot(i/2): regular except at i = 0.
     """
 
     a: Expr
@@ -82,12 +82,13 @@ class Equinoctial:
     longitude: Expr
 
     def tuple(self) -> tuple[Expr, ...]:
-        """Return them in order."""
+        """Return the six elements in this order."""
         return (self.a, self.k, self.h, self.q, self.p, self.longitude)
 
 
 def at_time(elements: tuple[Expr, ...], dt: Scalar, field: ZonalField) -> tuple[Expr, ...]:
-    """Return mean elements a, e, i, Ω, ω, M a time dt (s) later, by the secular rates."""
+    """Return mean elements a, e, i, Ω, ω, M after a time dt (s), by the secular rates."""
+    # the rates of the module's docstring: g2 = γ₂, g4 = γ₄, th = θ, eta = η
     a, e, i, node, perigee, mean = elements
     e2 = e * e
     eta2 = 1.0 - e2
@@ -138,11 +139,13 @@ def at_time(elements: tuple[Expr, ...], dt: Scalar, field: ZonalField) -> tuple[
 def osculating_equinoctial(
     elements: tuple[Expr, ...], sense: Expr, field: ZonalField, *, short_period: bool = True
 ) -> Equinoctial:
-    """Return osculating elements of mean ones, a, e, i, Ω, ω, M; regular at e = 0 and i = 0.
+    """Convert mean elements a, e, i, Ω, ω, M to osculating equinoctial elements.
 
-    `sense` is s, +1 or −1 (see `Equinoctial`). Without `short_period` they are the mean ones.
+    The result is regular at e = 0 and at i = 0. `sense` is s, +1 or −1 (see `Equinoctial`). Without
+    `short_period` the mean elements are only converted to equinoctial ones.
     """
     a, e, i, node, perigee, mean = elements
+    # selectors of the two cases s = 1 and s = −1, since an expression has no branches
     plus, minus = 0.5 * (1.0 + sense), 0.5 * (1.0 - sense)
     half = 0.5 * i
     # size of the node's vector: sin(i/2), or cos(i/2) for s = −1
@@ -154,10 +157,11 @@ def osculating_equinoctial(
     if short_period:
         eta2 = 1.0 - e * e
         eta = sy.sqrt(eta2)
-        # difference of the eccentric and the mean anomaly, then of the true one
+        # E − M by Kepler's equation, then the equation of the centre f − M
         apart = sy.kepler(e_sin, e_cos, e_sin)
         ecc = mean + apart
         ce, se = sy.cos(ecc), sy.sin(ecc)
+        # f − E as in `kepler.true_anomaly`
         beta = e / (1.0 + eta)
         centre = apart + 2.0 * sy.atan2(beta * se, 1.0 - beta * ce)
         f = mean + centre
@@ -170,6 +174,7 @@ def osculating_equinoctial(
         g2 = 0.5 * field.j2 * ratio * ratio / (eta2 * eta2)
         w = (1.0 + e * cf) / eta2  # a/r
         w3 = w * w * w
+        # arguments 2ω + k f of the periodic terms, k = 1, 2, 3
         wide = 2.0 * perigee
         c2, s2 = sy.cos(wide + 2.0 * f), sy.sin(wide + 2.0 * f)
         c1, s1 = sy.cos(wide + f), sy.sin(wide + f)
@@ -184,11 +189,13 @@ def osculating_equinoctial(
             + 3.0 * off * (e + tail) * c2
             - eta2 * off * (3.0 * c1 + c3)
         )  # fmt: skip
+        # e δM (`e_dl`): the sum `sines` returns below in δM + δω
         near = eta2 * w * w
         sines = 2.0 * odd * (near + w + 1.0) * sf + 3.0 * off * (
             (1.0 - near - w) * s1 + (near + w + 1.0 / 3.0) * s3
         )
         e_dl = -0.25 * eta2 * eta * g2 * sines
+        # `drift` is f − M + e sin f; δi, δΩ (`dh`) and δM + δω (`dlg`) follow
         drift = centre + e * sf
         triple = 3.0 * s2 + e * (3.0 * s1 + s3)
         di = 0.5 * g2 * th * sy.sin(i) * (3.0 * c2 + e * (3.0 * c1 + c3))
@@ -199,12 +206,14 @@ def osculating_equinoctial(
             + 6.0 * (5.0 * th2 - 1.0) * drift
             + (3.0 - 5.0 * th2) * triple
         )  # fmt: skip
+        # Lyddane: e + δe and e δM turn e cos M, e sin M; δi and δΩ turn the node's vector
         cm, sm = sy.cos(mean), sy.sin(mean)
         e_cos, e_sin = (e + de) * cm - e_dl * sm, (e + de) * sm + e_dl * cm
         grown = size + 0.5 * di * (plus * sy.cos(half) - minus * sy.sin(half))
         size_cos, size_sin = grown * cn - size * dh * sn, grown * sn + size * dh * cn
         longitude = longitude + dlg + sense * dh
         a = a_new
+    # from e cos M, e sin M and λ to e cos ϖ, e sin ϖ; from sin(i/2) to tan(i/2)
     cl, sl = sy.cos(longitude), sy.sin(longitude)
     steep = sy.sqrt(1.0 - size_cos * size_cos - size_sin * size_sin)
     return Equinoctial(
@@ -218,15 +227,20 @@ def osculating_equinoctial(
 
 
 def position(orbit: Equinoctial, sense: Expr) -> Vec3:
-    """Return the position, m, of osculating equinoctial elements."""
+    """Return the inertial position (m) of osculating equinoctial elements.
+
+    Kepler's equation is solved for the eccentric longitude F = E + ϖ, so that e = 0 is regular.
+    """
     a, k, h, q, p, longitude = orbit.tuple()
     cl, sl = sy.cos(longitude), sy.sin(longitude)
     e_cos, e_sin = k * cl + h * sl, k * sl - h * cl  # e cos M, e sin M
     ecc = longitude + sy.kepler(e_sin, e_cos, e_sin)
     cf, sf = sy.cos(ecc), sy.sin(ecc)
+    # coordinates in the orbital plane, in the equinoctial axes
     b = 1.0 / (1.0 + sy.sqrt(1.0 - k * k - h * h))
     x = a * ((1.0 - h * h * b) * cf + h * k * b * sf - k)
     y = a * ((1.0 - k * k * b) * sf + h * k * b * cf - h)
+    # rotation of these axes to the inertial frame, in terms of p and q
     scale = 1.0 / (1.0 + p * p + q * q)
     return (
         scale * ((1.0 - p * p + q * q) * x + 2.0 * sense * p * q * y),

@@ -1,4 +1,4 @@
-"""A flight as an orbit: states at given times, with polynomials between them."""
+"""An orbit interpolated through the states of a numerical flight (Hermite interpolation)."""
 
 from __future__ import annotations
 
@@ -13,55 +13,59 @@ from hillsphere.model.earth.rotation import InertialFrame
 from hillsphere.products import Trajectories
 from hillsphere.time import Epoch
 
-__all__ = ["TOLERANCE", "FlownOrbit", "missed"]
+__all__ = ["TOLERANCE", "FlownOrbit", "estimate_interpolation_error"]
 
 TOLERANCE = 1e-9
-"""Largest error of interpolated positions, relative to the distance from the Earth's centre."""
+"""Largest error of interpolated positions, relative to the distance from the Earth's centre: 7 mm
+in a low orbit, below the error of any force model. A smaller value needs shorter steps."""
 
 _END_S = 1e-6
-"""Beyond its ends by so much a flight is still evaluated: differences of epochs are rounded."""
+"""Time (s) by which a flight is evaluated beyond its ends: differences of epochs are rounded."""
 _NODES = 4
+"""States through which a polynomial runs: degree 7, error proportional to the eighth power of the
+step. Two (a cubic) would need steps about ten times as short for the same error; more would let
+rounding grow, and reach across a manoeuvre from farther away."""
 _LEAST = _NODES + 1
+"""States that a flight needs: its error is estimated by leaving one out of five."""
 _GAIN = 18.0
 """Leaving out a node of five makes the error at least this much larger than it is between them: by
 Π(t − t_i)², 16 h⁸ instead of 0.88 h⁸ in the outermost step and 0.32 h⁸ in the others."""
 
 
 class FlownOrbit:
-    """A numerical flight, interpolated through positions and velocities.
+    """Orbit of a numerical flight, by Hermite interpolation of its states.
 
-    Polynomials of degree seven run through the positions and velocities at the four nearest times
-    (Hermite interpolation), so that the error falls with the eighth power of the step.
+    Polynomials of degree seven run through the positions and velocities at the four nearest times.
+    The error is proportional to the eighth power of the step.
 
     Parameters
     ----------
     name : str
-        Of the satellite.
+        Name of the satellite.
     epoch : Epoch
-        From which times count.
+        Origin of the times.
     frame : {"teme", "gcrs"}
         Inertial frame of the states.
     t_s : ndarray, shape (K,)
-        Times, rising, at least five.
+        Times of the states, s, in increasing order, at least five.
     x : ndarray, shape (6, K)
-        Positions, m, and velocities, m/s, without a manoeuvre.
+        Positions, m, and velocities, m/s, of a motion without manoeuvres.
     tolerance : float
         Largest error of the interpolated positions, relative to the distance from the centre.
     ending : str
-        Why there are no states after the last time, as the end of a sentence; left out: the flight
-        was asked for no longer.
+        Reason why the flight ends at the last time, as the end of a sentence; by default the
+        flight simply lasts no longer.
 
     Attributes
     ----------
     error_m : float
-        Estimated largest error of interpolated positions, from leaving out one state after the
-        other.
+        Estimated largest error of interpolated positions, see `estimate_interpolation_error`.
 
     Raises
     ------
     InputError
-        If shapes do not fit, times do not rise, anything is not finite, or the states are so far
-        apart (or have a jump among them) that the tolerance cannot be kept.
+        If the shapes do not match, times do not increase, a value is not finite, or the error of
+        interpolation exceeds the tolerance: the steps are too long, or the states contain a jump.
     """
 
     def __init__(
@@ -87,14 +91,14 @@ class FlownOrbit:
         first = np.arange(t.size - _NODES + 1)
         self._nodes = t[first + np.arange(_NODES)[:, None]]
         self._coefficients = _divided_differences(t, x, first + np.arange(_NODES)[:, None])
-        middle, off, allowed = missed(t, x, tolerance)
+        middle, off, allowed = estimate_interpolation_error(t, x, tolerance)
         self.error_m = float(off.max())
         if (off > allowed).any():
             worst = int(np.argmax(off - allowed))
             raise InputError(
-                f"flight {name!r}: between its states positions would be wrong by "
-                f"{off[worst]:.3g} m near {t[middle[worst]]:.6g} s, more than "
-                f"{allowed[worst]:.3g} m; give states at shorter steps, and none across a manoeuvre"
+                f"flight {name!r}: the interpolated positions have an error of {off[worst]:.3g} m "
+                f"near {t[middle[worst]]:.6g} s, at most {allowed[worst]:.3g} m are allowed; give "
+                "states at shorter steps, and split the flight at manoeuvres"
             )
 
     @classmethod
@@ -106,19 +110,19 @@ class FlownOrbit:
         flights : Trajectories
             Flights in the frame ``"teme"`` or ``"gcrs"``.
         coast : int
-            Which of them.
+            Index of the coast.
         epoch : Epoch
-            From which its times count.
+            Origin of its times.
 
         Returns
         -------
         FlownOrbit
-            Named as the coast is.
+            Orbit with the name of the coast.
 
         Raises
         ------
         InputError
-            If the frame is another one or the states are too far apart.
+            If the frame is not inertial, or the states are too far apart.
         """
         if flights.frame not in get_args(InertialFrame):
             raise InputError(
@@ -147,7 +151,7 @@ class FlownOrbit:
         Raises
         ------
         PropagationError
-            If a time lies outside of the flight.
+            If a time lies outside the flight.
         """
         t = np.atleast_1d(np.asarray(t_s, dtype=float))
         there = self.exists(t)
@@ -159,15 +163,15 @@ class FlownOrbit:
             )
         last = self._t.size - _NODES
         at = np.clip(np.searchsorted(self._t, t, side="right") - 2, 0, last)
-        return _evaluated(self._nodes[:, at], self._coefficients[:, :, at], t)
+        return _evaluate_polynomials(self._nodes[:, at], self._coefficients[:, :, at], t)
 
     def exists(self, t_s: Array) -> NDArray[np.bool_]:
-        """Say for times (N,) after the epoch whether they lie within the flight."""
+        """Return whether each of the times (N,), s after the epoch, lies within the flight."""
         t = np.asarray(t_s, dtype=float)
         return np.asarray((t >= self._t[0] - _END_S) & (t <= self._t[-1] + _END_S))
 
     def end_reason(self, t_s: float) -> str:
-        """Return why there is no state at a time, as the end of a sentence."""
+        """Return why the flight has no state at a time, as the end of a sentence."""
         if self._ending and t_s > self._t[-1]:
             return self._ending
         return (
@@ -176,39 +180,47 @@ class FlownOrbit:
         )
 
 
-def missed(
+def estimate_interpolation_error(
     t: Array, x: Array, tolerance: float = TOLERANCE
 ) -> tuple[NDArray[np.intp], Array, Array]:
-    """Estimate errors of interpolation, by leaving out one state after the other.
+    """Estimate the error of interpolation by leaving out one state at a time.
+
+    Each inner state is predicted by the polynomial through its four neighbours. The difference,
+    divided by `_GAIN`, bounds the error of the polynomials between the states.
 
     Parameters
     ----------
     t : ndarray, shape (K,)
-        Times, rising, K ≥ 5.
+        Times, s, in increasing order, K ≥ 5.
     x : ndarray, shape (6, K)
-        States.
+        Positions, m, and velocities, m/s.
     tolerance : float
-        Relative to the distance from the centre.
+        Allowed error relative to the distance from the centre.
 
     Returns
     -------
     middle : ndarray of int, shape (K − 4,)
-        Indices of the states that were left out: all but the outer two at both ends.
+        Indices of the states that are left out: all but two at each end.
     error_m, allowed_m : ndarray, shape (K − 4,)
-        Estimated errors of positions about them, and the tolerance with what rounding adds.
+        Estimated errors of positions near these states, and the tolerance plus the effect of
+        rounding.
     """
     middle = np.arange(2, t.size - 2)
     around = middle + np.array([-2, -1, 1, 2])[:, None]
-    guess = _evaluated(t[around], _divided_differences(t, x, around), t[middle])[:3]
+    guess = _evaluate_polynomials(t[around], _divided_differences(t, x, around), t[middle])[:3]
     place = x[:3, middle]
-    # what rounding of states and times leaves is no fault of the step
+    # Rounding of states and times limits the comparison; shorter steps would not reduce it.
     rounding = 1e-13 * float(np.abs(x[:3]).max())
     allowed = tolerance * np.linalg.norm(place, axis=0) + rounding
     return middle, np.linalg.norm(guess - place, axis=0) / _GAIN, allowed
 
 
 def _divided_differences(t: Array, x: Array, nodes: NDArray[np.int64]) -> Array:
-    """Return Newton's coefficients (8, 3, M) of polynomials through states at nodes (4, M)."""
+    """Return the Newton coefficients (8, 3, M) of Hermite polynomials through nodes (4, M).
+
+    Each node counts twice; the divided difference of a double node is the velocity there.
+    """
+    # z: each node twice. First column of the scheme: velocities at double nodes, else slopes.
     z = np.repeat(t[nodes], 2, axis=0)
     place = np.repeat(x[:3][:, nodes].swapaxes(0, 1), 2, axis=0)
     speed = x[3:][:, nodes].swapaxes(0, 1)
@@ -225,11 +237,12 @@ def _divided_differences(t: Array, x: Array, nodes: NDArray[np.int64]) -> Array:
     return np.array(out)
 
 
-def _evaluated(nodes: Array, coefficients: Array, t: Array) -> Array:
-    """Return states (6, M) of polynomials, one per time (M,), by Horner's scheme."""
+def _evaluate_polynomials(nodes: Array, coefficients: Array, t: Array) -> Array:
+    """Evaluate Newton polynomials and their derivatives by Horner's scheme: states (6, M)."""
     z = np.repeat(nodes, 2, axis=0)
     place = coefficients[-1]
     speed = np.zeros_like(place)
+    # p ← p (t − z_k) + c_k, and its derivative by the product rule
     for k in range(2 * _NODES - 2, -1, -1):
         off = t - z[k]
         speed = speed * off + place

@@ -1,4 +1,4 @@
-"""A satellite over the rotating Earth: its states there, and the ground below it."""
+"""Ground tracks: Earth-fixed states of a satellite and the points below it."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from math import sqrt
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.base.geodetic import WGS84, Ellipsoid, geodetic
 from hillsphere.base.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.errors import InputError
@@ -17,41 +18,48 @@ from hillsphere_tracking.orbits import LimitedOrbit, Orbit, last_instant
 __all__ = ["EarthTrack", "ground_points", "split_at_wrap"]
 
 _GM = 3.986004418e14
+"""Gravitational parameter of the Earth (m³/s², WGS 84); it determines only the length of steps."""
 _STEPS_PER_RADIAN = 16.0
+"""States per radian of the motion about the Earth at perigee, some 100 in a revolution of a
+circular orbit. The search for passes begins with every other one: fewer could hide a pass between
+two of them, more cost time in proportion."""
 _STEP_RANGE_S = (5.0, 1800.0)
+"""Shortest and longest step (s). The first is below a seventh of the step of any orbit above the
+ground and only bounds the count; in the second the Earth turns by 7.5°, so that an orbit far
+above the geostationary one is still followed over the rotating ground."""
 _MOST_TIMES = 4_000_000
+"""States of a track at most: they take 200 MB, and some copies are made of them."""
 
 
 class EarthTrack:
-    """A satellite over the rotating Earth for some time from an instant on.
+    """Earth-fixed trajectory of a satellite over an interval of time.
 
     Parameters
     ----------
     orbit : Orbit
-        Of the satellite.
+        Orbit of the satellite.
     start : Epoch
-        From which times count.
+        Origin of the times.
     duration_s : float
-        For how long.
+        Length of the interval.
     orientation : EarthOrientation
-        Gives UT1 and polar motion; left out: UT1 := UTC and none.
+        UT1 and polar motion; by default UT1 = UTC without polar motion.
 
     Attributes
     ----------
     times_s : ndarray, shape (K,)
-        Times from 0 to the end, sixteen while the satellite turns by a radian about the Earth's
-        centre at perigee.
+        Times from 0 to the end, 16 per radian of the motion at perigee.
     end_s : float
-        ``duration_s``, or when the orbit ends if that is earlier.
+        ``duration_s``, or the time at which the orbit ends if that is earlier.
     end_reason : str
-        Why it ends earlier; ``""`` if it does not.
+        Reason why the orbit ends earlier; ``""`` if it does not.
 
     Raises
     ------
     InputError
-        If the duration is not positive and finite, or asks for too many times.
+        If the duration is not positive and finite, or needs too many times.
     PropagationError
-        If there is no orbit at the start.
+        If the orbit does not exist at the start.
     """
 
     def __init__(
@@ -70,7 +78,7 @@ class EarthTrack:
         count = int(np.ceil(duration_s / step))
         if count > _MOST_TIMES:
             raise InputError(
-                f"satellite {orbit.name!r}: {duration_s / 86400.0:g} days need {count} states, at "
+                f"satellite {orbit.name!r}: {duration_s / DAY_S:g} days need {count} states, at "
                 f"most {_MOST_TIMES}; look for passes over a shorter time"
             )
         times = np.linspace(0.0, duration_s, count + 1)
@@ -100,8 +108,8 @@ class EarthTrack:
 
         Notes
         -----
-        What was asked for at many times at once is remembered: every station begins its search
-        with the same ones.
+        Results for many times at once are cached: the search of every station begins with the same
+        times.
         """
         key = t_s.tobytes() if 4 * t_s.size >= self.times_s.size else None
         if key is not None and key in self._remembered:
@@ -114,7 +122,8 @@ class EarthTrack:
         return x
 
     def node_times(self) -> Array:
-        """Return when the satellite rises through the equator, to about a second, s."""
+        """Return the times of the ascending nodes, s, by linear interpolation, to about 1 s."""
+        # zero crossings of z upwards
         z = self.states(self.times_s)[2]
         at = np.flatnonzero((z[:-1] < 0.0) & (z[1:] >= 0.0))
         t = self.times_s
@@ -122,21 +131,21 @@ class EarthTrack:
 
 
 def ground_points(r_ecef_m: Array, ellipsoid: Ellipsoid = WGS84) -> tuple[Array, Array, Array]:
-    """Return the points of the ellipsoid below positions.
+    """Return the subsatellite points on the ellipsoid.
 
     Parameters
     ----------
     r_ecef_m : ndarray, shape (3, N)
         Earth-fixed positions, m.
     ellipsoid : Ellipsoid
-        Of the Earth.
+        Reference ellipsoid of the Earth.
 
     Returns
     -------
     latitude_rad, longitude_rad : ndarray, shape (N,)
         Geodetic latitude, and longitude in (−π, π].
     height_m : ndarray, shape (N,)
-        Of the satellite above it.
+        Height of the satellite above the ellipsoid.
     """
     return geodetic(r_ecef_m, ellipsoid)
 
@@ -144,24 +153,26 @@ def ground_points(r_ecef_m: Array, ellipsoid: Ellipsoid = WGS84) -> tuple[Array,
 def split_at_wrap(
     longitude: Array, latitude: Array, turn: float = 2.0 * np.pi
 ) -> tuple[Array, Array]:
-    """Return a track for drawing: broken where it leaves a map on one side for the other.
+    """Split a track at the edges of a map, so that no line is drawn across the map.
 
     Parameters
     ----------
     longitude, latitude : ndarray, shape (N,)
-        A track of points less than half a turn apart, longitudes from −turn/2 to turn/2.
+        Points of the track, less than half a turn apart; longitudes from −turn/2 to turn/2.
     turn : float
-        A whole turn in the unit of the longitudes.
+        A full turn in the unit of the longitudes.
 
     Returns
     -------
     longitude, latitude : ndarray, shape (M,)
-        With the two points on the map's edges and a NaN between them put in at every such place.
+        The track with three points inserted at each crossing of the edge: the point on one edge,
+        NaN, and the point on the opposite edge.
     """
     step = np.diff(longitude)
     jumps = np.flatnonzero(np.abs(step) > 0.5 * turn)
     if jumps.size == 0:
         return longitude, latitude
+    # A jump from +turn/2 to −turn/2 is a crossing eastwards: it leaves at `side` = +turn/2.
     side = -np.sign(step[jumps]) * 0.5 * turn
     going = step[jumps] + 2.0 * side
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -176,13 +187,16 @@ def split_at_wrap(
 
 
 def _step_s(x: Array) -> float:
-    """Return the time in which a satellite in this state turns by 1/16 rad at its perigee."""
+    """Return the time (s) in which a satellite moves by 1/16 rad about the Earth at perigee."""
+    # eccentricity vector e = v × h/GM − r̂; perigee radius h²/GM/(1 + e)
     r, v = x[:3], x[3:]
     distance = float(np.linalg.norm(r))
     momentum = float(np.linalg.norm(np.cross(r, v)))
     eccentric = np.cross(v, np.cross(r, v)) / _GM - r / distance
     perigee = momentum**2 / _GM / (1.0 + float(np.linalg.norm(eccentric)))
+    # A nearly radial motion has its perigee at the centre: the step must not vanish with it.
     slowest = max(perigee, 1e-3 * distance)
+    # speed there by the vis-viva equation
     energy = 0.5 * float(v @ v) - _GM / distance
     speed = sqrt(max(2.0 * (energy + _GM / slowest), 1e-12))
     return float(np.clip(slowest / speed / _STEPS_PER_RADIAN, *_STEP_RANGE_S))

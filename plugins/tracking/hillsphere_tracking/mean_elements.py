@@ -1,7 +1,7 @@
-"""Brouwer's mean elements: secular motion, and the way to osculating elements and back.
+"""Brouwer's mean elements: secular motion, and the conversion to and from osculating elements.
 
 Elements are rows a (m), e, i, Ω, ω, M (rad) of arrays (6, N), as in `hillsphere_tracking.kepler`.
-The equations and their sources stand in `hillsphere_tracking.dynamics_brouwer`.
+`hillsphere_tracking.dynamics_brouwer` gives the equations and their sources.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from hillsphere.dynamics import ArrayFunction
 from hillsphere.errors import ConvergenceError
 from hillsphere.interfaces import Array
 from hillsphere_tracking.dynamics_brouwer import ZonalField, at_time, osculating_equinoctial
-from hillsphere_tracking.kepler import checked, states_from_elements, wrapped
+from hillsphere_tracking.kepler import states_from_elements, validate_elements, wrap_angle
 
 __all__ = [
     "EARTH_FIELD",
@@ -26,68 +26,70 @@ __all__ = [
     "equinoctial",
     "mean_from_osculating",
     "osculating",
-    "propagated",
+    "propagate_secular",
+    "retrograde_sign",
     "secular_rates",
-    "sense_of",
     "states",
 ]
 
 EARTH_FIELD = ZonalField()
-"""The Earth as of EGM2008's J2 and J4 and the radius of WGS 84."""
+"""Zonal field of the Earth: J2 and J4 of EGM2008, equatorial radius of WGS 84."""
 
 RETROGRADE = -0.5
-"""Cosine of the inclination below which elements regular at 180° are used; few orbits lie there."""
+"""Cosine of the inclination (120°) below which elements that are regular at 180° are used. Both
+sets are regular in between; few satellites have an inclination near this one."""
 
 
 def secular_rates(elements: Array, field: ZonalField = EARTH_FIELD) -> Array:
-    """Return the secular rates of Ω, ω and M.
+    """Return the secular rates of Ω, ω and M, to second order in J2 and first order in J4.
 
     Parameters
     ----------
     elements : ndarray, shape (6, N)
         Mean elements.
     field : ZonalField
-        Of the planet.
+        Gravity field of the planet.
 
     Returns
     -------
     ndarray, shape (3, N)
-        rad/s; the rate of M includes the mean motion √(GM/a³).
+        Rates of Ω, ω and M, rad/s; the rate of M includes the mean motion √(GM/a³).
 
     Raises
     ------
     InputError
-        If the elements are no ellipses.
+        If the elements do not describe ellipses.
     """
-    start = checked(elements).copy()
+    # the rates do not depend on the angles: from zero, after one second, the angles are the rates
+    start = validate_elements(elements).copy()
     start[3:] = 0.0
     one = np.ones((1, start.shape[1]))
-    return _compiled_at_time(field)(np.concatenate([start, one]))
+    return _compile_secular(field)(np.concatenate([start, one]))
 
 
-def propagated(elements: Array, dt_s: Array, field: ZonalField = EARTH_FIELD) -> Array:
-    """Return mean elements a time later.
+def propagate_secular(elements: Array, dt_s: Array, field: ZonalField = EARTH_FIELD) -> Array:
+    """Propagate mean elements by their secular rates.
 
     Parameters
     ----------
     elements : ndarray, shape (6, N) or (6, 1)
         Mean elements.
     dt_s : ndarray, shape (N,)
-        Seconds from then.
+        Time since the epoch of the elements.
     field : ZonalField
-        Of the planet.
+        Gravity field of the planet.
 
     Returns
     -------
     ndarray, shape (6, N)
-        Mean elements; the angles run on, they are not brought back to one revolution.
+        Mean elements at the later times; the angles are not wrapped to one revolution.
 
     Raises
     ------
     InputError
-        If the elements are no ellipses.
+        If the elements do not describe ellipses.
     """
-    start = checked(elements)
+    start = validate_elements(elements)
     dt_s = np.atleast_1d(np.asarray(dt_s, dtype=float))
     start = np.broadcast_to(start, (6, max(start.shape[1], dt_s.size)))
     rates = secular_rates(start, field)
@@ -95,14 +97,14 @@ def propagated(elements: Array, dt_s: Array, field: ZonalField = EARTH_FIELD) ->
 
 
 def osculating(elements: Array, field: ZonalField = EARTH_FIELD) -> Array:
-    """Return osculating elements of mean ones, by the short-period terms of first order in J2.
+    """Convert mean to osculating elements, with the short-period terms of first order in J2.
 
     Parameters
     ----------
     elements : ndarray, shape (6, N)
         Mean elements.
     field : ZonalField
-        Of the planet.
+        Gravity field of the planet.
 
     Returns
     -------
@@ -112,24 +114,25 @@ def osculating(elements: Array, field: ZonalField = EARTH_FIELD) -> Array:
     Raises
     ------
     InputError
-        If the elements are no ellipses.
+        If the elements do not describe ellipses.
     """
-    mean = checked(elements)
-    sense = sense_of(mean)
+    mean = validate_elements(elements)
+    sense = retrograde_sign(mean)
     return classical(_osculating_equinoctial(mean, sense, field), sense)
 
 
 def mean_from_osculating(elements: Array, field: ZonalField = EARTH_FIELD) -> Array:
-    """Return the mean elements whose `osculating` are given, to rounding.
+    """Convert osculating to mean elements: the inverse of `osculating`, to rounding.
 
-    Fixed-point iteration on equinoctial elements, which contracts by about J2 a step.
+    The fixed-point iteration x ← x + (target − osculating(x)) runs on equinoctial elements, which
+    are regular for circular and equatorial orbits. Each step contracts the error by about J2.
 
     Parameters
     ----------
     elements : ndarray, shape (6, N)
         Osculating elements.
     field : ZonalField
-        Of the planet.
+        Gravity field of the planet.
 
     Returns
     -------
@@ -139,51 +142,52 @@ def mean_from_osculating(elements: Array, field: ZonalField = EARTH_FIELD) -> Ar
     Raises
     ------
     InputError
-        If the elements are no ellipses.
+        If the elements do not describe ellipses.
     ConvergenceError
-        If the iteration does not settle: the orbit is beyond the theory (deep in the planet, or
-        with an eccentricity near one).
+        If the iteration does not converge: the orbit is outside the range of the theory (deep
+        inside the planet, or with an eccentricity near one).
     """
-    wanted = checked(elements)
-    sense = sense_of(wanted)
+    wanted = validate_elements(elements)
+    sense = retrograde_sign(wanted)
     target = equinoctial(wanted, sense)
+    # relative change of a, absolute change of the five others, which are of order one
     scale = np.concatenate([target[:1], np.ones((5, target.shape[1]))])
-    found = target
+    estimate = target
     last = np.inf
     for _ in range(40):
-        guess = classical(found, sense)
+        guess = classical(estimate, sense)
         if not (guess[0] > 0.0).all() or not (guess[1] < 1.0).all():
             break
         miss = target - _osculating_equinoctial(guess, sense, field)
-        miss[5] = wrapped(miss[5])
-        found = found + miss
+        miss[5] = wrap_angle(miss[5])
+        estimate = estimate + miss
         change = float(np.abs(miss / scale).max(initial=0.0))
-        # rounding: no progress any more, at a level that only rounding explains
+        # The change stagnates at a level that only rounding explains.
         if change < 1e-15 or (change < 1e-13 and change >= 0.5 * last):
-            return classical(found, sense)
+            return classical(estimate, sense)
         last = change
     raise ConvergenceError(
-        "no mean elements found for these osculating ones; first-order theory in J2 needs orbits "
-        f"outside the planet with e well below 1, got a ≥ {wanted[0].min():.6g} m, "
-        f"e ≤ {wanted[1].max():.6g}"
+        "the conversion from osculating to mean elements does not converge; the first-order theory "
+        "in J2 needs orbits outside the planet with e well below 1, got a ≥ "
+        f"{wanted[0].min():.6g} m, e ≤ {wanted[1].max():.6g}"
     )
 
 
 def states(
     elements: Array, dt_s: Array, field: ZonalField = EARTH_FIELD, *, short_period: bool = True
 ) -> Array:
-    """Return inertial states of mean elements a time later.
+    """Return the inertial states of mean elements at later times.
 
     Parameters
     ----------
     elements : ndarray, shape (6, N) or (6, 1)
         Mean elements.
     dt_s : ndarray, shape (N,)
-        Seconds from then.
+        Time since the epoch of the elements.
     field : ZonalField
-        Of the planet.
+        Gravity field of the planet.
     short_period : bool
-        Whether the short-period terms are added.
+        Add the short-period terms of J2.
 
     Returns
     -------
@@ -193,23 +197,28 @@ def states(
     Raises
     ------
     InputError
-        If the elements are no ellipses.
+        If the elements do not describe ellipses.
     """
-    later = propagated(elements, dt_s, field)
+    later = propagate_secular(elements, dt_s, field)
     return states_from_elements(osculating(later, field) if short_period else later, field.gm_m3_s2)
 
 
-def sense_of(elements: Array) -> Array:
-    """Return s (N,): −1 for orbits so retrograde that cot(i/2) is the regular variable, else +1."""
+def retrograde_sign(elements: Array) -> Array:
+    """Return the sign s (N,) of equinoctial elements: −1 if cos i < `RETROGRADE`, else +1.
+
+    With s = 1 the elements contain tan(i/2), which is singular at i = 180°; with s = −1 they
+    contain cot(i/2), which is singular at i = 0.
+    """
     return np.where(np.cos(elements[2]) < RETROGRADE, -1.0, 1.0)
 
 
 def _osculating_equinoctial(mean: Array, sense: Array, field: ZonalField) -> Array:
-    return _compiled_osculating(field)(np.concatenate([mean, sense[None]]))
+    return _compile_osculating(field)(np.concatenate([mean, sense[None]]))
 
 
 def equinoctial(elements: Array, sense: Array) -> Array:
-    """Return the equinoctial elements (6, N), as `dynamics_brouwer.Equinoctial` lists them."""
+    """Convert classical to equinoctial elements (6, N), see `dynamics_brouwer.Equinoctial`."""
+    # t = tan(i/2) for s = 1 and cot(i/2) = tan((π − i)/2) for s = −1; ϖ = ω + sΩ
     a, e, i, node, perigee, mean = elements
     tangent = np.where(sense > 0.0, np.tan(0.5 * i), np.tan(0.5 * (pi - i)))
     turned = perigee + sense * node
@@ -220,7 +229,8 @@ def equinoctial(elements: Array, sense: Array) -> Array:
 
 
 def classical(orbit: Array, sense: Array) -> Array:
-    """Return a, e, i, Ω, ω, M (6, N) of equinoctial elements; angles in [0, 2π)."""
+    """Convert equinoctial to classical elements a, e, i, Ω, ω, M (6, N); angles in [0, 2π)."""
+    # (q, p) = t (cos Ω, sin Ω) and (k, h) = e (cos ϖ, sin ϖ), then ω = ϖ − sΩ and M = λ − ϖ
     a, k, h, q, p, longitude = orbit
     tilt = 2.0 * np.arctan(np.hypot(q, p))
     node = np.arctan2(p, q)
@@ -230,13 +240,13 @@ def classical(orbit: Array, sense: Array) -> Array:
 
 
 @lru_cache(maxsize=16)
-def _compiled_at_time(field: ZonalField) -> ArrayFunction:
+def _compile_secular(field: ZonalField) -> ArrayFunction:
     inputs = sy.variables("a", "e", "i", "node", "perigee", "mean", "dt")
     return ArrayFunction(at_time(inputs[:6], inputs[6], field)[3:], inputs)
 
 
 @lru_cache(maxsize=16)
-def _compiled_osculating(field: ZonalField) -> ArrayFunction:
+def _compile_osculating(field: ZonalField) -> ArrayFunction:
     inputs = sy.variables("a", "e", "i", "node", "perigee", "mean", "sense")
     orbit = osculating_equinoctial(inputs[:6], inputs[6], field)
     return ArrayFunction(orbit.tuple(), inputs)

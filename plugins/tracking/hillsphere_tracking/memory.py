@@ -1,8 +1,8 @@
-"""What a station has learned about itself: angle biases and time offset, kept between passes.
+"""Station memory: the angle biases and the time offset of stations, stored between passes.
 
-A tracker that estimates its station's biases begins the next pass with what it knew after the last
-one. In between the estimate ages as a random walk: its covariance grows in proportion to time. The
-memory is a small file that a person can read and mend::
+A tracker that estimates the biases of its station begins a pass with the estimate of the pass
+before. Between passes the biases are modelled as random walks: the covariance grows in proportion
+to time. The memory is a small JSON file that a person can read and correct::
 
     {
       "format": "hillsphere station memory",
@@ -33,6 +33,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from hillsphere.base.atomic import write_text
+from hillsphere.base.constants import DAY_S
 from hillsphere.base.json_files import parse_json
 from hillsphere.base.regular_files import read_text
 from hillsphere.errors import InputError
@@ -40,39 +41,40 @@ from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
 
 __all__ = [
-    "Calibration", "Forgetting", "aged", "combined", "read_memory", "remember", "write_memory",
+    "Calibration", "RandomWalk", "age_calibration", "combine_calibrations", "read_memory",
+    "remember", "write_memory",
 ]  # fmt: skip
 
 _FORMAT = "hillsphere station memory"
 _VERSION = 1
+"""Version of the file's format; a change that older programs would misread must raise it."""
 _LARGEST_FILE = 16 << 20
-"""Bytes: ten thousand stations."""
+"""Bytes of a memory at most: some ten thousand stations."""
 _DEGREE = np.pi / 180.0
 _TO_SI = np.array([_DEGREE, _DEGREE, 1.0])
 _NAMES = ("azimuth_bias_deg", "elevation_bias_deg", "time_offset_s")
 _PAIRS = {"azimuth_elevation": (0, 1), "azimuth_time": (0, 2), "elevation_time": (1, 2)}
-_DAY = 86400.0
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What is known of a station's systematic errors.
+    """Estimate of a station's systematic errors, with its covariance.
 
     Parameters
     ----------
     epoch : Epoch
-        When it was known.
+        Time of the estimate.
     mean : ndarray, shape (3,)
-        Azimuth bias, rad, elevation bias, rad, and time offset, s: measured less true.
+        Azimuth bias, rad, elevation bias, rad, and time offset, s: measured minus true.
     covariance : ndarray, shape (3, 3)
-        Of their errors, in the same units.
+        Covariance of the estimate, in the same units.
     passes : int
-        From how many passes.
+        Number of passes that entered the estimate.
 
     Raises
     ------
     InputError
-        If something is not finite, or the covariance is not symmetric and positive.
+        If a value is not finite, or the covariance is not symmetric and positive semidefinite.
     """
 
     epoch: Epoch
@@ -91,6 +93,7 @@ class Calibration:
             raise InputError("a calibration must be finite, got nan or inf")
         if self.passes < 0:
             raise InputError(f"a calibration cannot come from {self.passes} passes")
+        # judged as a correlation: angles and seconds differ by orders of magnitude
         size = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         scale = np.where(size > 0.0, size, 1.0)
         correlation = covariance / np.outer(scale, scale)
@@ -106,20 +109,20 @@ class Calibration:
 
 
 @dataclass(frozen=True)
-class Forgetting:
-    """How a station's systematic errors wander: random walks.
+class RandomWalk:
+    """Random walks of a station's systematic errors between passes.
 
     Parameters
     ----------
     bias_rad_per_sqrt_day : float
-        Standard deviation that each angle bias gains in a day.
+        Standard deviation of the change of each angle bias in one day.
     time_s_per_sqrt_day : float
-        That of the time offset.
+        Standard deviation of the change of the time offset in one day.
 
     Raises
     ------
     InputError
-        If one is negative or not finite.
+        If a standard deviation is negative or not finite.
     """
 
     bias_rad_per_sqrt_day: float
@@ -131,57 +134,59 @@ class Forgetting:
                 raise InputError(f"a random walk needs a size ≥ 0 and finite, got {number}")
 
 
-def aged(calibration: Calibration, epoch: Epoch, forgetting: Forgetting) -> Calibration:
-    """Return what is left of a calibration at another time.
+def age_calibration(calibration: Calibration, epoch: Epoch, walk: RandomWalk) -> Calibration:
+    """Propagate a calibration to another time: the covariance grows by the random walk.
 
     Parameters
     ----------
     calibration : Calibration
-        As it was known.
+        Estimate at its own epoch.
     epoch : Epoch
-        When it is asked for; an earlier one counts as so much later.
-    forgetting : Forgetting
-        How fast it ages.
+        Time of the result. The covariance grows with the interval in both directions of time.
+    walk : RandomWalk
+        Growth of the covariance.
 
     Returns
     -------
     Calibration
-        The same mean with a covariance that has grown.
+        The same mean at `epoch`, with a larger covariance.
     """
-    days = abs(epoch.seconds_since(calibration.epoch)) / _DAY
-    walk = np.array([forgetting.bias_rad_per_sqrt_day] * 2 + [forgetting.time_s_per_sqrt_day])
+    days = abs(epoch.seconds_since(calibration.epoch)) / DAY_S
+    # variances of a random walk grow linearly with time
+    sigma = np.array([walk.bias_rad_per_sqrt_day] * 2 + [walk.time_s_per_sqrt_day])
     return replace(
-        calibration, epoch=epoch, covariance=calibration.covariance + np.diag(walk**2 * days)
+        calibration, epoch=epoch, covariance=calibration.covariance + np.diag(sigma**2 * days)
     )
 
 
-def combined(prior: Calibration, estimate: Calibration) -> Calibration:
-    """Return what follows from two independent estimates.
+def combine_calibrations(prior: Calibration, estimate: Calibration) -> Calibration:
+    """Combine two independent estimates, as a Kalman update with identity measurement matrix.
 
-    Not for an estimate that a tracker made with `prior` to begin with: that one already contains
-    it, and is to be remembered as it is.
+    An estimate of a tracker that began with `prior` is not independent of it: it already contains
+    the prior and must be stored without being combined.
 
     Parameters
     ----------
     prior : Calibration
-        Aged to the other's epoch (`aged`).
+        Earlier estimate, propagated to the epoch of the other (`age_calibration`).
     estimate : Calibration
-        Newer one.
+        Newer estimate.
 
     Returns
     -------
     Calibration
-        At the estimate's epoch, from all passes. Quantities that both know exactly keep the
-        prior's value.
+        Combined estimate at the epoch of `estimate`, with the passes of both. A quantity with zero
+        variance in both estimates keeps the prior's value.
     """
     # scaled to deviations: angles and seconds differ by orders of magnitude
     size = np.sqrt(np.diag(prior.covariance) + np.diag(estimate.covariance))
     scale = np.where(size > 0.0, size, 1.0)
     outer = np.outer(scale, scale)
     p, r = prior.covariance / outer, estimate.covariance / outer
+    # K = P (P + R)⁻¹; the pseudoinverse serves quantities that both estimates know exactly
     gain = p @ np.linalg.pinv(p + r, hermitian=True)
     mean = prior.mean + scale * (gain @ ((estimate.mean - prior.mean) / scale))
-    # Joseph's form stays symmetric and positive
+    # Joseph's form of the covariance stays symmetric and positive semidefinite.
     rest = np.eye(3) - gain
     covariance = (rest @ p @ rest.T + gain @ r @ gain.T) * outer
     return Calibration(
@@ -195,12 +200,12 @@ def read_memory(path: Path) -> Mapping[str, Calibration]:
     Parameters
     ----------
     path : Path
-        The file; one that does not exist yet is an empty memory.
+        The file; a file that does not exist is an empty memory.
 
     Returns
     -------
     mapping of str to Calibration
-        By station name.
+        Calibrations by the names of the stations.
 
     Raises
     ------
@@ -212,45 +217,45 @@ def read_memory(path: Path) -> Mapping[str, Calibration]:
     except FileNotFoundError:
         return MappingProxyType({})
     except (OSError, UnicodeDecodeError) as error:
-        _damaged(path, str(error))
+        _refuse_damaged(path, str(error))
     try:
         data = parse_json(text)
     except ValueError as error:
-        _damaged(path, str(error))
+        _refuse_damaged(path, str(error))
     if not isinstance(data, dict) or data.get("format") != _FORMAT:
-        _damaged(path, f'it does not say "format": "{_FORMAT}"')
+        _refuse_damaged(path, f'it does not say "format": "{_FORMAT}"')
     if data.get("version") != _VERSION:
         raise InputError(
-            f"the station memory {path} is of version {data.get('version')!r}; this program reads"
-            f" version {_VERSION}: use the program that wrote it, or another file"
+            f"the station memory {path} has the version {data.get('version')!r}; this program"
+            f" reads version {_VERSION}: use the program that wrote it, or another file"
         )
     stations = data.get("stations")
     if not isinstance(stations, dict):
-        _damaged(path, "it has no stations")
+        _refuse_damaged(path, "it has no stations")
     memory = {}
     for name, entry in stations.items():
         try:
-            memory[name] = _parsed(entry)
+            memory[name] = _parse_entry(entry)
         except (InputError, TypeError, KeyError, OverflowError) as error:
             what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-            _damaged(path, f"station {name!r}: {what}")
+            _refuse_damaged(path, f"station {name!r}: {what}")
     return MappingProxyType(memory)
 
 
 def write_memory(path: Path, memory: Mapping[str, Calibration]) -> None:
-    """Write a station memory; what stood there stays if that fails.
+    """Write a station memory; if writing fails the old file remains unchanged.
 
     Parameters
     ----------
     path : Path
-        The file; its directory exists.
+        The file, in an existing directory.
     memory : mapping of str to Calibration
-        By station name.
+        Calibrations by the names of the stations.
 
     Raises
     ------
     OSError
-        If it cannot be written.
+        If the file cannot be written.
     """
     data = {
         "format": _FORMAT,
@@ -262,23 +267,23 @@ def write_memory(path: Path, memory: Mapping[str, Calibration]) -> None:
 
 
 def remember(path: Path, station: str, calibration: Calibration) -> None:
-    """Put one station's calibration into a memory, the others left as they are.
+    """Store the calibration of one station in a memory; other stations remain unchanged.
 
     Parameters
     ----------
     path : Path
-        The file; made if there is none.
+        The file; it is created if it does not exist.
     station : str
-        Its name.
+        Name of the station.
     calibration : Calibration
-        To be kept from now on.
+        Calibration to be stored.
 
     Raises
     ------
     InputError
-        If the file is damaged: it is not overwritten.
+        If the file is damaged; it is not overwritten then.
     OSError
-        If it cannot be written.
+        If the file cannot be written.
     """
     write_memory(path, {**read_memory(path), station: calibration})
 
@@ -299,7 +304,7 @@ def _entry(calibration: Calibration) -> dict[str, Any]:
     }
 
 
-def _parsed(entry: Any) -> Calibration:
+def _parse_entry(entry: Any) -> Calibration:
     mean = np.array([_number(entry[name]["value"], name) for name in _NAMES])
     sigma = np.array([_number(entry[name]["sigma"], f"{name}'s sigma") for name in _NAMES])
     if np.any(sigma < 0.0):
@@ -327,7 +332,7 @@ def _number(value: Any, name: str) -> float:
     return float(value)
 
 
-def _damaged(path: Path, reason: str) -> NoReturn:
+def _refuse_damaged(path: Path, reason: str) -> NoReturn:
     raise InputError(
-        f"the station memory {path} is damaged: {reason}; mend it, or move it away to begin anew"
+        f"the station memory {path} is damaged: {reason}; correct it, or move it away to begin anew"
     )

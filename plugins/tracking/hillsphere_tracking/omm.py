@@ -1,4 +1,4 @@
-"""CCSDS Orbit Mean-Elements Messages of the theory SGP4: reading the text and the XML form.
+"""Reader of CCSDS Orbit Mean-Elements Messages (OMM) for SGP4, in the text form (KVN) and in XML.
 
 References
 ----------
@@ -44,16 +44,16 @@ _DAY_OF_YEAR = re.compile(r"(\d{4})-(\d{3})(T.*)")
 
 @dataclass(frozen=True)
 class Omm:
-    """Mean elements of the theory SGP4.
+    """An orbit mean-elements message with elements for SGP4.
 
     Parameters
     ----------
     name : str
-        Of the satellite.
+        Name of the satellite.
     epoch : Epoch
-        UTC.
+        Epoch of the elements, UTC.
     fields : mapping of str to str
-        The message by keyword, checked: what `sgp4.omm.initialize` wants is there.
+        Checked values by keyword, as `sgp4.omm.initialize` takes them.
     """
 
     name: str
@@ -67,9 +67,9 @@ def read_omms(text: str, where: str = "OMM") -> tuple[Omm, ...]:
     Parameters
     ----------
     text : str
-        One message or more.
+        One or more messages.
     where : str
-        Name of the file, for errors.
+        Name of the file, used in error messages.
 
     Returns
     -------
@@ -79,14 +79,14 @@ def read_omms(text: str, where: str = "OMM") -> tuple[Omm, ...]:
     Raises
     ------
     InputError
-        If it is no such message, a keyword is missing or out of range, or the elements are of
-        another theory, frame or time system than those of SGP4.
+        If the text is not such a message, a keyword is missing or out of range, or the elements do
+        not belong to SGP4 (theory, frame or time system).
     """
     read = _xml if text.lstrip("\ufeff \t\r\n").startswith("<") else _kvn
-    found = list(read(text, where))
-    if not found:
-        raise InputError(f"{where}: no orbit mean-elements message in it")
-    return tuple(_checked(fields, place) for place, fields in found)
+    messages = list(read(text, where))
+    if not messages:
+        raise InputError(f"{where}: the file contains no orbit mean-elements message")
+    return tuple(_validate_message(fields, place) for place, fields in messages)
 
 
 def _kvn(text: str, where: str) -> Iterator[tuple[str, dict[str, str]]]:
@@ -105,7 +105,7 @@ def _kvn(text: str, where: str) -> Iterator[tuple[str, dict[str, str]]]:
             yield place, fields
             fields = {}
         if key in fields:
-            raise InputError(f"{where}:{number}: {key} stands twice in one message; keep one")
+            raise InputError(f"{where}:{number}: {key} occurs twice in one message; keep one")
         if not fields:
             place = f"{where}:{number}"
         fields[key] = value
@@ -116,7 +116,7 @@ def _kvn(text: str, where: str) -> Iterator[tuple[str, dict[str, str]]]:
 def _xml(text: str, where: str) -> Iterator[tuple[str, dict[str, str]]]:
     # Entities could make a small file huge; no message of this standard needs them.
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise InputError(f"{where}: an orbit message has no document type; remove it")
+        raise InputError(f"{where}: an orbit message must not contain a DOCTYPE; remove it")
     try:
         root = ET.fromstring(text.lstrip("\ufeff \t\r\n"))
     except ET.ParseError as error:
@@ -134,7 +134,7 @@ def _tag(element: ET.Element) -> str:
     return element.tag.rpartition("}")[2]
 
 
-def _checked(given: Mapping[str, str], where: str) -> Omm:
+def _validate_message(given: Mapping[str, str], where: str) -> Omm:
     name = given.get("OBJECT_NAME") or given.get("OBJECT_ID") or given.get("NORAD_CAT_ID", "")
     where = f"{where} ({name})" if name else where
     for key, allowed in _MUST_BE.items():

@@ -1,4 +1,4 @@
-"""An orbit of an Earth satellite: where it is, over which place, and until when."""
+"""Interface of the orbits of Earth satellites: states, Earth-fixed states, and the orbit's end."""
 
 from __future__ import annotations
 
@@ -15,22 +15,24 @@ from hillsphere.interfaces import Array
 from hillsphere.model.earth.rotation import InertialFrame, to_earth_fixed
 from hillsphere.time import Epoch
 
-__all__ = ["LimitedOrbit", "Orbit", "bisected", "earth_fixed_states", "last_instant"]
+__all__ = ["LimitedOrbit", "Orbit", "bisect_end", "earth_fixed_states", "last_instant"]
 
 _END_S = 1e-3
+"""Accuracy (s) of the time at which an orbit ends. A satellite moves 8 m in it; no decay is known
+to a second."""
 
 
 class Orbit(Protocol):
-    """Where a satellite is."""
+    """Orbit of a satellite: its inertial state at any time."""
 
     @property
     def name(self) -> str:
-        """Of the satellite."""
+        """Name of the satellite."""
         ...
 
     @property
     def epoch(self) -> Epoch:
-        """From which times count."""
+        """Origin of the times."""
         ...
 
     @property
@@ -41,39 +43,39 @@ class Orbit(Protocol):
     def states(self, t_s: Array) -> Array:
         """Return positions, m, and velocities, m/s, (6, N), at SI seconds (N,) after the epoch.
 
-        Raises `PropagationError` where there is no orbit.
+        Raises `PropagationError` at times for which the orbit is not defined.
         """
         ...
 
 
 @runtime_checkable
 class LimitedOrbit(Contract, Protocol):
-    """An orbit that does not last: a satellite decays, a flight ends."""
+    """An orbit of limited duration: a satellite decays, a flight ends."""
 
     def exists(self, t_s: Array) -> NDArray[np.bool_]:
-        """Say for times (N,) after the epoch whether there are states."""
+        """Return whether the orbit has a state at each of the times (N,), s after the epoch."""
         ...
 
     def end_reason(self, t_s: float) -> str:
-        """Return why there is no state at a time, as the end of a sentence."""
+        """Return why the orbit has no state at a time, as the end of a sentence."""
         ...
 
 
 def earth_fixed_states(
     orbit: Orbit, start: Epoch, t_s: Array, orientation: EarthOrientation = UT1_IS_UTC
 ) -> Array:
-    """Return where a satellite is over the rotating Earth.
+    """Return the states of a satellite relative to the rotating Earth.
 
     Parameters
     ----------
     orbit : Orbit
-        Of the satellite.
+        Orbit of the satellite.
     start : Epoch
-        From which times count.
+        Origin of the times.
     t_s : ndarray, shape (N,)
-        SI seconds after it.
+        SI seconds after `start`.
     orientation : EarthOrientation
-        Gives UT1 and polar motion; left out: UT1 := UTC and none.
+        UT1 and polar motion; by default UT1 = UTC without polar motion.
 
     Returns
     -------
@@ -83,7 +85,7 @@ def earth_fixed_states(
     Raises
     ------
     PropagationError
-        If there is no orbit at one of the times.
+        If the orbit is not defined at one of the times.
     """
     t_s = np.atleast_1d(np.asarray(t_s, dtype=float))
     x = orbit.states(t_s + start.seconds_since(orbit.epoch))
@@ -91,27 +93,28 @@ def earth_fixed_states(
 
 
 def last_instant(orbit: Orbit, start: Epoch, times_s: Array) -> float | None:
-    """Return until when an orbit lasts.
+    """Return the last time at which an orbit exists.
 
     Parameters
     ----------
     orbit : Orbit
-        Of the satellite.
+        Orbit of the satellite.
     start : Epoch
-        From which times count.
+        Origin of the times.
     times_s : ndarray, shape (K,)
-        Times, rising, at which it is asked for; what happens between two of them is not seen.
+        Times in increasing order at which the orbit is tested; a gap between two of them is not
+        noticed.
 
     Returns
     -------
     float or None
-        A time to 1 ms before which the orbit exists, ``times_s[0]`` at least; None if it exists
-        throughout.
+        Last time at which the orbit exists, to 1 ms, ``times_s[0]`` at least; None if it exists at
+        all times.
 
     Raises
     ------
     PropagationError
-        If it does not exist at the first time already.
+        If the orbit does not exist at the first time.
     """
     if not isinstance(orbit, LimitedOrbit):
         return None
@@ -125,27 +128,28 @@ def last_instant(orbit: Orbit, start: Epoch, times_s: Array) -> float | None:
             f"satellite {orbit.name!r} {orbit.end_reason(float(times_s[0]) + offset)}; ask for "
             "other times, or give newer elements"
         )
-    return bisected(
+    return bisect_end(
         lambda t: bool(orbit.exists(np.array([t + offset]))[0]),
         float(times_s[first - 1]),
         float(times_s[first]),
     )[0]
 
 
-def bisected(alive: Callable[[float], bool], good: float, bad: float) -> tuple[float, float]:
-    """Narrow down when an orbit ends.
+def bisect_end(alive: Callable[[float], bool], good: float, bad: float) -> tuple[float, float]:
+    """Bisect for the time at which an orbit ends.
 
     Parameters
     ----------
     alive : callable
-        Whether there is an orbit at a time, s.
+        Returns whether the orbit exists at a time, s.
     good, bad : float
-        Times with and without.
+        Times, s, at which the orbit exists and does not exist.
 
     Returns
     -------
     tuple of (float, float)
-        Two times within a millisecond, one at which there is an orbit and one without.
+        Two times, s, less than a millisecond apart: the orbit exists at the first and does not
+        exist at the second.
     """
     while bad - good > _END_S:
         middle = 0.5 * (good + bad)

@@ -1,4 +1,4 @@
-"""Records of a sensor over time, for many cases, each with random numbers of its own."""
+"""Simulated records of a sensor over time, for many cases with independent random numbers."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from hillsphere.base.seeds import draws
 from hillsphere.errors import InputError
 from hillsphere.interfaces.sensing import Scene, Sensor
 
-__all__ = ["constants", "record"]
+__all__ = ["draw_constants", "record"]
 
 
-def constants(
+def draw_constants(
     sensor: Sensor, seed: int, stage: str, cases: Integers, name: str = "sensor"
 ) -> Array:
-    """Return the normal numbers behind the errors that stay constant within a case.
+    """Draw the normal numbers of the errors that are constant within a case.
 
     Parameters
     ----------
     sensor : Sensor
-        Which says how many it takes.
+        The sensor; its `draws` gives the count k.
     seed : int
         Root seed of the mission.
     stage : str
@@ -28,12 +28,12 @@ def constants(
     cases : ndarray of int, shape (N,)
         Numbers of the cases.
     name : str
-        Tells sensors apart whose errors shall be independent.
+        Distinguishes sensors whose errors are independent.
 
     Returns
     -------
     ndarray, shape (k, N)
-        They depend on seed, stage, case and name only.
+        Normal numbers; they depend on seed, stage, case and name only.
     """
     return draws(seed, stage, cases, f"{name} constants", (sensor.draws[0],))
 
@@ -50,32 +50,32 @@ def record(
     name: str = "sensor",
     occasion: str = "",
 ) -> Array:
-    """Measure N cases at K common times.
+    """Simulate the measurements of N cases at K common times.
 
     Parameters
     ----------
     sensor : Sensor
         The sensor.
     x : ndarray, shape (n, K, N) or (n, K, 1)
-        States, SI; the second form if all cases fly the same.
+        States, SI; the second form if all cases share one trajectory.
     t_s : ndarray, shape (K,)
         Times, s.
     scene : mapping of str to ndarray
-        What the sensor needs of its surroundings; the last axis is K or 1.
+        Quantities of the environment that the sensor needs; the last axis is K or 1.
     seed, stage, cases, name
-        As for `constants`. A longer record of the same case begins with a shorter one.
+        As for `draw_constants`. A shorter record of a case is the beginning of a longer one.
     occasion : str
-        Tells records of one sensor apart, whose noise shall be independent.
+        Distinguishes records of one sensor whose noise is independent.
 
     Returns
     -------
     ndarray, shape (m, K, N)
-        Measurements, SI; NaN where there is none.
+        Measurements, SI; NaN where the sensor measures nothing.
 
     Raises
     ------
     InputError
-        If the shapes do not fit.
+        If the shapes do not match.
     """
     times, n_cases = np.atleast_1d(np.asarray(t_s, dtype=float)), len(cases)
     states = np.asarray(x, dtype=float)
@@ -84,20 +84,21 @@ def record(
             f"states must be (n, {times.size}, {n_cases}) or (n, {times.size}, 1), got "
             f"{states.shape}"
         )
+    # one lane for each pair of time and case, cases running fastest
     shape = (states.shape[0], times.size, n_cases)
     lanes = np.broadcast_to(states, shape).reshape(shape[0], -1)
     around = {
         name: value if value.shape[-1] == 1 else np.repeat(value, n_cases, axis=-1)
         for name, value in scene.items()
     }
-    held, per_measurement = constants(sensor, seed, stage, cases, name), sensor.draws[1]
+    constant, per_measurement = draw_constants(sensor, seed, stage, cases, name), sensor.draws[1]
     stream = f"{name} noise {occasion}".rstrip()
     noise = draws(seed, stage, cases, stream, (times.size, per_measurement))
-    shown = sensor.measure(
+    measured = sensor.measure(
         lanes,
         np.repeat(times, n_cases),
         around,
-        np.tile(held, times.size),
+        np.tile(constant, times.size),
         noise.transpose(1, 0, 2).reshape(per_measurement, -1),
     )
-    return shown.reshape(-1, times.size, n_cases)
+    return measured.reshape(-1, times.size, n_cases)

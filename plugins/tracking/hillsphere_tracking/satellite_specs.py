@@ -1,4 +1,4 @@
-"""How a mission writes satellites and ground stations: Specs that several stages share."""
+"""Specs of satellites and ground stations, which several stages share."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["BlindSectorSpec", "MeanElementsSpec", "SatelliteSpec", "StationSpec"
 
 
 class ZonalFieldSpec(Spec):
-    """Gravity of the Earth as the theory of mean elements knows it."""
+    """Zonal gravity field of the Earth for the theory of mean elements."""
 
     examples = ({},)
 
@@ -32,7 +32,7 @@ class ZonalFieldSpec(Spec):
     )
     radius_m: float = quantity(
         "length",
-        "equatorial radius to which J2 and J4 belong",
+        "equatorial radius to which J2 and J4 refer",
         default=6378137.0,
         **PLANET_RADIUS_M,
     )
@@ -67,7 +67,7 @@ class MeanElementsSpec(Spec):
 
 
 class SatelliteSpec(Spec):
-    """One satellite, or all those of a file: exactly one of `tle`, `file`, `elements`."""
+    """One satellite, or all satellites of a file: exactly one of `tle`, `file`, `elements`."""
 
     examples = (
         {"name": "SCD", "elements": MeanElementsSpec.examples[0]},
@@ -78,13 +78,15 @@ class SatelliteSpec(Spec):
     )
 
     name: str = option(
-        "of the satellite; with a file: which of its satellites, by name or catalogue number, all "
-        "if left out",
+        "name of the satellite; with a file: name or catalogue number of one of its satellites, "
+        "default: all",
         default="",
         max_length=60,
     )
     label: str = option(
-        "name of the satellite in tables; left out: as in its elements", default="", max_length=60
+        "name of the satellite in tables; default: the name in its elements",
+        default="",
+        max_length=60,
     )
     tle: str = option(
         "two-line element set, with or without a title line", default="", max_length=400
@@ -110,7 +112,7 @@ class SatelliteSpec(Spec):
 
 
 class BlindSectorSpec(Spec):
-    """A part of the sky in which the antenna cannot work."""
+    """A sector of the sky in which the antenna cannot be used."""
 
     examples = ({"azimuth_deg": [350, 20], "elevation_deg": [0, 30], "reason": "hill"},)
 
@@ -121,7 +123,9 @@ class BlindSectorSpec(Spec):
         "angle", "elevations: from the lower to the higher",
         default=(0.0, pi / 2), ge=-pi / 2, le=pi / 2 + 1e-12,
     )  # fmt: skip
-    reason: str = option("for tables", default="blind sector", min_length=1, max_length=60)
+    reason: str = option(
+        "name of the obstacle in tables", default="blind sector", min_length=1, max_length=60
+    )
 
     @model_validator(mode="after")
     def _lower_first(self) -> Self:
@@ -132,7 +136,7 @@ class BlindSectorSpec(Spec):
 
 
 class StationSpec(Spec):
-    """A ground station: where it stands, what hides its sky, what its antenna bears."""
+    """A ground station: location, horizon mask, blind sectors and limits of its antenna."""
 
     examples = (
         {
@@ -155,7 +159,7 @@ class StationSpec(Spec):
         },
     )
 
-    name: str = option("of the station", min_length=1, max_length=60)
+    name: str = option("name of the station", min_length=1, max_length=60)
     latitude_rad: float = quantity("angle", "geodetic latitude", ge=-pi / 2, le=pi / 2)
     longitude_rad: float = quantity("angle", "longitude, east positive", ge=-2 * pi, le=2 * pi)
     height_m: float = quantity(
@@ -163,8 +167,8 @@ class StationSpec(Spec):
     )
     mask_elevation_rad: tuple[float, ...] = quantity(
         "angle",
-        "elevation above which the station sees; one, or one for each azimuth of the mask with "
-        "straight lines between",
+        "least visible elevation: a single one, or one for each azimuth of the mask, with linear "
+        "interpolation between them",
         default=(0.0,), min_length=1, max_length=400, gt=-pi / 2, lt=pi / 2,
     )  # fmt: skip
     mask_azimuth_rad: tuple[float, ...] = quantity(
@@ -172,14 +176,14 @@ class StationSpec(Spec):
         ge=0, lt=2 * pi,
     )  # fmt: skip
     blind_sectors: tuple[BlindSectorSpec, ...] = option(
-        "parts of the sky in which the antenna cannot work", default=(), max_length=40
+        "sectors of the sky in which the antenna cannot be used", default=(), max_length=40
     )
     beam_half_angle_rad: float | None = quantity(
-        "angle", "angle from the antenna's axis within which the Sun disturbs; left out: not asked",
+        "angle", "angle from the beam's axis within which the Sun disturbs; default: not computed",
         default=None, gt=0, lt=pi,
     )  # fmt: skip
     keyhole_elevation_rad: float | None = quantity(
-        "angle", "elevation from which a pass is marked as one through the mount's keyhole",
+        "angle", "elevation above which a pass is marked as one through the mount's keyhole",
         default=None, gt=0, le=pi / 2,
     )  # fmt: skip
 

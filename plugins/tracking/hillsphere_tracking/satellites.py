@@ -1,4 +1,4 @@
-"""Orbits of Earth satellites from what is published of them: element sets, mean elements."""
+"""Orbits of Earth satellites from published elements: TLE, OMM or Brouwer's mean elements."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.model.earth.rotation import InertialFrame
 from hillsphere.time import Epoch
-from hillsphere_tracking.kepler import checked
+from hillsphere_tracking.kepler import validate_elements
 from hillsphere_tracking.mean_elements import EARTH_FIELD, ZonalField, states
 from hillsphere_tracking.omm import read_omms
 from hillsphere_tracking.orbits import LimitedOrbit, Orbit, earth_fixed_states, last_instant
@@ -22,25 +22,25 @@ __all__ = [
 
 
 class MeanElementsOrbit:
-    """Orbit by Brouwer's mean elements, see `hillsphere_tracking.mean_elements`.
+    """Orbit from Brouwer's mean elements, see `hillsphere_tracking.mean_elements`.
 
     Parameters
     ----------
     name : str
-        Of the satellite.
+        Name of the satellite.
     epoch : Epoch
-        Of the elements.
+        Epoch of the elements.
     elements : ndarray, shape (6,)
         Mean a (m), e, i, Ω, ω, M (rad) referred to the true equator and mean equinox.
     field : ZonalField
-        Of the Earth.
+        Gravity field of the Earth.
     short_period : bool
-        Whether the short-period terms are added.
+        Add the short-period terms of J2.
 
     Raises
     ------
     InputError
-        If the elements are no ellipse.
+        If the elements do not describe an ellipse.
     """
 
     frame: InertialFrame = "teme"
@@ -57,7 +57,7 @@ class MeanElementsOrbit:
         self.name, self.epoch, self.field = name, epoch, field
         self.short_period = short_period
         try:
-            self.elements = checked(elements)
+            self.elements = validate_elements(elements)
         except InputError as error:
             raise InputError(f"satellite {name!r}: {error}") from error
 
@@ -81,14 +81,14 @@ class MeanElementsOrbit:
 
 
 def orbits_of(text: str, where: str) -> tuple[Sgp4Orbit, ...]:
-    """Read orbits from element sets or messages, whichever it is.
+    """Read orbits from two-line element sets or orbit mean-elements messages.
 
     Parameters
     ----------
     text : str
         Two-line element sets, or orbit mean-elements messages as text or XML.
     where : str
-        Name of the file, for errors.
+        Name of the file, used in error messages.
 
     Returns
     -------
@@ -98,7 +98,7 @@ def orbits_of(text: str, where: str) -> tuple[Sgp4Orbit, ...]:
     Raises
     ------
     InputError
-        If it is neither, or faulty; the message names the line.
+        If the text is neither, or is faulty; the message names the line.
     """
     start = text.lstrip("\ufeff \t\r\n")
     if start.startswith(("<", "CCSDS_OMM_VERS")):

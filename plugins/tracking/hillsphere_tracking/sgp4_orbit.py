@@ -1,4 +1,4 @@
-"""Orbits by SGP4/SDP4, of two-line element sets and orbit mean-elements messages.
+"""Orbits propagated by SGP4/SDP4 from two-line element sets and orbit mean-elements messages.
 
 References
 ----------
@@ -15,20 +15,25 @@ from numpy.typing import NDArray
 from sgp4 import omm as sgp4_omm
 from sgp4.api import SGP4_ERRORS, Satrec
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.errors import InputError, PropagationError
 from hillsphere.interfaces import Array
 from hillsphere.model.earth.rotation import InertialFrame
 from hillsphere.time import Epoch
 from hillsphere_tracking.omm import Omm
-from hillsphere_tracking.orbits import bisected
+from hillsphere_tracking.orbits import bisect_end
 from hillsphere_tracking.tle import Tle
 
 __all__ = ["Sgp4Orbit"]
 
-_DAY = 86400.0
 _TURN = 2.0 * np.pi
 _DECAYED = (1, 4, 6)
+"""Error codes of SGP4 that mean a decay: drag has carried the mean eccentricity out of its range
+(1) or made the semi-latus rectum negative (4), or the radius is below the Earth's (6)."""
 _PER_REVOLUTION = 40
+"""Checks in each revolution when the end of an orbit is looked for: errors come and go with the
+position in the orbit, and fewer checks could step over the first one. More cost time in proportion
+to the days between epoch and pass."""
 
 
 class Sgp4Orbit:
@@ -37,21 +42,21 @@ class Sgp4Orbit:
     Parameters
     ----------
     name : str
-        Of the satellite.
+        Name of the satellite.
     epoch : Epoch
-        Of the elements, UTC.
+        Epoch of the elements, UTC.
     satellite : sgp4.api.Satrec
         Initialised elements.
 
     Raises
     ------
     InputError
-        If the elements give no orbit at their own epoch.
+        If the elements define no orbit at their own epoch.
 
     Notes
     -----
-    Times run in SI seconds from the epoch. Element sets count days of UTC, so that across a leap
-    second other programs may be a second apart.
+    Times are SI seconds after the epoch. Other programs count days of UTC from the epoch, so that
+    their times differ by one second across a leap second.
     """
 
     frame: InertialFrame = "teme"
@@ -61,10 +66,10 @@ class Sgp4Orbit:
         self.epoch = epoch
         self._satellite = satellite
         self._checked_s, self._end_s = 0.0, np.inf
-        code = int(self._propagated(np.zeros(1))[0][0])
+        code = int(self._propagate(np.zeros(1))[0][0])
         if code:
             raise InputError(
-                f"satellite {name!r}: its elements give no orbit at their own epoch "
+                f"satellite {name!r}: its elements define no orbit at their own epoch "
                 f"({SGP4_ERRORS.get(code, code)}); check them"
             )
 
@@ -75,17 +80,17 @@ class Sgp4Orbit:
         Parameters
         ----------
         tle : Tle
-            As `read_tles` reads it.
+            Element set, as `read_tles` returns it.
 
         Returns
         -------
         Sgp4Orbit
-            Its epoch is that of the elements.
+            Orbit whose epoch is the epoch of the elements.
 
         Raises
         ------
         InputError
-            If the elements give no orbit.
+            If the elements define no orbit.
         """
         try:
             satellite = Satrec.twoline2rv(tle.line1, tle.line2)
@@ -101,17 +106,17 @@ class Sgp4Orbit:
         Parameters
         ----------
         message : Omm
-            As `read_omms` reads it.
+            Message, as `read_omms` returns it.
 
         Returns
         -------
         Sgp4Orbit
-            Its epoch is that of the elements.
+            Orbit whose epoch is the epoch of the elements.
 
         Raises
         ------
         InputError
-            If the elements give no orbit.
+            If the elements define no orbit.
         """
         satellite = Satrec()
         try:
@@ -141,10 +146,10 @@ class Sgp4Orbit:
         Raises
         ------
         PropagationError
-            If there is no orbit at one of them: the satellite has decayed.
+            If the orbit is not defined at one of the times: the satellite has decayed.
         """
         t_s = np.atleast_1d(np.asarray(t_s, dtype=float))
-        code, x = self._propagated(t_s)
+        code, x = self._propagate(t_s)
         gone = (code != 0) | (t_s >= self._end_before(t_s))
         if gone.any():
             first = float(t_s[gone][np.argmin(np.abs(t_s[gone]))])
@@ -155,49 +160,49 @@ class Sgp4Orbit:
         return x
 
     def exists(self, t_s: Array) -> NDArray[np.bool_]:
-        """Say for times (N,) after the epoch whether there is an orbit."""
+        """Return whether the orbit exists at each of the times (N,), s after the epoch."""
         t_s = np.atleast_1d(np.asarray(t_s, dtype=float))
-        return np.asarray((self._propagated(t_s)[0] == 0) & (t_s < self._end_before(t_s)))
+        return np.asarray((self._propagate(t_s)[0] == 0) & (t_s < self._end_before(t_s)))
 
     def end_reason(self, t_s: float) -> str:
-        """Return why there is no state at a time, as the end of a sentence."""
+        """Return why the orbit has no state at a time, as the end of a sentence."""
         when = np.array([min(t_s, self._end_before(np.array([t_s])))])
-        code = int(self._propagated(when)[0][0])
-        days = f"{abs(when[0]) / _DAY:.2f} days"
-        if t_s < 0.0:  # the theory's own words, as of a decay, speak of what comes after
+        code = int(self._propagate(when)[0][0])
+        days = f"{abs(when[0]) / DAY_S:.2f} days"
+        if t_s < 0.0:  # SGP4's own messages, such as "decayed", describe times after the epoch
             return (
-                f"has no orbit {days} before the epoch of its elements, which do not reach so far "
-                f"(SGP4: error {code})"
+                f"has no orbit {days} before the epoch of its elements, which are not valid so "
+                f"early (SGP4: error {code})"
             )
         why = "has decayed" if code in _DECAYED else "has no orbit"
         return f"{why} {days} after the epoch of its elements (SGP4: {SGP4_ERRORS.get(code, code)})"
 
     def _end_before(self, t_s: Array) -> float:
-        """Return when the orbit ended before the last of some times; infinity if it did not.
+        """Return the time at which the orbit ends, if it ends before the last of `t_s`, else ∞.
 
-        Long after the end the theory gives states again, which mean nothing: every revolution since
-        the epoch must have been one.
+        Long after a decay SGP4 returns states again, which are meaningless. The orbit is therefore
+        tested in every revolution since the epoch.
         """
         last = float(np.max(t_s, initial=0.0))
         if self._end_s < np.inf or last <= self._checked_s:
             return self._end_s
         step = _TURN / self._satellite.no_kozai * 60.0 / _PER_REVOLUTION
         times = np.arange(self._checked_s, last + step, step)
-        code = self._propagated(times)[0]
+        code = self._propagate(times)[0]
         self._checked_s = float(times[-1])
         if code.any():
             bad = float(times[np.argmax(code != 0)])
-            self._end_s = bisected(
-                lambda t: int(self._propagated(np.array([t]))[0][0]) == 0, bad - step, bad
+            self._end_s = bisect_end(
+                lambda t: int(self._propagate(np.array([t]))[0][0]) == 0, bad - step, bad
             )[1]
         return self._end_s
 
-    def _propagated(self, t_s: Array) -> tuple[NDArray[np.uint8], Array]:
+    def _propagate(self, t_s: Array) -> tuple[NDArray[np.uint8], Array]:
         if not np.isfinite(t_s).all():
             raise InputError(f"satellite {self.name!r}: times must be finite, got nan or inf")
-        days = np.floor(t_s / _DAY)
+        days = np.floor(t_s / DAY_S)
         satellite = self._satellite
         code, r, v = satellite.sgp4_array(
-            satellite.jdsatepoch + days, satellite.jdsatepochF + (t_s - days * _DAY) / _DAY
+            satellite.jdsatepoch + days, satellite.jdsatepochF + (t_s - days * DAY_S) / DAY_S
         )
         return code, 1e3 * np.concatenate([r.T, v.T])

@@ -1,8 +1,8 @@
-"""CCSDS Tracking Data Messages: azimuth and elevation, ranges and range rates [1]_.
+"""CCSDS Tracking Data Messages (TDM): azimuth and elevation, ranges and range rates [1]_.
 
-Messages in the plain text form (KVN) and in XML are read, told apart by their first character;
-written is the plain text form. To follow a message while it is written, take its records one by
-one: `hillsphere_tracking.tdm_records`.
+`read_tdm` reads the plain text form (KVN) and XML, which the first character distinguishes;
+`write_tdm` writes the plain text form. `hillsphere_tracking.tdm_records` reads a message record by
+record while it is being written.
 
 References
 ----------
@@ -39,7 +39,7 @@ _ONE_LINE = re.compile(r"[^=\r\n]*[^=\s][^=\r\n]*")
 
 
 class Series(NamedTuple):
-    """Values of one keyword, SI, (K,), at times (K,) after the segment's epoch."""
+    """Values (K,) of one keyword, SI, at times (K,), s after the epoch of the segment."""
 
     t_s: Array
     values: Array
@@ -47,19 +47,20 @@ class Series(NamedTuple):
 
 @dataclass(frozen=True)
 class TdmSegment:
-    """Tracking data with one set of metadata.
+    """One segment of a message: tracking data with common metadata.
 
     Parameters
     ----------
     meta : TdmMeta
         Participants and time system.
     epoch : Epoch
-        From which times count.
+        Origin of the times.
     t_s, azimuth_rad, elevation_rad : ndarray, shape (K,)
-        Angles and their times, rising; may be empty.
+        Angles and their times in increasing order; may be empty.
     series : mapping of str to Series
-        ``"RANGE"`` (m), ``"DOPPLER_INSTANTANEOUS"``, ``"DOPPLER_INTEGRATED"`` (m/s), as far as they
-        are there; what exactly was measured (one-way, two-way) follows from the path.
+        The available ones of ``"RANGE"`` (m), ``"DOPPLER_INSTANTANEOUS"`` and
+        ``"DOPPLER_INTEGRATED"`` (m/s). The path of the metadata tells one-way from two-way
+        measurements.
     """
 
     meta: TdmMeta
@@ -78,18 +79,17 @@ def read_tdm(text: str, where: str = "TDM") -> list[TdmSegment]:
     text : str
         The message.
     where : str
-        Name of the file, for errors.
+        Name of the file, used in error messages.
 
     Returns
     -------
     list of TdmSegment
-        Those that hold any of the keywords read here; times count from the first of each.
+        Segments that contain a supported keyword; the epoch of each is its first time.
 
     Raises
     ------
     InputError
-        As for `tdm_records`; if an azimuth has no elevation of the same time, or the other way
-        round.
+        As for `tdm_records`, and if an angle lacks the other angle of the same time.
     """
     pairing = PairedAngles()
     parts: dict[int, tuple[list[AnglePair], list[TdmRecord]]] = {}
@@ -101,7 +101,7 @@ def read_tdm(text: str, where: str = "TDM") -> list[TdmSegment]:
             others.append(record)
     pairing.finish()
     if not parts:
-        raise InputError(f"{where}: no angles, ranges or Doppler measurements in it")
+        raise InputError(f"{where}: the message contains no angles, ranges or Doppler measurements")
     return [_segment(angles, others) for angles, others in parts.values()]
 
 
@@ -110,10 +110,10 @@ def _segment(angles: list[AnglePair], others: list[TdmRecord]) -> TdmSegment:
     epoch = first.epoch
     series = {}
     for keyword in SCALAR:
-        found = [r for r in others if r.keyword == keyword]
-        if found:
-            times = np.array([r.epoch.seconds_since(epoch) for r in found])
-            series[keyword] = Series(times, np.array([r.value for r in found]))
+        records = [r for r in others if r.keyword == keyword]
+        if records:
+            times = np.array([r.epoch.seconds_since(epoch) for r in records])
+            series[keyword] = Series(times, np.array([r.value for r in records]))
     return TdmSegment(
         first.meta,
         epoch,
@@ -130,27 +130,27 @@ def write_tdm(
     originator: str = "HILLSPHERE",
     created: datetime | None = None,
 ) -> str:
-    """Return a Tracking Data Message in the plain text form.
+    """Return a Tracking Data Message in the plain text form (KVN).
 
     Parameters
     ----------
     segments : sequence of TdmSegment
-        In order. Of the metadata, participants, path and time system are written.
+        Segments in order. Of the metadata, participants, path and time system are written.
     originator : str
-        Who made it.
+        Value of ORIGINATOR.
     created : datetime, optional
-        When; by default now.
+        Value of CREATION_DATE; by default the current time.
 
     Returns
     -------
     str
-        Angles to 1e-9 degrees, ranges to 1 µm, range rates to 1 nm/s, times to 1 µs.
+        The message: angles to 1e-9 degrees, ranges to 1 µm, range rates to 1 nm/s, times to 1 µs.
 
     Raises
     ------
     InputError
-        If a name is empty or more than a line, a time system or keyword is not known, or data are
-        not finite, out of range, or not at times that rise by microseconds at least.
+        If a name is empty or has several lines, a time system or keyword is unknown, data are not
+        finite or out of range, or times do not increase by at least a microsecond.
     """
     if not segments:
         raise InputError("a tracking data message needs at least one segment")
@@ -159,6 +159,7 @@ def write_tdm(
     for number, segment in enumerate(segments, start=1):
         lines += ["", *_segment_lines(segment, f"segment {number}")]
     text = "\n".join(lines) + "\n"
+    # the reader checks ranges, times and names
     read_tdm(text, "tracking data to be written")
     return text
 
@@ -184,7 +185,7 @@ def _segment_lines(segment: TdmSegment, what: str) -> list[str]:
     elevation = np.degrees(segment.elevation_rad)
     if not segment.t_s.shape == azimuth.shape == elevation.shape:
         raise InputError(
-            f"{what}: times, azimuths and elevations must be alike in number, got "
+            f"{what}: times, azimuths and elevations must have the same shape, got "
             f"{segment.t_s.shape}, {azimuth.shape} and {elevation.shape}"
         )
     for when, a, h in zip(_times(segment, segment.t_s, what), azimuth, elevation, strict=True):

@@ -1,7 +1,7 @@
-"""The entries of a Tracking Data Message, keyword and value with their line, in either form.
+"""Parser of Tracking Data Messages (KVN or XML) into entries of keyword, value and line number.
 
-Entries of XML are given as the plain text form has them: ``META_START``, ``DATA_STOP``, a time
-before each number.
+XML is converted to the entries of the plain text form: ``META_START``, ``DATA_STOP``, a time before
+each number.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ __all__ = ["Entry", "entries"]
 _LINE = re.compile(r"([A-Z][A-Z0-9_]*)\s*=\s*(.*?)")
 _MARKS = ("META_START", "META_STOP", "DATA_START", "DATA_STOP")
 _LONGEST = 1000
-"""Characters of a line; the standard allows 254."""
+"""Characters of a line at most; the standard allows 254."""
 _MARK_OF = {"metadata": "META", "data": "DATA"}
 _CONTAINERS = ("ndm", "tdm", "header", "body", "segment", "observation", *_MARK_OF)
 _UNITS = {
@@ -36,24 +36,24 @@ class Entry(NamedTuple):
 
 
 def entries(lines: Iterable[str], where: str) -> Iterator[Entry]:
-    """Return the entries of a message as its lines come.
+    """Yield the entries of a message while its lines arrive.
 
     Parameters
     ----------
     lines : iterable of str
         The message, in the plain text form or XML.
     where : str
-        Name of the file, for errors.
+        Name of the file, used in error messages.
 
     Yields
     ------
     Entry
-        In order, comments left out.
+        Entries in order, without comments.
 
     Raises
     ------
     InputError
-        With file and line, if a line is neither.
+        If a line is neither valid KVN nor valid XML; the message names file and line.
     """
     xml: _XmlEntries | None = None
     begun = False
@@ -78,11 +78,11 @@ def entries(lines: Iterable[str], where: str) -> Iterator[Entry]:
 
 
 class _XmlEntries:
-    """Entries of a message in XML, from the lines fed so far."""
+    """Incremental parser of a message in XML."""
 
     def __init__(self, where: str, first_line: int) -> None:
         self._where, self._offset = where, first_line - 1
-        self._found: list[Entry] = []
+        self._complete: list[Entry] = []
         self._epoch = self._text = ""
         self._open: list[str] = []
         self._parser = parser = expat.ParserCreate()
@@ -96,7 +96,7 @@ class _XmlEntries:
         return f"{self._where}:{self._parser.CurrentLineNumber + self._offset}"
 
     def feed(self, line: str | None) -> list[Entry]:
-        """Take a line, or None at the end; return the entries that it completes."""
+        """Parse a line, or None at the end of the input; return the entries that it completes."""
         try:
             if line is None:
                 self._parser.Parse("", True)
@@ -107,23 +107,25 @@ class _XmlEntries:
                 f"{self._where}:{error.lineno + self._offset}: not well-formed XML: "
                 f"{expat.errors.messages[error.code]}"
             ) from error
-        found, self._found = self._found, []
+        found, self._complete = self._complete, []
         return found
 
     def _doctype(self, *_: object) -> None:
         # Entities could make a small file huge; no message of this standard needs them.
-        raise InputError(f"{self._place}: a tracking data message has no document type; remove it")
+        raise InputError(
+            f"{self._place}: a tracking data message must not contain a DOCTYPE; remove it"
+        )
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
         name = name.rpartition(":")[2]  # schemas may give the root a prefix
         self._open.append(name)
         self._text = ""
         if name == "tdm":
-            self._found.append(
+            self._complete.append(
                 Entry(self._place, attributes.get("id", ""), attributes.get("version", ""))
             )
         elif name in _MARK_OF:
-            self._found.append(Entry(self._place, f"{_MARK_OF[name]}_START", ""))
+            self._complete.append(Entry(self._place, f"{_MARK_OF[name]}_START", ""))
         unit = attributes.get("units", "").lower()
         if unit and unit != _UNITS.get(name, unit):
             raise InputError(f"{self._place}: {name} must be in {_UNITS[name]}, got {unit!r}")
@@ -135,10 +137,10 @@ class _XmlEntries:
         name = self._open.pop()
         text, self._text = self._text.strip(), ""
         if name in _MARK_OF:
-            self._found.append(Entry(self._place, f"{_MARK_OF[name]}_STOP", ""))
+            self._complete.append(Entry(self._place, f"{_MARK_OF[name]}_STOP", ""))
         elif name == "EPOCH":
             self._epoch = text
         elif name not in _CONTAINERS and name != "COMMENT":
             within = self._open[-1] if self._open else ""
             value = f"{self._epoch} {text}" if within == "observation" else text
-            self._found.append(Entry(self._place, name, value))
+            self._complete.append(Entry(self._place, name, value))

@@ -1,4 +1,4 @@
-"""The records of a CCSDS Tracking Data Message, checked one by one as they come [1]_.
+"""Records of a CCSDS Tracking Data Message, read and checked one at a time [1]_.
 
 References
 ----------
@@ -27,7 +27,7 @@ __all__ = [
 ]  # fmt: skip
 
 SCALAR = MappingProxyType({"RANGE": 1e3, "DOPPLER_INSTANTANEOUS": 1e3, "DOPPLER_INTEGRATED": 1e3})
-"""Keywords besides the angles that are read, with their factors to SI (from km and km/s)."""
+"""Supported keywords besides the angles, with their factors to SI (from km and km/s)."""
 _ANGLES = ("ANGLE_1", "ANGLE_2")
 _READ = (*_ANGLES, *SCALAR)
 _PASSED_OVER = re.compile(
@@ -41,18 +41,18 @@ _PARTICIPANT = re.compile(r"PARTICIPANT_([1-5])")
 
 @dataclass(frozen=True)
 class TdmMeta:
-    """What a segment says about all of its data.
+    """Metadata of a segment.
 
     Parameters
     ----------
     participants : tuple of str
-        Stations and spacecraft, by number from 1.
+        Stations and spacecraft, in the order of their numbers 1, 2, …
     path : tuple of int
-        Numbers of the participants along the signal's path; empty if the message does not say.
+        Numbers of the participants along the path of the signal; empty if it is not given.
     time_system : str
-        One of `hillsphere.time.SCALES`.
+        Time scale of the data, one of `hillsphere.time.SCALES`.
     fields : mapping of str to str
-        All keywords of the metadata as they stand.
+        All keywords of the metadata with their text.
     """
 
     participants: tuple[str, ...]
@@ -62,12 +62,12 @@ class TdmMeta:
 
     @property
     def station(self) -> str:
-        """The participant that receives and so measures angles; the first if there is no path."""
+        """The receiving participant, which measures the angles; the first one without a path."""
         return self.participants[self.path[-1] - 1 if self.path else 0]
 
 
 class TdmRecord(NamedTuple):
-    """One measured number: where it stands, its keyword, time, and value (rad, m or m/s)."""
+    """One measured number: file and line, metadata, keyword, time and value (rad, m or m/s)."""
 
     place: str
     meta: TdmMeta
@@ -87,14 +87,14 @@ class AnglePair(NamedTuple):
 
 
 class PairedAngles:
-    """Puts together the ANGLE_1 and ANGLE_2 of one time as they arrive.
+    """Pairs each ANGLE_1 with the ANGLE_2 of the same time.
 
-    They may alternate, or all of one keyword may stand before those of the other.
+    The two keywords may alternate, or all values of one may precede all values of the other.
 
     Parameters
     ----------
     tell : callable, optional
-        Is given the fault of an angle that turns out to have no partner; left out: it is raised.
+        Receives the error of an angle without a partner; by default the error is raised.
     """
 
     def __init__(self, tell: Callable[[InputError], None] | None = None) -> None:
@@ -102,12 +102,12 @@ class PairedAngles:
         self._tell = tell
 
     def add(self, record: TdmRecord) -> AnglePair | None:
-        """Take a record; return a pair once it is complete.
+        """Add a record; return the pair that it completes, or None.
 
         Raises
         ------
         InputError
-            If an angle turns out to have no partner, and nobody is told instead.
+            If an angle has no partner and no callback was given.
         """
         waiting = self._waiting
         if waiting and waiting[0].meta is not record.meta:
@@ -117,9 +117,10 @@ class PairedAngles:
         while waiting and waiting[0].keyword != record.keyword:
             other = waiting[0]
             apart = record.epoch.seconds_since(other.epoch)
-            # the earlier of both is the one whose partner did not come
+            # Times rise within a keyword, so that the earlier of the two can have no partner any
+            # more. Equal times are equal to 1 ns: messages give microseconds.
             if apart < -1e-9:
-                self._alone(record)
+                self._report_unpaired(record)
                 return None
             waiting.popleft()
             if apart <= 1e-9:
@@ -127,23 +128,23 @@ class PairedAngles:
                 return AnglePair(
                     record.place, record.meta, record.epoch, angles["ANGLE_1"], angles["ANGLE_2"]
                 )
-            self._alone(other)
+            self._report_unpaired(other)
         waiting.append(record)
         return None
 
     def finish(self) -> None:
-        """Tell of angles that still wait for their partners at the end, as `add` does."""
+        """Report the angles that have no partner at the end of the data, as `add` does."""
         while self._waiting:
-            self._alone(self._waiting.popleft())
+            self._report_unpaired(self._waiting.popleft())
 
-    def _alone(self, record: TdmRecord) -> None:
-        fault = _alone(record)
+    def _report_unpaired(self, record: TdmRecord) -> None:
+        fault = _unpaired_error(record)
         if self._tell is None:
             raise fault
         self._tell(fault)
 
 
-def _alone(record: TdmRecord) -> InputError:
+def _unpaired_error(record: TdmRecord) -> InputError:
     other = _ANGLES[record.keyword == _ANGLES[0]]
     return InputError(
         f"{record.place}: {record.keyword} has no {other} of the same time; both are needed"
@@ -151,72 +152,72 @@ def _alone(record: TdmRecord) -> InputError:
 
 
 def tdm_records(lines: Iterable[str], where: str = "TDM") -> Iterator[TdmRecord]:
-    """Read the records of a message one by one, as soon as each is complete.
+    """Yield the records of a message, each as soon as it is complete.
 
-    Keywords of the standard that are not read here (power, weather, clocks …) are passed over.
+    Other keywords of the standard (power, weather, clocks …) are skipped.
 
     Parameters
     ----------
     lines : iterable of str
         The message; may be a stream that is still being written.
     where : str
-        Name of the file, for errors.
+        Name of the file, used in error messages.
 
     Yields
     ------
     TdmRecord
-        Angles in rad, ranges in m, range rates in m/s, corrections of the metadata applied.
+        Angles in rad, ranges in m, range rates in m/s, with the corrections of the metadata.
 
     Raises
     ------
     InputError
-        With file and line: no such message, a keyword missing or unknown, angles of another type
-        than AZEL, another time system or unit than those read here, a value that is not finite or
-        out of range, times that do not rise.
+        If the text is not such a message, a keyword is missing or unknown, the angle type is not
+        AZEL, the time system or unit is not supported, a value is not finite or out of range, or
+        times do not increase. The message names file and line.
     """
     meta: TdmMeta | None = None
     latest: dict[str, Epoch] = {}
-    for found in tdm_records_and_faults(lines, where):
-        if isinstance(found, InputError):
-            raise found
-        if found.meta is not meta:
-            latest, meta = {}, found.meta
-        before = latest.get(found.keyword)
-        if before is not None and (step := found.epoch.seconds_since(before)) <= 0.0:
+    for record in tdm_records_and_faults(lines, where):
+        if isinstance(record, InputError):
+            raise record
+        if record.meta is not meta:
+            latest, meta = {}, record.meta
+        before = latest.get(record.keyword)
+        if before is not None and (step := record.epoch.seconds_since(before)) <= 0.0:
             fault = (
-                "the time of the record before again"
+                "same time as the record before it"
                 if step == 0.0
-                else (f"{-step:.6g} s before the record before")
+                else (f"{-step:.6g} s earlier than the record before it")
             )
             raise InputError(
-                f"{found.place}: {found.keyword}: {fault}; times of a keyword must rise"
+                f"{record.place}: {record.keyword}: {fault}; times of a keyword must rise"
             )
-        latest[found.keyword] = found.epoch
-        yield found
+        latest[record.keyword] = record.epoch
+        yield record
 
 
 def tdm_records_and_faults(
     lines: Iterable[str], where: str = "TDM"
 ) -> Iterator[TdmRecord | InputError]:
-    """Read the records of a message as `tdm_records`, but go on after a bad one.
+    """Yield the records of a message like `tdm_records`, and errors for bad data lines.
 
     Parameters
     ----------
     lines : iterable of str
         The message.
     where : str
-        Name of the file, for errors.
+        Name of the file, used in error messages.
 
     Yields
     ------
     TdmRecord or InputError
-        Records in the order of the message, whatever their times, and the fault of each data line
-        that is none.
+        Records in the order of the message, with unchecked order of times, and an error for each
+        invalid data line.
 
     Raises
     ------
     InputError
-        If metadata or structure are at fault, after which nothing could be understood.
+        If the metadata or the structure is invalid: the rest cannot be interpreted then.
     """
     state = ""
     version = False
@@ -243,7 +244,7 @@ def tdm_records_and_faults(
             state = key
         elif state == "META_START":
             if key in gathered:
-                raise InputError(f"{place}: {key} stands twice; keep one")
+                raise InputError(f"{place}: {key} occurs twice; keep one")
             gathered[key] = entry.value
         elif state == "DATA_START" and meta is not None:
             try:
@@ -254,7 +255,7 @@ def tdm_records_and_faults(
             if record is not None:
                 yield record
         elif state:
-            raise InputError(f"{place}: {key} stands outside of metadata and data")
+            raise InputError(f"{place}: {key} is outside the metadata and the data")
     if meta is None:
         raise InputError(f"{place}: not a tracking data message: it ends before any data")
 
@@ -316,7 +317,10 @@ def _check_angle(key: str, value: float, meta: TdmMeta, place: str) -> None:
 
 
 def _correction(key: str, meta: TdmMeta, place: str) -> float:
-    """Return what is still to be added to a value, in the message's unit."""
+    """Return the correction that must be added to a value, in the unit of the message.
+
+    The metadata give a correction and say whether the data contain it already (0 then).
+    """
     name = f"CORRECTION_{'DOPPLER' if key.startswith('DOPPLER') else key}"
     if name not in meta.fields:
         return 0.0

@@ -1,4 +1,4 @@
-"""Two-line element sets: reading them strictly, so that a torn line is never flown.
+"""Strict reader of two-line element sets (TLE), which refuses truncated and damaged lines.
 
 References
 ----------
@@ -16,8 +16,9 @@ from hillsphere.errors import InputError
 __all__ = ["Tle", "read_tles"]
 
 _LENGTH = 69
+"""Characters of a line of an element set, the checksum in the last column [1]_."""
 _REMEDY = "copy the whole line, blanks included"
-# columns (from 0) of what must be a plain number, by line
+# columns (from 0) of the fields that must be plain numbers, by line
 _NUMBERS = {
     "1": {"epoch year": (18, 20), "epoch day": (20, 32), "first derivative": (33, 43)},
     "2": {
@@ -43,7 +44,7 @@ class Tle:
     name : str
         Name of the satellite; its catalogue number if the set has no title line.
     line1, line2 : str
-        The lines, 69 characters each, of good checksum.
+        The two lines, 69 characters each, with correct checksums.
     """
 
     name: str
@@ -57,9 +58,9 @@ def read_tles(text: str, where: str = "TLE") -> tuple[Tle, ...]:
     Parameters
     ----------
     text : str
-        One set or more; blank lines are passed over.
+        One or more sets; blank lines are ignored.
     where : str
-        Name of the file, for errors.
+        Name of the file, used in error messages.
 
     Returns
     -------
@@ -69,15 +70,15 @@ def read_tles(text: str, where: str = "TLE") -> tuple[Tle, ...]:
     Raises
     ------
     InputError
-        If a line is missing, torn, of bad checksum or holds no number where one belongs, or if two
-        lines do not belong together; the message names the line.
+        If a line is missing or truncated, its checksum is wrong, a number is malformed, or the two
+        lines belong to different satellites; the message names the line.
     """
     lines = [
         (number, line.rstrip())
         for number, line in enumerate(text.splitlines(), start=1)
         if line.strip()
     ]
-    found: list[Tle] = []
+    sets: list[Tle] = []
     title = ""
     at = 0
     while at < len(lines):
@@ -103,7 +104,7 @@ def read_tles(text: str, where: str = "TLE") -> tuple[Tle, ...]:
                 f"{where}:{second}: line 2 is of satellite {line2[2:7]!r}, line 1 above it of "
                 f"{line[2:7]!r}; keep the two lines of one set together"
             )
-        found.append(Tle(title or line[2:7].strip(), line, line2))
+        sets.append(Tle(title or line[2:7].strip(), line, line2))
         title = ""
         at += 2
     if title:
@@ -111,9 +112,9 @@ def read_tles(text: str, where: str = "TLE") -> tuple[Tle, ...]:
             f"{where}:{lines[-1][0]}: no element set after {title[:40]!r}; a line 1 begins with "
             f"'1 ' and is {_LENGTH} characters long; {_REMEDY}"
         )
-    if not found:
-        raise InputError(f"{where}: no two-line element set in it")
-    return tuple(found)
+    if not sets:
+        raise InputError(f"{where}: the file contains no two-line element set")
+    return tuple(sets)
 
 
 def _check(kind: str, line: str, where: str) -> None:
@@ -132,12 +133,12 @@ def _check(kind: str, line: str, where: str) -> None:
     for name, ((begin, end), form) in fields.items():
         if not form.fullmatch(line[begin:end]):
             raise InputError(
-                f"{where}: columns {begin + 1} to {end}, {name}: no number, {line[begin:end]!r}; "
-                f"{_REMEDY}"
+                f"{where}: columns {begin + 1} to {end} ({name}) must be a number, got "
+                f"{line[begin:end]!r}; {_REMEDY}"
             )
     total = sum(int(c) if c.isdigit() else c == "-" for c in line[:-1]) % 10
     if line[-1] != str(total):
         raise InputError(
-            f"{where}: the checksum in column {_LENGTH} is {line[-1]!r}, the line tallies to "
-            f"{total}: a character was lost or changed; fetch the set again"
+            f"{where}: the checksum in column {_LENGTH} is {line[-1]!r}, but the line adds up to "
+            f"{total}: a character is missing or changed; fetch the set again"
         )

@@ -1,8 +1,8 @@
-"""Azimuth, elevation, range and their rates as a station sees them, and back.
+"""Topocentric coordinates: azimuth, elevation, range and their rates, and the inverse conversion.
 
 Azimuth counts from north eastwards, elevation from the plane normal to the ellipsoid's normal.
-Angles are geometric unless `refracted` is applied to them: the straight line from the station to
-the satellite at one instant, light time and refraction left out.
+Angles are geometric, along the straight line from the station to the satellite at one instant:
+light time is neglected, and refraction is added only by `apparent_elevation`.
 
 References
 ----------
@@ -21,23 +21,31 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 
 __all__ = [
-    "angles", "direction_cosines", "line_of_sight", "rates", "refracted", "refraction",
-    "satellite_positions", "satellite_states", "unrefracted",
+    "angles",
+    "apparent_elevation",
+    "direction_cosines",
+    "geometric_elevation",
+    "line_of_sight",
+    "rates",
+    "refraction",
+    "satellite_positions",
+    "satellite_states",
 ]  # fmt: skip
 
 _TURN = 2.0 * np.pi
 _DEGREE = np.pi / 180.0
 _LOWEST = -1.0
-"""Apparent elevation, deg, below which refraction is held: the formula has a pole at −4.4°."""
+"""Apparent elevation (deg) below which refraction is held constant: Bennett's formula has a pole at
+−4.4° and is not meant for negative elevations."""
 
 
 def line_of_sight(station: Station, r_ecef_m: Array) -> Array:
-    """Return positions relative to the station along its local axes.
+    """Return the line of sight from a station: relative positions along its local axes.
 
     Parameters
     ----------
     station : Station
-        Where from.
+        The observing station.
     r_ecef_m : ndarray, shape (3, N)
         Earth-fixed positions, m.
 
@@ -49,7 +57,7 @@ def line_of_sight(station: Station, r_ecef_m: Array) -> Array:
     Raises
     ------
     InputError
-        If the shape is another one.
+        If the array does not have the shape above.
     """
     r = np.asarray(r_ecef_m, dtype=float)
     if r.ndim != 2 or r.shape[0] != 3:
@@ -58,28 +66,28 @@ def line_of_sight(station: Station, r_ecef_m: Array) -> Array:
 
 
 def angles(station: Station, r_ecef_m: Array) -> tuple[Array, Array, Array]:
-    """Return where the station sees positions.
+    """Convert Earth-fixed positions to azimuth, elevation and range ([1]_, algorithm 27).
 
     Parameters
     ----------
     station : Station
-        Where from.
+        The observing station.
     r_ecef_m : ndarray, shape (3, N)
         Earth-fixed positions, m.
 
     Returns
     -------
     azimuth_rad : ndarray, shape (N,)
-        From north eastwards, in [0, 2π); 0 at the very zenith.
+        Azimuth from north eastwards, in [0, 2π); 0 exactly at the zenith.
     elevation_rad : ndarray, shape (N,)
-        Geometric, in [−π/2, π/2].
+        Geometric elevation, in [−π/2, π/2].
     range_m : ndarray, shape (N,)
-        Distance.
+        Distance from the station.
 
     Raises
     ------
     InputError
-        If the shape is another one.
+        If the array does not have the shape above.
     """
     east, north, up = line_of_sight(station, r_ecef_m)
     level = np.hypot(east, north)
@@ -87,29 +95,29 @@ def angles(station: Station, r_ecef_m: Array) -> tuple[Array, Array, Array]:
 
 
 def rates(station: Station, x_ecef: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """Return where the station sees states, and how fast that changes.
+    """Convert Earth-fixed states to azimuth, elevation, range and their rates.
 
     Parameters
     ----------
     station : Station
-        Where from.
+        The observing station.
     x_ecef : ndarray, shape (6, N)
         Earth-fixed positions, m, and velocities relative to the rotating Earth, m/s.
 
     Returns
     -------
     azimuth_rad, elevation_rad, range_m : ndarray, shape (N,)
-        As `angles` gives them.
+        As `angles` returns them.
     azimuth_rate_rad_s, elevation_rate_rad_s : ndarray, shape (N,)
-        Their derivatives. Towards the zenith the azimuth's grows beyond bounds; at the very zenith
-        it is given as 0, and the elevation's as that of leaving it.
+        Time derivatives. The azimuth rate is unbounded near the zenith; exactly at the zenith it is
+        set to 0, and the elevation rate is the rate of departure from the zenith.
     range_rate_m_s : ndarray, shape (N,)
-        Positive for a satellite that recedes.
+        Range rate, positive for a receding satellite.
 
     Raises
     ------
     InputError
-        If the shape is another one.
+        If the array does not have the shape above.
     """
     x = np.asarray(x_ecef, dtype=float)
     if x.ndim != 2 or x.shape[0] != 6:
@@ -118,9 +126,11 @@ def rates(station: Station, x_ecef: Array) -> tuple[Array, Array, Array, Array, 
     d_east, d_north, d_up = station.axes @ x[3:]
     level = np.hypot(east, north)
     distance = np.hypot(level, up)
+    # The horizontal distance is not differentiable at the zenith: divide by it only elsewhere.
     aside = level > 0.0
     safe = np.where(aside, level, 1.0)
     d_level = np.where(aside, (east * d_east + north * d_north) / safe, np.hypot(d_east, d_north))
+    # derivatives of atan2(east, north), atan2(up, level) and of the distance
     return (
         _azimuth(east, north),
         np.arctan2(up, level),
@@ -132,17 +142,17 @@ def rates(station: Station, x_ecef: Array) -> tuple[Array, Array, Array, Array, 
 
 
 def direction_cosines(azimuth_rad: Array, elevation_rad: Array) -> Array:
-    """Return unit vectors east, north, up of directions in the sky, shape (3, N).
+    """Convert azimuth and elevation to unit vectors.
 
     Parameters
     ----------
     azimuth_rad, elevation_rad : ndarray, shape (N,)
-        Where to.
+        Direction in the sky; azimuth from north eastwards.
 
     Returns
     -------
     ndarray, shape (3, N)
-        Along the station's local axes.
+        Components along the local east, north and up axes.
     """
     level = np.cos(elevation_rad)
     return np.array(
@@ -153,19 +163,19 @@ def direction_cosines(azimuth_rad: Array, elevation_rad: Array) -> Array:
 def satellite_positions(
     station: Station, azimuth_rad: Array, elevation_rad: Array, range_m: Array
 ) -> Array:
-    """Return the positions that a station sees: the inverse of `angles`.
+    """Convert azimuth, elevation and range to Earth-fixed positions: the inverse of `angles`.
 
     Parameters
     ----------
     station : Station
-        Where from.
+        The observing station.
     azimuth_rad, elevation_rad, range_m : ndarray, shape (N,)
         Geometric angles and distance.
 
     Returns
     -------
     ndarray, shape (3, N)
-        Earth-fixed, m.
+        Earth-fixed positions, m.
     """
     sight = range_m * direction_cosines(azimuth_rad, elevation_rad)
     return np.asarray(station.ecef_m[:, None] + station.axes.T @ sight)
@@ -180,22 +190,24 @@ def satellite_states(
     elevation_rate_rad_s: Array,
     range_rate_m_s: Array,
 ) -> Array:
-    """Return the states that a station sees: the inverse of `rates`.
+    """Convert topocentric coordinates and rates to Earth-fixed states: the inverse of `rates`.
 
     Parameters
     ----------
     station : Station
-        Where from.
+        The observing station.
     azimuth_rad, elevation_rad, range_m : ndarray, shape (N,)
         Geometric angles and distance.
     azimuth_rate_rad_s, elevation_rate_rad_s, range_rate_m_s : ndarray, shape (N,)
-        Their derivatives.
+        Time derivatives of these.
 
     Returns
     -------
     ndarray, shape (6, N)
         Earth-fixed positions, m, and velocities relative to the rotating Earth, m/s.
     """
+    # velocity = ρ̇ û + ρ (ḣ e_h + Ȧ cos h e_A), with unit vectors e_h of rising elevation and e_A of
+    # rising azimuth
     along = direction_cosines(azimuth_rad, elevation_rad)
     sine, level = np.sin(elevation_rad), np.cos(elevation_rad)
     upwards = np.array([-np.sin(azimuth_rad) * sine, -np.cos(azimuth_rad) * sine, level])
@@ -211,42 +223,44 @@ def satellite_states(
 def refraction(
     apparent_rad: Array, pressure_hpa: float = 1010.0, temperature_c: float = 10.0
 ) -> Array:
-    """Return by how much the atmosphere lifts what is seen at apparent elevations.
+    """Return the refraction, the difference of apparent and geometric elevation, by Bennett [2]_.
 
-    Bennett's formula, cot(h + 7.31/(h + 4.4)) arc minutes with h in degrees, for visible light and
-    what is far above the atmosphere (0.165° at 5°) [2]_; good to 0.07′ for stars. Held below an
-    apparent −1°. Humid air bends radio waves somewhat more.
+    The refraction is cot(h + 7.31/(h + 4.4)) arc minutes with h in degrees, 0.165° at 5°. The
+    formula holds for visible light from objects far above the atmosphere, to 0.07′ for stars. Below
+    an apparent elevation of −1° the value is held constant. Humid air bends radio waves somewhat
+    more.
 
     Parameters
     ----------
     apparent_rad : ndarray, shape (N,)
-        Elevations at which something appears.
+        Apparent elevations.
     pressure_hpa, temperature_c : float
-        Of the air at the station.
+        Pressure and temperature of the air at the station.
 
     Returns
     -------
     ndarray, shape (N,)
-        Apparent less geometric elevation, rad, never negative.
+        Apparent minus geometric elevation, rad, never negative.
     """
     h = np.maximum(np.asarray(apparent_rad) / _DEGREE, _LOWEST)
     minutes = 1.0 / np.tan((h + 7.31 / (h + 4.4)) * _DEGREE)
+    # density of the air relative to Bennett's standard, 1010 hPa and 10 °C
     air = pressure_hpa / 1010.0 * 283.0 / (273.0 + temperature_c)
-    # the argument passes 90° at 89.92°, where the cotangent turns negative by a tenth of a second
+    # The argument exceeds 90° above h = 89.92°; the cotangent is then −0.1″ at most.
     return np.maximum(minutes, 0.0) * (air * _DEGREE / 60.0)
 
 
-def refracted(
+def apparent_elevation(
     elevation_rad: Array, pressure_hpa: float = 1010.0, temperature_c: float = 10.0
 ) -> Array:
-    """Return the apparent elevations of geometric ones: the inverse of `unrefracted`.
+    """Convert geometric to apparent elevations: the inverse of `geometric_elevation`.
 
     Parameters
     ----------
     elevation_rad : ndarray, shape (N,)
-        Geometric.
+        Geometric elevations.
     pressure_hpa, temperature_c : float
-        Of the air at the station.
+        Pressure and temperature of the air at the station.
 
     Returns
     -------
@@ -254,38 +268,39 @@ def refracted(
         Apparent elevations, rad.
     """
     true = np.asarray(elevation_rad, dtype=float)
-    seen = true + refraction(true, pressure_hpa, temperature_c)
-    # Apparent less its refraction has a slope of 1.0 to 1.35: the secant contracts everywhere.
+    apparent = true + refraction(true, pressure_hpa, temperature_c)
+    # g(h) = h − refraction(h) has a slope of 1.0 to 1.35. The iteration h ← h + 0.8 (true − g(h))
+    # multiplies the error by 1 − 0.8 g′, at most 0.2 in magnitude, so that 30 steps reach rounding.
     for _ in range(30):
-        change = true - unrefracted(seen, pressure_hpa, temperature_c)
-        seen = seen + 0.8 * change
+        change = true - geometric_elevation(apparent, pressure_hpa, temperature_c)
+        apparent = apparent + 0.8 * change
         if np.max(np.abs(change), initial=0.0) < 1e-15:
             break
-    return seen
+    return apparent
 
 
-def unrefracted(
+def geometric_elevation(
     apparent_rad: Array, pressure_hpa: float = 1010.0, temperature_c: float = 10.0
 ) -> Array:
-    """Return the geometric elevations of apparent ones.
+    """Convert apparent to geometric elevations: subtract the refraction.
 
     Parameters
     ----------
     apparent_rad : ndarray, shape (N,)
-        Elevations at which something appears.
+        Apparent elevations.
     pressure_hpa, temperature_c : float
-        Of the air at the station.
+        Pressure and temperature of the air at the station.
 
     Returns
     -------
     ndarray, shape (N,)
         Geometric elevations, rad.
     """
-    seen = np.asarray(apparent_rad, dtype=float)
-    return seen - refraction(seen, pressure_hpa, temperature_c)
+    apparent = np.asarray(apparent_rad, dtype=float)
+    return apparent - refraction(apparent, pressure_hpa, temperature_c)
 
 
 def _azimuth(east: Array, north: Array) -> Array:
     azimuth = np.remainder(np.arctan2(east, north), _TURN)
-    # a hair west of north rounds to a full turn
+    # a tiny negative azimuth rounds to a full turn, which is outside [0, 2π)
     return np.where(azimuth >= _TURN, 0.0, azimuth)

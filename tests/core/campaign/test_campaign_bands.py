@@ -14,7 +14,7 @@ from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 from tests.core.campaign.toy_cases import Toy, ToyPlan, same
 
-from hillsphere.cases.block_outcome import BlockOutcome, joined
+from hillsphere.cases.block_outcome import BlockOutcome, join_outcomes
 from hillsphere.cases.case_classes import is_undecided
 from hillsphere.cases.checkpoints import Checkpoints
 from hillsphere.cases.executors.serial import Serial
@@ -39,7 +39,7 @@ from hillsphere_campaigns.band_figures import MOST_PANELS, band_figure
 from hillsphere_campaigns.bands import Parts, bands_of, lines_of
 from hillsphere_campaigns.engine import run_campaign
 from hillsphere_campaigns.line_figures import line_figure
-from hillsphere_campaigns.stages import Sweep
+from hillsphere_campaigns.sweep import Sweep
 from hillsphere_flight.specs import ClosedLoopSpec
 
 LEVELS = (0.05, 0.5, 0.95)
@@ -422,11 +422,13 @@ def test_ends_between_samples_are_no_samples() -> None:
     # The parts of a block that was bisected belong together again, one without any ends, too.
     blocks = [outcome_of(histories.of_cases(np.arange(3)), 0)]
     blocks.append(outcome_of(FLIGHTS.of_cases(np.arange(3, 5)), 3))
-    again = joined(blocks).histories
+    again = join_outcomes(blocks).histories
     assert again is not None
     assert_array_equal(again.end_s, [*histories.end_s[:3], np.nan, np.nan])
     assert_array_equal(again.end_values, np.append(histories.end_values[:, :3], NONE, axis=1))
-    none = joined([outcome_of(FLIGHTS.of_cases(np.arange(k, k + 2)), k) for k in (0, 2)]).histories
+    none = join_outcomes(
+        [outcome_of(FLIGHTS.of_cases(np.arange(k, k + 2)), k) for k in (0, 2)]
+    ).histories
     assert none is not None
     assert none.end_s is None
     few = histories.of_quantities([1])

@@ -11,7 +11,7 @@ from hillsphere.errors import InputError
 from hillsphere.products import CaseList, CaseTable
 from hillsphere.products.products import Ladder
 from hillsphere_campaigns.crossings import crossing_table, crossings
-from hillsphere_campaigns.sweep_points import crossed, grid, listed
+from hillsphere_campaigns.sweep_points import cross_points, grid, points_of_list
 
 SCALES = np.array([1.0, 2.0, 3.0, 4.0])
 
@@ -111,20 +111,20 @@ def test_a_ladder_tells_at_which_size_each_group_fails() -> None:
 def test_a_ladder_goes_with_its_points() -> None:
     ladder = Ladder("σ", "-", np.array([1.0, 2.0, 3.0]), ("a", "a", "b"))
     cases = CaseList(("x",), ("m",), np.array([[7.0, 8.0, 9.0]]), ("p", "q", "r"), ladder)
-    turned = listed(cases).reordered(np.array([2, 0, 1]))
+    turned = points_of_list(cases).reordered(np.array([2, 0, 1]))
     assert turned.labels == ("r", "p", "q")
     assert turned.units == ("m",)
     assert turned.ladder is not None
     assert turned.ladder.values.tolist() == [3.0, 1.0, 2.0]
     assert turned.ladder.groups == ("b", "a", "a")
     with pytest.raises(InputError, match="3 steps and 2 groups"):
-        listed(replace(cases, ladder=replace(ladder, groups=("a", "b"))))
+        points_of_list(replace(cases, ladder=replace(ladder, groups=("a", "b"))))
 
 
 def test_every_row_of_a_list_with_every_point_of_a_grid() -> None:
     ladder = Ladder("σ", "-", np.array([1.0, 2.0]), ("a", "a"))
-    rows = listed(CaseList(("x",), ("m",), np.array([[7.0, 8.0]]), ("p", "q"), ladder))
-    made = crossed(rows, grid({"follow": ["rt1", "rt2"], "y": [3.0]}))
+    rows = points_of_list(CaseList(("x",), ("m",), np.array([[7.0, 8.0]]), ("p", "q"), ladder))
+    made = cross_points(rows, grid({"follow": ["rt1", "rt2"], "y": [3.0]}))
     assert (made.design, made.names, made.units) == ("list", ("x", "follow", "y"), ("m", "", ""))
     assert made.points.tolist() == [[7, 7, 8, 8], [0, 1, 0, 1], [3, 3, 3, 3]]
     assert made.labels == tuple(
@@ -133,10 +133,10 @@ def test_every_row_of_a_list_with_every_point_of_a_grid() -> None:
     assert made.ladder is not None
     assert made.ladder.values.tolist() == [1.0, 1.0, 2.0, 2.0]
     assert made.ladder.groups == ("a, follow = rt1, y = 3", "a, follow = rt2, y = 3") * 2
-    bare = crossed(replace(rows, labels=(), units=(), ladder=None), grid({"y": [3.0, 4.0]}))
+    bare = cross_points(replace(rows, labels=(), units=(), ladder=None), grid({"y": [3.0, 4.0]}))
     assert (bare.labels, bare.units, bare.ladder) == ((), (), None)
     assert bare.named(("m", ""))[1] == "x = 7 m, y = 4"
     with pytest.raises(InputError, match="x stands in the rows and in 'over'"):
-        crossed(rows, grid({"x": [1.0]}))
+        cross_points(rows, grid({"x": [1.0]}))
     with pytest.raises(InputError, match="there are 12000000 points"):
-        crossed(rows, grid({"y": np.arange(6e6).tolist()}))
+        cross_points(rows, grid({"y": np.arange(6e6).tolist()}))

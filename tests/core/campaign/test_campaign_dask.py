@@ -355,7 +355,7 @@ def test_without_dask_the_message_says_what_to_install(monkeypatch: pytest.Monke
 def test_dask_is_imported_only_when_used() -> None:
     code = (
         "import sys; from hillsphere_dask.dask import Dask; "
-        "from hillsphere.cases.executors.specs import DaskSpec; Dask(DaskSpec()); "
+        "from hillsphere_dask.specs import DaskSpec; Dask(DaskSpec()); "
         "assert not {'dask', 'distributed', 'tornado'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
@@ -364,7 +364,7 @@ def test_dask_is_imported_only_when_used() -> None:
 SCRIPT = """
 from hillsphere_campaigns.engine import run_campaign
 from hillsphere_dask.dask import Dask
-from hillsphere.cases.executors.specs import DaskSpec
+from hillsphere_dask.specs import DaskSpec
 from tests.core.campaign.toy_cases import StageWork, Toy, ToyPlan
 
 def advance(count):

@@ -13,7 +13,13 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 from tests.core.campaign.toy_cases import Toy, ToyPlan, same
 
-from hillsphere.cases.block_outcome import BlockOutcome, divided, joined, lost_rows, named_alike
+from hillsphere.cases.block_outcome import (
+    BlockOutcome,
+    complete_metrics,
+    divide_outcome,
+    join_outcomes,
+    lost_rows,
+)
 from hillsphere.cases.isolation import compute, only
 from hillsphere.errors import StageError
 from hillsphere.interfaces import Parameter
@@ -243,24 +249,24 @@ def test_joined_outcomes_are_divided_again() -> None:
     plan = ToyPlan(150)
     stage = Toy({9: "raise", 68: "nan", 149: "memory"})
     blocks = [compute(stage, plan.block(i)[0], {}) for i in range(3)]
-    whole = joined(blocks)
+    whole = join_outcomes(blocks)
     assert whole.numbers.tolist() == list(range(150))
     assert whole.message_case.tolist() == [9, 68, 149]
-    again = divided(whole, [64, 64, 22], [o.seconds for o in blocks])
+    again = divide_outcome(whole, [64, 64, 22], [o.seconds for o in blocks])
     assert same(again, blocks)
     assert [o.seconds for o in again] == [o.seconds for o in blocks]
 
 
 def test_cases_without_metrics_get_those_of_the_others() -> None:
     lost = lost_rows(np.arange(64, 66), "killed", "", "its worker ended: signal 9")
-    alike = named_alike([lost, SOUND])
+    alike = complete_metrics([lost, SOUND])
     assert [o.metrics for o in alike] == [("x", "y")] * 2
     assert np.isnan(alike[0].values).all()
     assert alike[0].values.shape == (2, 2)
-    assert named_alike([lost, lost]) == [lost, lost]
+    assert complete_metrics([lost, lost]) == [lost, lost]
     other = replace(SOUND, metrics=("x", "z"))
     with pytest.raises(StageError, match=r"x \(m\), z \(m/s\) for cases 0 to 63, but x \(m\), y"):
-        named_alike([SOUND, other])
+        complete_metrics([SOUND, other])
 
 
 class Weighed(Toy):

@@ -22,7 +22,7 @@ from hillsphere.interfaces import Integers
 from hillsphere.interfaces.cases import LANES
 from hillsphere.products import CaseList, load_product, save_product
 from hillsphere_campaigns.case_plan import plan_of
-from hillsphere_campaigns.sweep_points import case_list, grid, listed, sampled
+from hillsphere_campaigns.sweep_points import case_list, grid, points_of_list, sample_ranges
 
 TABLES = """
 [dispersions.field]
@@ -291,16 +291,16 @@ def test_sampled_points(repeated: Repeated, design: Any) -> None:
         "stage.hover.state.y": RangeSpec(first=-5, last=5),
         "gravity.phobos.gm": RangeSpec(first=1e5, last=1e7, spacing="log"),
     }
-    swept = sampled(over, design, 64, seed=1, stream="s")
+    swept = sample_ranges(over, design, 64, seed=1, stream="s")
     plan = planned(repeated, (), cases=2, swept=swept)
     assert (plan.cases, plan.design, len(plan.variants)) == (128, design, 1)
     assert plan.points is not None
     y, gm = (plan.points[0] + 5) / 10, np.log(plan.points[1] / 1e5) / np.log(100)
     for share in (y, gm):
         assert_array_equal(np.sort(np.floor(share * 64)), np.arange(64))
-    again = sampled(over, design, 64, seed=1, stream="s")
+    again = sample_ranges(over, design, 64, seed=1, stream="s")
     assert_array_equal(again.points, swept.points)
-    assert (sampled(over, design, 64, seed=2, stream="s").points != swept.points).all()
+    assert (sample_ranges(over, design, 64, seed=2, stream="s").points != swept.points).all()
 
 
 def test_a_list_of_cases(repeated: Repeated, tmp_path: Path) -> None:
@@ -314,7 +314,7 @@ def test_a_list_of_cases(repeated: Repeated, tmp_path: Path) -> None:
     assert cases.units == ("m", "", "")
     save_product(tmp_path / "rows.npz", cases)
     assert_array_equal(load_product(tmp_path / "rows.npz").values, cases.values)
-    plan = planned(repeated, (), cases=2, swept=listed(cases))
+    plan = planned(repeated, (), cases=2, swept=points_of_list(cases))
     assert (plan.cases, plan.blocks, len(plan.variants), plan.design) == (6, 2, 2, "list")
     assert_array_equal(plan.points, [[20100, 20000, 19900], [-0.1, -0.3, -0.2], [60, 60, 120]])
     batch, variant = plan.block(1)
@@ -326,7 +326,7 @@ def test_a_list_of_cases(repeated: Repeated, tmp_path: Path) -> None:
 def test_labels_of_a_list_follow_its_points(repeated: Repeated) -> None:
     values = np.array([[120.0, 60.0, 120.0]])
     cases = CaseList(("stage.hover.period_s",), ("",), values, ("a", "b", "c"))
-    plan = planned(repeated, (), cases=1, swept=listed(cases))
+    plan = planned(repeated, (), cases=1, swept=points_of_list(cases))
     assert plan.point_labels == ("b", "a", "c")
 
 
@@ -386,7 +386,7 @@ def test_what_cannot_be_swept(repeated: Repeated, over: dict[str, Any], message:
 )
 def test_lists_that_are_refused(repeated: Repeated, cases: CaseList, message: str) -> None:
     with pytest.raises(InputError, match=re.escape(message)):
-        planned(repeated, (), swept=listed(cases))
+        planned(repeated, (), swept=points_of_list(cases))
 
 
 # --- Sobol indices --------------------------------------------------------------------------------

@@ -249,14 +249,14 @@ def half(task: Task) -> None:
 
 def test_no_more_workers_than_tasks(monkeypatch: pytest.MonkeyPatch) -> None:
     started = 0
-    start = executors_pool._started
+    start = executors_pool._start_worker
 
     def counted() -> Any:
         nonlocal started
         started += 1
         return start()
 
-    monkeypatch.setattr(executors_pool, "_started", counted)
+    monkeypatch.setattr(executors_pool, "_start_worker", counted)
     plan = ToyPlan(130)
     assert same(run(pool(99), StageWork([Toy()]), plan), run(SERIAL, StageWork([Toy()]), plan))
     assert 1 <= started <= 3

@@ -18,7 +18,7 @@ from hillsphere.plugins import Component, hookimpl
 from hillsphere.presentation import Metric, Presentation
 from hillsphere.products import CaseTable
 from hillsphere.spec import Ref, Spec, StageSpec, need, option
-from hillsphere_campaigns.stages import MonteCarlo
+from hillsphere_campaigns.monte_carlo import MonteCarlo
 
 SAMPLES = 5
 

@@ -23,7 +23,7 @@ from hillsphere.presentation import Metric, Presentation
 from hillsphere.products import CaseTable
 from hillsphere.runs.workers import Workers
 from hillsphere.spec import StageSpec, option
-from hillsphere_campaigns.stages import MonteCarlo
+from hillsphere_campaigns.monte_carlo import MonteCarlo
 
 PIECES = 40
 

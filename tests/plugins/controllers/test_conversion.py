@@ -9,7 +9,7 @@ from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.systems.algebra import gain, series
 from hillsphere_controllers.systems.conversion import from_control, to_control, transfer_function
-from hillsphere_controllers.systems.holding import held
+from hillsphere_controllers.systems.holding import zero_order_hold
 
 OMEGA = np.array([0.0, 0.7, 20.0])
 
@@ -66,7 +66,7 @@ def test_other_objects_of_python_control() -> None:
 def test_hold_against_scipy() -> None:
     given = system()
     a, b, c, d, _ = cont2discrete((given.a, given.b, given.c, given.d), 0.4)
-    made = held(given, 0.4)
+    made = zero_order_hold(given, 0.4)
     for mine, other in ((made.a, a), (made.b, b), (made.c, c), (made.d, d)):
         assert_allclose(mine, other, rtol=1e-12)
     assert made.states == given.states
@@ -77,7 +77,7 @@ def test_hold_and_delay_against_exact_steps(delay: float) -> None:
     """ẋ = −x + u: piecewise exponential between the changes of u, followed one by one."""
     dt, steps = 0.4, 12
     u = np.random.default_rng(1).normal(size=steps)
-    made = held(LtiSystem(-np.eye(1), np.eye(1), np.eye(1), 0.5 * np.eye(1)), dt, delay)
+    made = zero_order_hold(LtiSystem(-np.eye(1), np.eye(1), np.eye(1), 0.5 * np.eye(1)), dt, delay)
     x, seen = np.zeros(made.order), []
     for value in u:
         seen.append(float((made.c @ x + made.d @ [value])[0]))
@@ -101,15 +101,15 @@ def test_hold_and_delay_against_exact_steps(delay: float) -> None:
 
 def test_hold_refuses() -> None:
     with pytest.raises(InputError, match="discrete time already"):
-        held(system(0.1), 0.1)
+        zero_order_hold(system(0.1), 0.1)
     with pytest.raises(InputError, match="sampling period"):
-        held(system(), 0.0)
+        zero_order_hold(system(), 0.0)
     with pytest.raises(InputError, match="delay"):
-        held(system(), 0.1, -1.0)
+        zero_order_hold(system(), 0.1, -1.0)
 
 
 def test_delay_has_unit_gain_and_its_phase() -> None:
-    delayed = held(gain(np.eye(1)), 0.2, 0.6)
+    delayed = zero_order_hold(gain(np.eye(1)), 0.2, 0.6)
     response = delayed.response(np.array([1.0, 5.0]))[:, 0, 0]
     assert_allclose(response, np.exp(-0.6j * np.array([1.0, 5.0])), rtol=1e-13)
     assert series(delayed, delayed).order == 6

@@ -16,7 +16,7 @@ from hillsphere_controllers.analysis.disk_margins import (
 from hillsphere_controllers.analysis.margins import loop_margins
 from hillsphere_controllers.systems.algebra import append, feedback, gain, series
 from hillsphere_controllers.systems.conversion import to_control, transfer_function
-from hillsphere_controllers.systems.holding import held
+from hillsphere_controllers.systems.holding import zero_order_hold
 
 THIRD = transfer_function([2.0], [1.0, 3.0, 3.0, 1.0])
 
@@ -150,8 +150,10 @@ def test_both_ends_bear_less_than_each() -> None:
 
 def test_discrete_time_is_what_the_computer_sees() -> None:
     """A hold of 0.2 s takes its share."""
-    assert disk_margin(held(THIRD, 0.2)).alpha < 0.95 * disk_margin(THIRD).alpha
-    assert_allclose(disk_margin(held(THIRD, 1e-4)).alpha, disk_margin(THIRD).alpha, rtol=1e-3)
+    assert disk_margin(zero_order_hold(THIRD, 0.2)).alpha < 0.95 * disk_margin(THIRD).alpha
+    assert_allclose(
+        disk_margin(zero_order_hold(THIRD, 1e-4)).alpha, disk_margin(THIRD).alpha, rtol=1e-3
+    )
 
 
 def test_loops_without_margin_and_without_end() -> None:

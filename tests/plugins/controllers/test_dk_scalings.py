@@ -10,12 +10,18 @@ from numpy.typing import NDArray
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
-from hillsphere_controllers.dk.absorption import absorbed, factors
-from hillsphere_controllers.dk.fitting import Goal, dips, fitted, levels_of, lifted
-from hillsphere_controllers.dk.goals import bounds_of, core_size, reference_block
-from hillsphere_controllers.dk.joint import descended
+from hillsphere_controllers.dk.absorption import absorb_scalings, factors
+from hillsphere_controllers.dk.fitting import (
+    Goal,
+    fit_multipliers,
+    lift_multiplier,
+    negative_frequencies,
+    relative_levels,
+)
+from hillsphere_controllers.dk.goals import core_size, mu_upper_bounds, reference_block
+from hillsphere_controllers.dk.initial_scalings import constant_multipliers
+from hillsphere_controllers.dk.joint import descend_jointly
 from hillsphere_controllers.dk.multipliers import Multiplier
-from hillsphere_controllers.dk.starting import constants_like
 from hillsphere_controllers.errors import SynthesisFailedError
 from hillsphere_controllers.mu.blocks import (
     Block,
@@ -39,8 +45,8 @@ def multiplier(block: Block, seed: int = 0) -> Multiplier:
     random = np.random.default_rng(seed)
     made = Multiplier.constant(block, 2.0 * np.eye(core_size(block)))
     for omega in (1.0, 10.0, 0.3):
-        made = made.raised(omega)
-    return made.moved(0.15 * random.normal(size=made.size), -6.0, 6.0)
+        made = made.add_pole(omega)
+    return made.step(0.15 * random.normal(size=made.size), -6.0, 6.0)
 
 
 def conjugate(x: Complex) -> Complex:
@@ -76,7 +82,7 @@ def test_derivatives_are_those_of_differences(block: Block) -> None:
     d, g = one.tangents(OMEGA)
     for k, unit in enumerate(np.eye(one.size)):
         (d1, g1), (d0, g0) = (
-            one.moved(step * unit, -20.0, 20.0).values(OMEGA) for step in (1e-6, -1e-6)
+            one.step(step * unit, -20.0, 20.0).values(OMEGA) for step in (1e-6, -1e-6)
         )
         assert_allclose((d1 - d0) / 2e-6, d[:, k], rtol=0.0, atol=3e-9)
         assert_allclose((g1 - g0) / 2e-6, g[:, k], rtol=0.0, atol=3e-9)
@@ -85,7 +91,7 @@ def test_derivatives_are_those_of_differences(block: Block) -> None:
 @pytest.mark.parametrize("block", BLOCKS)
 def test_a_new_pole_changes_nothing(block: Block) -> None:
     one = multiplier(block)
-    more = one.raised(0.7).raised(3.0)
+    more = one.add_pole(0.7).add_pole(3.0)
     assert more.order == one.order + 2
     for before, after in zip(one.values(OMEGA), more.values(OMEGA), strict=True):
         assert_allclose(after, before, rtol=0.0, atol=1e-14)
@@ -118,11 +124,11 @@ def test_factors_are_stable_and_have_their_product(block: Block) -> None:
 
 
 def test_a_scaling_that_is_not_positive_has_no_factors() -> None:
-    one = Multiplier.constant(full(1), np.eye(1)).raised(1.0)
+    one = Multiplier.constant(full(1), np.eye(1)).add_pole(1.0)
     with pytest.raises(SynthesisFailedError, match="not positive at all"):
-        factors(one.moved(np.array([0.0, -2.0, 0.0]), -3.0, 3.0), 1.0)
+        factors(one.step(np.array([0.0, -2.0, 0.0]), -3.0, 3.0), 1.0)
     with pytest.raises(SynthesisFailedError, match="not positive at infinity"):
-        factors(one.moved(np.array([-2.0, 3.0, 0.0]), -3.0, 3.0), 1.0)
+        factors(one.step(np.array([-2.0, 3.0, 0.0]), -3.0, 3.0), 1.0)
 
 
 def test_where_a_scaling_dips_below_zero_is_found_and_mended() -> None:
@@ -131,12 +137,12 @@ def test_where_a_scaling_dips_below_zero_is_found_and_mended() -> None:
                      None)  # fmt: skip
     coarse = np.array([0.0, 0.1, 1.0, 10.0, np.inf])
     assert one.values(coarse)[0].real.min() > 0.0
-    (dip,) = dips([one], coarse)
+    (dip,) = negative_frequencies([one], coarse)
     assert 3.0 < dip < 4.0
-    mended = lifted(one, coarse)
-    assert not dips([mended], coarse).size
+    mended = lift_multiplier(one, coarse)
+    assert not negative_frequencies([mended], coarse).size
     assert factors(mended, 1.0).right.is_stable
-    assert lifted(mended, coarse) is mended
+    assert lift_multiplier(mended, coarse) is mended
 
 
 STRUCTURES = [
@@ -151,10 +157,12 @@ def test_the_norm_of_the_scaled_loop_is_the_level_that_is_proved(structure: Bloc
     """‖L M L⁻¹V − βN‖ is β just where F is singular, at one frequency, for a β."""
     loop = stable_system(3, 4, *structure.shape)
     chosen = [multiplier(b, seed=k) for k, b in enumerate(structure.blocks)]
-    m = structure.squared(loop.response(OMEGA))
+    m = structure.pad_to_square(loop.response(OMEGA))
     goal = Goal(OMEGA, m, np.ones(OMEGA.size), np.zeros_like(m))
-    for omega, beta in zip(OMEGA, np.sqrt(np.maximum(levels_of(goal, chosen), 1e-6)), strict=True):
-        scaled = absorbed(loop, [factors(one, beta) for one in chosen], float(beta))
+    for omega, beta in zip(
+        OMEGA, np.sqrt(np.maximum(relative_levels(goal, chosen), 1e-6)), strict=True
+    ):
+        scaled = absorb_scalings(loop, [factors(one, beta) for one in chosen], float(beta))
         assert scaled.is_stable
         gain = np.linalg.norm(scaled.response(np.array([omega]))[0], 2)
         assert_allclose(gain, beta, rtol=1e-8)
@@ -167,26 +175,28 @@ def test_scaling_a_plant_and_closing_it_commute() -> None:
     plant = stable_system(1, 5, p + 2, m + 1)
     controller = LtiSystem(-np.eye(1), np.ones((1, 2)), 0.01 * np.ones((1, 1)), np.zeros((1, 2)))
     made = [factors(multiplier(b, seed=k), 0.7) for k, b in enumerate(structure.blocks)]
-    closed_last = lower_lft(absorbed(plant, made, 0.7), controller)
-    closed_first = absorbed(lower_lft(plant, controller), made, 0.7)
+    closed_last = lower_lft(absorb_scalings(plant, made, 0.7), controller)
+    closed_first = absorb_scalings(lower_lft(plant, controller), made, 0.7)
     assert_allclose(closed_last.response(OMEGA), closed_first.response(OMEGA), rtol=0.0, atol=1e-11)
 
 
 def orders_until_met(goal: Goal, start: tuple[Multiplier, ...], highest: int) -> list[Array]:
-    found, ratios = fitted(goal, start), []
+    found, ratios = fit_multipliers(goal, start), []
     while True:
         ratios.append(np.sqrt(found.ratios.max()))
         if found.ratios.max() <= 1.01**2 or found.multipliers[0].order >= highest:
             return ratios
         place = float(np.clip(goal.omega_rad_s[np.argmax(found.ratios)], *np.exp(goal.range)))
-        found = fitted(goal, [o if o.fixed else o.raised(place) for o in found.multipliers])
+        found = fit_multipliers(
+            goal, [o if o.fixed else o.add_pole(place) for o in found.multipliers]
+        )
 
 
 @pytest.mark.parametrize("structure", STRUCTURES)
 def test_fits_of_rising_order_come_near_the_pointwise_bounds(structure: BlockStructure) -> None:
     loop = stable_system(5, 4, *structure.shape)
-    goal = bounds_of(loop, structure, np.zeros(0)).goal(0.8)
-    ratios = orders_until_met(goal, constants_like(structure, goal.sizes), 2)
+    goal = mu_upper_bounds(loop, structure, np.zeros(0)).goal(0.8)
+    ratios = orders_until_met(goal, constant_multipliers(structure, goal.sizes), 2)
     assert all(after <= before * (1.0 + 1e-9) for before, after in pairwise(ratios))
     assert ratios[-1] <= 1.1
 
@@ -195,13 +205,14 @@ def test_a_goal_is_met_between_its_frequencies_too() -> None:
     """The norm over all frequencies of the loop with its scalings is about the peak of µ."""
     structure = STRUCTURES[0]
     loop = stable_system(5, 4, *structure.shape)
-    bounds = bounds_of(loop, structure, np.zeros(0))
+    bounds = mu_upper_bounds(loop, structure, np.zeros(0))
     goal = bounds.goal(0.5)
     start = [
-        o if o.fixed else o.raised(1.0).raised(3.0) for o in constants_like(structure, goal.sizes)
+        o if o.fixed else o.add_pole(1.0).add_pole(3.0)
+        for o in constant_multipliers(structure, goal.sizes)
     ]
-    found = fitted(goal, start)
-    norm = hinf_norm(absorbed(loop, [factors(o, 1.0) for o in found.multipliers], 1.0)).value
+    found = fit_multipliers(goal, start)
+    norm = hinf_norm(absorb_scalings(loop, [factors(o, 1.0) for o in found.multipliers], 1.0)).value
     assert bounds.values.max() * (1.0 - 1e-3) <= norm <= 1.05 * bounds.values.max()
 
 
@@ -213,14 +224,14 @@ def test_the_block_divided_out_is_the_largest_with_a_number_for_d() -> None:
 
 def test_joint_steps_go_down_to_a_known_minimum() -> None:
     """A cost that is least where D is 3 at infinity and 5 at zero frequency."""
-    start = [Multiplier.constant(full(1), np.eye(1)).raised(1.0)]
+    start = [Multiplier.constant(full(1), np.eye(1)).add_pole(1.0)]
 
     def cost(x: object) -> float:
         assert isinstance(x, list)
         d = x[0].values(np.array([0.0, np.inf]))[0][:, 0, 0].real
         return float(np.exp(np.sum(np.log(d / np.array([5.0, 3.0])) ** 2)))
 
-    found = descended(cost, start, np.logspace(-1, 1, 9), 40)
+    found = descend_jointly(cost, start, np.logspace(-1, 1, 9), 40)
     assert cost(list(found)) < 1.01 < cost(start)
 
 

@@ -13,7 +13,7 @@ from hillsphere.errors import InputError, Interrupted
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
-from hillsphere_controllers.dk.absorption import absorbed, factors
+from hillsphere_controllers.dk.absorption import absorb_scalings, factors
 from hillsphere_controllers.dk.multipliers import Multiplier
 from hillsphere_controllers.dk.results import DkDesign, DkIteration
 from hillsphere_controllers.dk.synthesis import dk_synthesis
@@ -244,7 +244,7 @@ def test_an_interrupted_synthesis_goes_on_to_the_same_bits(tmp_path: Path) -> No
     with pytest.raises(InputError, match="another synthesis"):
         dk_synthesis(LAG, 1, 1, PAIR, iterations=3, checkpoint=path)
     path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(InputError, match="to begin anew"):
+    with pytest.raises(InputError, match="to start again"):
         dk_synthesis(LAG, 1, 1, PAIR, iterations=2, joint_steps=1, reduction=0.0, checkpoint=path)
 
 
@@ -318,7 +318,9 @@ def test_gamma_does_not_jump_with_scalings_over_many_decades() -> None:
     found = []
     for share in 1.0 + 1e-7 * np.arange(12):
         moved = replace(lag, x=lag.x * np.array([share, 1, 1, 1, 1]).reshape(5, 1, 1))
-        scaled = absorbed(column(), [factors(one, 1.0) for one in (moved, moved, fixed)], 1.0)
+        scaled = absorb_scalings(
+            column(), [factors(one, 1.0) for one in (moved, moved, fixed)], 1.0
+        )
         found.append(hinf_synthesis(scaled, 2, 2, tolerance=1e-6).solvable)
     assert max(found) <= min(found) * (1.0 + 1e-5)
 

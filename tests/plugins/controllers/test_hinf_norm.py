@@ -12,7 +12,7 @@ from scipy.linalg import lu
 from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.frequency import largest_gains
-from hillsphere_controllers.analysis.hinf_norm import _with_rounding, hinf_norm
+from hillsphere_controllers.analysis.hinf_norm import _gain_with_rounding, hinf_norm
 from hillsphere_controllers.systems.bilinear import discrete
 
 
@@ -229,20 +229,20 @@ def test_rounding_is_bounded_by_the_factors_of_the_resolvent(seed: int, dt_s: fl
     )
     for omega in (0.0, 0.7, 11.0):
         gain, error = rounding_by_lu(system, omega)
-        high, relative = _with_rounding(system, omega)
+        high, relative = _gain_with_rounding(system, omega)
         np.testing.assert_allclose(high, gain + error, rtol=1e-10)
         np.testing.assert_allclose(relative, error / gain, rtol=1e-5)
 
 
 def test_a_pole_at_the_frequency_is_beyond_any_bound() -> None:
     system = LtiSystem(np.zeros((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)))
-    assert _with_rounding(system, 0.0) == (np.inf, np.inf)
+    assert _gain_with_rounding(system, 0.0) == (np.inf, np.inf)
     # 1e-16 beside a pole of size one the resolvent is rounding
     near = LtiSystem(
         np.array([[-1.0, 1.0], [1.0, -1.0 - 1e-16]]), np.ones((2, 1)), np.ones((1, 2)),
         np.zeros((1, 1)),
     )  # fmt: skip
-    assert _with_rounding(near, 0.0) == (np.inf, np.inf)
+    assert _gain_with_rounding(near, 0.0) == (np.inf, np.inf)
 
 
 def test_a_lower_gain_that_is_less_sure_raises_the_upper_bound() -> None:

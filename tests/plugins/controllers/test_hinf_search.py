@@ -54,7 +54,7 @@ def test_beside_a_guess(
 ) -> None:
     """0.4 tolerances above and below it."""
     toy: Any = Toy(solvable)
-    found = hinf._beside(toy, guess, 0.1, 9.0, 0.1)
+    found = hinf._bracket_guess(toy, guess, 0.1, 9.0, 0.1)
     assert_allclose(found, expected, rtol=1e-12)
     assert len(toy.asked) == asked
 
@@ -75,7 +75,7 @@ def test_the_better_design_has_the_lower_upper_bound() -> None:
 )
 def test_a_proof_that_the_design_refutes_is_none(least: float, expected: float) -> None:
     """Of γ = 2; rounding in the ninth digit refutes nothing."""
-    assert hinf._proved(design(2.0), least).least == expected
+    assert hinf._attach_lower_bound(design(2.0), least).least == expected
 
 
 def made_by(monkeypatch: pytest.MonkeyPatch, norms: Any) -> list[tuple[float, bool, bool]]:
@@ -87,7 +87,7 @@ def made_by(monkeypatch: pytest.MonkeyPatch, norms: Any) -> list[tuple[float, bo
         norm = norms(gamma)
         return None if norm is None else design(norm)
 
-    monkeypatch.setattr(hinf, "_made", made)
+    monkeypatch.setattr(hinf, "_design_at", made)
     return asked
 
 
@@ -98,19 +98,19 @@ def test_backing_off_ends_at_the_first_loop_that_keeps_its_gamma(
     loops = {2.02: None, 2.03: 2.5, 2.06: 2.05, 2.2: 2.1}
     toy: Any = Toy(2.0)
     asked = made_by(monkeypatch, lambda gamma: loops[round(gamma, 6)])
-    found = hinf._backed_off(PLANT, toy, 2.0, 0.01)
+    found = hinf._back_off(PLANT, toy, 2.0, 0.01)
     assert found is not None
     assert (found.gamma, found.solvable) == (2.05, 2.0)
     assert_allclose([gamma for gamma, *_ in asked], [2.02, 2.03, 2.06], rtol=1e-12)
     assert all(checked for _, checked, _ in asked)
     # none keeps it: the best of all
     asked = made_by(monkeypatch, lambda gamma: 3.0 + gamma)
-    found = hinf._backed_off(PLANT, toy, 2.0, 0.01)
+    found = hinf._back_off(PLANT, toy, 2.0, 0.01)
     assert found is not None
     assert found.gamma == pytest.approx(5.02)
     assert len(asked) == 5
     made_by(monkeypatch, lambda gamma: None)
-    assert hinf._backed_off(PLANT, toy, 2.0, 0.01) is None
+    assert hinf._back_off(PLANT, toy, 2.0, 0.01) is None
 
 
 @pytest.mark.parametrize(
@@ -127,15 +127,15 @@ def test_what_the_bisection_refused_may_do_better(
 ) -> None:
     toy: Any = Toy(1.0, by_pencil=True)
     asked = made_by(monkeypatch, norms)
-    assert hinf._goes_lower(PLANT, toy, design(1.0), 0.2) is lower
+    assert hinf._improves_below(PLANT, toy, design(1.0), 0.2) is lower
     expected = [(g, False, pencil) for pencil in (False, True) for g in (0.98, 0.9, 0.5)]
     assert asked == expected
     assert toy.by_pencil is True  # as it was
     asked.clear()
-    assert hinf._goes_lower(PLANT, toy, design(1.0), 0.6) is (lower and norms(0.9) is not None)
+    assert hinf._improves_below(PLANT, toy, design(1.0), 0.6) is (lower and norms(0.9) is not None)
     assert [gamma for gamma, *_ in asked] == [0.98, 0.9] * 2
     toy.by_pencil = False
-    hinf._goes_lower(PLANT, toy, design(1.0), 0.6)
+    hinf._improves_below(PLANT, toy, design(1.0), 0.6)
     assert toy.by_pencil is False
 
 
@@ -148,7 +148,7 @@ def test_many_gammas_close_in_on_the_best(monkeypatch: pytest.MonkeyPatch) -> No
     asked = made_by(
         monkeypatch, lambda gamma: gamma if gamma >= (2.5 if toy.by_pencil else 3.0) else None
     )
-    found = hinf._tried(PLANT, toy, (1e-8, 1e8))
+    found = hinf._scan_gamma(PLANT, toy, (1e-8, 1e8))
     assert found is not None
     assert 2.5 <= found.gamma < 2.5 * 1.02
     assert found.solvable == found.gamma
@@ -161,7 +161,7 @@ def test_many_gammas_close_in_on_the_best(monkeypatch: pytest.MonkeyPatch) -> No
     second = [gamma for gamma, *_ in asked[12:24]]
     assert_allclose(second, np.geomspace(at / ratio, at * ratio, 12), rtol=1e-9)
     asked = made_by(monkeypatch, lambda gamma: None)
-    assert hinf._tried(PLANT, toy, (1e-8, 1e8)) is None
+    assert hinf._scan_gamma(PLANT, toy, (1e-8, 1e8)) is None
     assert len(asked) == 2 * 12  # a span of nothing is not narrowed
 
 
@@ -171,7 +171,7 @@ def test_without_a_bracket_sixteen_decades_are_tried(monkeypatch: pytest.MonkeyP
     def tried(plant: Any, problem: Any, span: tuple[float, float]) -> None:
         spans.append((span[0] / problem.size, span[1] / problem.size))
 
-    monkeypatch.setattr(hinf, "_tried", tried)
+    monkeypatch.setattr(hinf, "_scan_gamma", tried)
     monkeypatch.setattr(GammaProblem, "bracket", lambda self: (0.0, None))
     with pytest.raises(SynthesisFailedError, match="were solved for no γ"):
         hinf_synthesis(PLANT, 1, 1)
@@ -189,8 +189,8 @@ def test_where_backing_off_fails_all_above_the_proof_is_tried(
         spans.append(span)
         return result[0]
 
-    monkeypatch.setattr(hinf, "_tried", tried)
-    monkeypatch.setattr(hinf, "_backed_off", lambda *args: None)
+    monkeypatch.setattr(hinf, "_scan_gamma", tried)
+    monkeypatch.setattr(hinf, "_back_off", lambda *args: None)
     with pytest.raises(SynthesisFailedError, match="no controller near it makes a stable"):
         hinf_synthesis(PLANT, 1, 1)
     result[0] = design(50.0)
@@ -237,8 +237,8 @@ def test_without_a_proof_eight_decades_are_tried(monkeypatch: pytest.MonkeyPatch
         return design(50.0)
 
     monkeypatch.setattr(hinf, "GammaProblem", proved_up_to(0.0))
-    monkeypatch.setattr(hinf, "_tried", tried)
-    monkeypatch.setattr(hinf, "_backed_off", lambda *args: None)
+    monkeypatch.setattr(hinf, "_scan_gamma", tried)
+    monkeypatch.setattr(hinf, "_back_off", lambda *args: None)
     found = hinf_synthesis(PLANT, 1, 1)
     assert (found.gamma, found.least) == (50.0, 0.0)
     least = 1.0 + np.sqrt(3.0)
@@ -267,7 +267,7 @@ def test_a_loop_whose_norm_is_not_told_is_refused(monkeypatch: pytest.MonkeyPatc
 
     def closed(gain: float) -> HinfDesign:
         none = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0))
-        return hinf._checked(PLANT, LtiSystem(*none, np.array([[gain]])), 7.0)
+        return hinf._verify_design(PLANT, LtiSystem(*none, np.array([[gain]])), 7.0)
 
     with pytest.raises(SynthesisFailedError, match="not stable"):
         closed(-0.5)

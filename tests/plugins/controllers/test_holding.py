@@ -13,7 +13,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.systems.conversion import transfer_function
-from hillsphere_controllers.systems.holding import held
+from hillsphere_controllers.systems.holding import zero_order_hold
 
 PERIOD, SAMPLES = 0.4, 9
 
@@ -61,14 +61,14 @@ def test_outputs_at_the_samples_are_those_of_the_equation(delay: float) -> None:
         + given.d @ acting(t if whole or delay == 0.0 else t - 1e-6)
         for t in changes
     ]
-    made = held(given, PERIOD, delay)
+    made = zero_order_hold(given, PERIOD, delay)
     assert_allclose(by_steps(made, commands), np.array(expected), rtol=0, atol=1e-9)
     assert (made.inputs, made.outputs) == (("u", "v"), ("y", "z"))
     assert made.order == 3 + 2 * int(np.ceil(delay / PERIOD - 1e-9))
 
 
 def test_a_delay_of_almost_whole_periods_counts_as_whole() -> None:
-    exact, near = held(plant(), 0.1, 0.3), held(plant(), 0.1, 0.1 + 0.1 + 0.1)
+    exact, near = zero_order_hold(plant(), 0.1, 0.3), zero_order_hold(plant(), 0.1, 0.1 + 0.1 + 0.1)
     assert near.order == exact.order == 9
     assert_allclose(near.a, exact.a, rtol=0, atol=1e-14)
 
@@ -79,16 +79,16 @@ def test_the_hold_costs_half_a_period() -> None:
     omega, dt = np.array([0.3, 1.0]), 1e-3
     for delay in (0.0, 0.4e-3, 2e-3):
         late = np.exp(-1j * omega * (0.5 * dt + delay))
-        found = held(plain, dt, delay).response(omega)[:, 0, 0]
+        found = zero_order_hold(plain, dt, delay).response(omega)[:, 0, 0]
         assert_allclose(found, plain.response(omega)[:, 0, 0] * late, rtol=1e-6)
 
 
 def test_what_cannot_be_held() -> None:
     for arguments, message in (
-        ((held(plant(), 0.1), 0.1), "discrete time already"),
+        ((zero_order_hold(plant(), 0.1), 0.1), "discrete time already"),
         ((plant(), 0.0), "period must be > 0"),
         ((plant(), 0.1, -0.1), "a delay must be"),
         ((plant(), 0.1, 2000.0), "a delay must be"),
     ):
         with pytest.raises(InputError, match=message):
-            held(*arguments)
+            zero_order_hold(*arguments)

@@ -11,15 +11,15 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.lft.algebra import (
-    beside,
     diagonal,
     dynamics,
     feedback,
     inverse,
+    join_inputs,
     matrix_block,
     number,
     parameter,
-    stacked,
+    stack_outputs,
     star,
     state_space,
 )
@@ -75,11 +75,11 @@ OPERATIONS: dict[
     "product": (lambda g, h: g @ h, lambda g, h: series(h, g)),
     "multiple": (lambda g, _: -2.5 * g, lambda g, _: series(g, gain(-2.5 * np.eye(2)))),
     "beside": (
-        lambda g, h: beside(g, h),
+        lambda g, h: join_inputs(g, h),
         lambda g, h: series(append(g, h), gain(np.hstack([np.eye(2), np.eye(2)]))),
     ),
     "stacked": (
-        lambda g, h: stacked(g, h),
+        lambda g, h: stack_outputs(g, h),
         lambda g, h: series(gain(np.vstack([np.eye(2), np.eye(2)])), append(g, h)),
     ),
     "diagonal": (lambda g, h: diagonal(g, h), append),
@@ -153,8 +153,10 @@ def test_copies_of_one_uncertainty_stand_together() -> None:
 def test_spring_and_mass() -> None:
     """ẍ = (u − k x)/m: states, position and velocity."""
     per_mass, k = inverse(parameter(MASS)), parameter(STIFFNESS)
-    force = beside(-k, np.array([[0.0, 1.0]]))
-    matrix = stacked(np.array([[0.0, 1.0, 0.0]]), per_mass @ force, np.array([[1.0, 0.0, 0.0]]))
+    force = join_inputs(-k, np.array([[0.0, 1.0]]))
+    matrix = stack_outputs(
+        np.array([[0.0, 1.0, 0.0]]), per_mass @ force, np.array([[1.0, 0.0, 0.0]])
+    )
     found = minimal(state_space(matrix, 2))
     assert found.size == 2
     a, b, c, d = found.matrices({"mass": [1.0, 2.5], "stiffness": [4.0, -1.0]})
@@ -201,7 +203,7 @@ def test_full_blocks_and_complex_numbers() -> None:
         (lambda: uncertain_system(1) * uncertain_system(1), "a @ b"),  # type: ignore[operator]
         (lambda: feedback(uncertain_system(1), np.ones((1, 2))), "must be 2 × 2 to fit"),
         (lambda: star(uncertain_system(1), uncertain_system(2), 3, 1), "do not fit"),
-        (lambda: stacked(uncertain_system(1), np.ones((1, 3))), "number of inputs"),
+        (lambda: stack_outputs(uncertain_system(1), np.ones((1, 3))), "number of inputs"),
         (lambda: uncertain_system(1).matrices({"mess": 1.0}), "no uncertainty 'mess'"),
         (lambda: uncertain_system(1).matrices({"mass": np.ones((2, 2))}), "do not fit"),
         (lambda: uncertain_system(1).at({"mass": [1.0, 2.0]}), "one value each"),

@@ -14,8 +14,8 @@ from hillsphere.interfaces import Array
 from hillsphere_controllers.lft.polynomials import (
     Terms,
     affine,
-    evaluated,
-    least_copies,
+    copies_lower_bound,
+    evaluate_polynomial,
     polynomial,
 )
 from hillsphere_controllers.lft.transformation import Lft
@@ -60,11 +60,11 @@ def test_a_polynomial_is_what_it_is_at_the_corners_and_inside(
     terms = random_terms(seed, 3, (rows, columns), degree)
     found = polynomial(terms, THREE)
     for values in (corners(THREE), random_values(THREE, 20, seed=seed)):
-        direct = evaluated(terms, np.array([values[u.name] for u in THREE]))
+        direct = evaluate_polynomial(terms, np.array([values[u.name] for u in THREE]))
         assert_allclose(
             matrices(found, values), direct, rtol=0, atol=1e-12 * float(np.abs(direct).max())
         )
-    assert found.size >= sum(least_copies(terms))
+    assert found.size >= sum(copies_lower_bound(terms))
 
 
 @pytest.mark.parametrize(
@@ -104,9 +104,9 @@ def test_entries_of_very_different_units_are_kept() -> None:
         e: left @ random.normal(size=(3, 3)) @ right for e in [(0, 0, 0), (1, 0, 0), (1, 1, 0)]
     }
     found = polynomial(terms, THREE)
-    assert found.size == sum(least_copies(terms))
+    assert found.size == sum(copies_lower_bound(terms))
     values = random_values(THREE, 30)
-    direct = evaluated(terms, np.array([values[u.name] for u in THREE]))
+    direct = evaluate_polynomial(terms, np.array([values[u.name] for u in THREE]))
     error = np.abs(matrices(found, values) - direct).max(axis=0)
     assert (error <= 1e-12 * np.abs(direct).max(axis=0)).all()
 
@@ -121,7 +121,7 @@ def test_least_copies_of_one_parameter_are_reached() -> None:
         (1,): np.outer(row, column),
         (2,): np.outer(column, row),
     }
-    assert polynomial(terms, p).size == least_copies(terms)[0]
+    assert polynomial(terms, p).size == copies_lower_bound(terms)[0]
 
 
 @pytest.mark.parametrize(
@@ -153,9 +153,9 @@ def test_the_unit_of_a_parameter_does_not_change_its_copies(unit: float) -> None
     r = random.normal(size=(3, 3))
     terms: Terms = {(1, 0): np.outer(r[0], r[1]), (3, 1): np.outer(r[1], r[2]), (0, 2): r}
     scaled: Terms = {e: matrix / unit ** e[0] for e, matrix in terms.items()}
-    assert least_copies(scaled) == least_copies(terms)
+    assert copies_lower_bound(scaled) == copies_lower_bound(terms)
     parameters = [real_parameter("a", unit, 2.0 * unit), real_parameter("b", 1.0, 2.0)]
-    assert polynomial(scaled, parameters).times == (4, 6) == least_copies(scaled)
+    assert polynomial(scaled, parameters).times == (4, 6) == copies_lower_bound(scaled)
 
 
 def test_half_exponents_and_complex_coefficients_are_refused() -> None:

@@ -7,15 +7,15 @@ from numpy.testing import assert_allclose
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere_controllers.lft.algebra import (
-    beside,
     dynamics,
+    join_inputs,
     matrix_block,
     parameter,
-    stacked,
+    stack_outputs,
     state_space,
 )
 from hillsphere_controllers.lft.polynomials import affine, polynomial
-from hillsphere_controllers.lft.reduction import gain_bound, minimal, reduced
+from hillsphere_controllers.lft.reduction import gain_bound, minimal, reduce_lft
 from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import corners, random_values, real_parameter
 from hillsphere_controllers.systems.algebra import gain
@@ -53,9 +53,9 @@ def test_what_is_not_reached_or_not_seen_goes() -> None:
     assert vanishing.size == 5
     assert minimal(vanishing).times == (1,)
     # a multiplied by what no input drives, and what nobody reads
-    unreached = beside(b, a @ b @ np.zeros((1, 1)))
+    unreached = join_inputs(b, a @ b @ np.zeros((1, 1)))
     assert minimal(unreached).times == (1,)
-    unseen = stacked(b, np.zeros((1, 1)) @ a @ b)
+    unseen = stack_outputs(b, np.zeros((1, 1)) @ a @ b)
     assert minimal(unseen).times == (1,)
 
 
@@ -79,7 +79,9 @@ def test_minimal_in_uneven_units_loses_nothing() -> None:
 
 
 def test_full_blocks_stay() -> None:
-    made = stacked(matrix_block("wheel", 1, 2), np.zeros((1, 1)) @ matrix_block("wheel", 1, 2))
+    made = stack_outputs(
+        matrix_block("wheel", 1, 2), np.zeros((1, 1)) @ matrix_block("wheel", 1, 2)
+    )
     assert minimal(made).times == (2,)
     assert minimal(Lft(gain(np.eye(2)))).size == 0
 
@@ -87,7 +89,7 @@ def test_full_blocks_stay() -> None:
 @pytest.mark.parametrize("tolerance", [0.003, 0.02, 1.0])
 def test_the_error_is_below_its_bound_and_that_below_the_tolerance(tolerance: float) -> None:
     full = nearly_of_low_rank(0)
-    found = reduced(full, tolerance)
+    found = reduce_lft(full, tolerance)
     assert found.lft.size < full.size
     assert found.bound <= tolerance
     assert difference(full, found.lft) <= found.bound * (1.0 + 1e-6)
@@ -102,7 +104,7 @@ def test_the_weak_part_of_a_matrix_of_low_rank_goes() -> None:
     weak = 1e-3 * np.diag([1.0, -1.0, 1.0])
     made = affine(np.eye(3), {"a": np.outer(u, v) + weak, "b": np.diag([0.3, 0.0, 0.0])}, (A, B))
     assert made.times == (3, 1)
-    found = reduced(made, 2e-3)
+    found = reduce_lft(made, 2e-3)
     assert found.lft.times == (1, 1)
     kept = np.linalg.svd(np.outer(u, v) + weak)
     # half the range of a is 1
@@ -111,7 +113,7 @@ def test_the_weak_part_of_a_matrix_of_low_rank_goes() -> None:
 
 def test_reduction_with_states_counts_their_matrices() -> None:
     made = state_space(nearly_of_low_rank(1, 4), 2)
-    found = reduced(made, 0.02)
+    found = reduce_lft(made, 0.02)
     assert found.lft.size < made.size
     assert found.lft.system.order == 2
     assert difference(made, found.lft) <= found.bound * (1.0 + 1e-6) <= 0.02
@@ -119,12 +121,12 @@ def test_reduction_with_states_counts_their_matrices() -> None:
 
 def test_without_a_tolerance_nothing_changes() -> None:
     made = nearly_of_low_rank(2)
-    found = reduced(made + (made - made), 0.0)
+    found = reduce_lft(made + (made - made), 0.0)
     assert found.lft.size == made.size
     assert found.bound == 0.0
     assert found.sampled < 1e-13
     with pytest.raises(InputError, match="≥ 0"):
-        reduced(made, -1.0)
+        reduce_lft(made, -1.0)
 
 
 def test_gain_bound_in_closed_form() -> None:

@@ -20,7 +20,7 @@ from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.lft.products import FittedModels
 from hillsphere_controllers.stages.lft.specs import LftSpec
 from hillsphere_controllers.stages.lft.stage import LftStage
-from hillsphere_controllers.stages.uncertain import lft_of
+from hillsphere_controllers.stages.uncertain import to_lft
 
 
 def plant(k: float, c: float) -> LtiSystem:
@@ -63,7 +63,7 @@ def test_polynomials_are_found_exactly_and_hold_between_the_models() -> None:
     assert {tuple(row) for row in made.exponents[0].tolist()} == {(0, 0), (1, 0), (0, 2), (1, 1),
                                                                   (0, 1)}  # fmt: skip
     assert float(np.nanmax(made.response_error)) < 1e-12
-    lft = lft_of(made.models[0])
+    lft = to_lft(made.models[0])
     for k, c in ((0.7, 0.33), (1.9, 0.71)):
         between = lft.at({"k": k, "c": c})
         assert_allclose(between.a, plant(k, c).a, rtol=1e-12, atol=1e-13)
@@ -77,7 +77,7 @@ def test_known_parameters_make_a_model_each() -> None:
     assert made.labels == ("c=0.2", "c=0.4", "c=0.6", "c=0.8")
     assert made.parameters == ("k",)
     for model, c in zip(made.models, (0.2, 0.4, 0.6, 0.8), strict=True):
-        assert_allclose(lft_of(model).at({"k": 1.7}).a, plant(1.7, c).a, rtol=1e-12, atol=1e-13)
+        assert_allclose(to_lft(model).at({"k": 1.7}).a, plant(1.7, c).a, rtol=1e-12, atol=1e-13)
 
 
 def test_blocks_stand_between_the_signals_named() -> None:
@@ -88,7 +88,7 @@ def test_blocks_stand_between_the_signals_named() -> None:
     assert model.system.outputs[-2:] == ("z", "y")
     assert model.kinds[-1] == "full"
     # a real block closes them by its number: the feedback adds to the damping
-    closed = lft_of(model).at({"actuator": np.array([[-0.5]])})
+    closed = to_lft(model).at({"actuator": np.array([[-0.5]])})
     expected = plant(1.0, 0.5).a + np.array([[0.0, 0.0], [0.0, -0.15]])
     assert_allclose(closed.a, expected, rtol=1e-12, atol=1e-14)
 
@@ -188,7 +188,7 @@ def test_affine_models_along_points_are_met_to_the_last_digit() -> None:
         # the dispersion's own table tells which parameters are meant
         assert model.names == ("spring.own.k", "spring.own.c")
         assert model.times.tolist() == [1, 1]
-        at = lft_of(model).at({"spring.own.k": 0.07, "spring.own.c": -0.03})
+        at = to_lft(model).at({"spring.own.k": 0.07, "spring.own.c": -0.03})
         assert_allclose(at.a, [[0.0, 1.0], [-1.07, -0.5 + 0.03 * place]], rtol=1e-14)
 
 
@@ -249,7 +249,7 @@ def test_one_number_may_stand_on_several_channels() -> None:
     assert (model.kinds, model.times.tolist(), model.rows.tolist()) == (("real",), [2], [1])
     assert_allclose([model.lower[0], model.nominal[0], model.upper[0]], [0.9, 1.0, 1.1], rtol=1e-15)
     # its value stands for δ = 0.5 on both channels: rate → 0.3 of the rate's equation, z → all
-    closed = lft_of(model).at({"gain": 1.05})
+    closed = to_lft(model).at({"gain": 1.05})
     expected = plant(1.0, 0.5).a + 0.5 * np.array([[0.0, 0.0], [1.0, 0.3]])
     assert_allclose(closed.a, expected, rtol=1e-12, atol=1e-14)
 
@@ -261,12 +261,12 @@ def test_a_number_may_be_normalised_by_its_bounds() -> None:
     model = run(models([1.0], [0.5]), blocks=[own | {"normalise": True}]).models[0]
     assert model.nominal[0] == pytest.approx(1.1, rel=1e-15)
     for value in (0.9, 1.0, 1.3):  # rate → 0.3 (value − 1.1) of the rate's equation
-        closed = lft_of(model).at({"gain": value})
+        closed = to_lft(model).at({"gain": value})
         expected = plant(1.0, 0.5).a + (value - 1.1) * np.array([[0.0, 0.0], [0.0, 0.3]])
         assert_allclose(closed.a, expected, rtol=1e-12, atol=1e-14)
     plain = run(models([1.0], [0.5]), blocks=[own]).models[0]
     expected = plant(1.0, 0.5).a + np.array([[0.0, 0.0], [0.0, 0.3]])
-    assert_allclose(lft_of(plain).at({"gain": 1.3}).a, expected, rtol=1e-12, atol=1e-14)
+    assert_allclose(to_lft(plain).at({"gain": 1.3}).a, expected, rtol=1e-12, atol=1e-14)
     bare = {key: value for key, value in own.items() if key not in ("lower", "upper")}
     with pytest.raises(InputError, match="give both"):
         run(models([1.0], [0.5]), blocks=[bare | {"normalise": True}])
@@ -280,7 +280,7 @@ def test_a_nominal_value_off_the_middle_stays_that_of_the_models() -> None:
     model = product.models[0]
     ends = [float(each[0]) for each in (model.lower, model.nominal, model.upper)]
     assert ends == [0.9, 1.0, 1.3]
-    made = lft_of(model)
+    made = to_lft(model)
     assert_allclose(made.nominal.a, plant(1.0, 0.5).a, rtol=0, atol=1e-15)
     for value in (0.9, 0.95, 1.0, 1.2, 1.3):
         # rate → 0.3 (value − 1) of the rate's equation, z → all of it
@@ -304,7 +304,7 @@ def test_a_nominal_value_after_a_block_of_another_shape() -> None:
         {"name": "gain", "kind": "real", "lower": 0.9, "upper": 1.3, "nominal": 1.0,
          "normalise": True, "outputs": ["rate"], "inputs": ["d"]},
     ]  # fmt: skip
-    made = lft_of(run(product, blocks=blocks).models[0])
+    made = to_lft(run(product, blocks=blocks).models[0])
     closed = made.at({"any": np.zeros((2, 1)), "gain": 1.3})
     expected = system.a + 0.3 * np.array([[0.0, 0.0], [0.0, 0.3]])
     assert_allclose(closed.a, expected, rtol=1e-12, atol=1e-14)

@@ -12,8 +12,8 @@ from hillsphere.interfaces import Dispersion, Parameter
 from hillsphere.plugins import create
 from hillsphere_controllers.lft.uncertainties import (
     Uncertainty,
+    bound_dispersion,
     corners,
-    dispersed,
     physical_values,
     random_values,
     real_parameter,
@@ -38,37 +38,43 @@ def made(type_: str, parameters: tuple[str, ...], **keys: Any) -> Dispersion:
 
 def test_normalised_at_bounds_and_nominal() -> None:
     one = real_parameter("mass", 80.0, 150.0, 90.0)
-    assert_allclose(one.normalised(np.array([80.0, 90.0, 150.0])), [-1, 0, 1], rtol=0, atol=1e-14)
+    assert_allclose(one.normalise(np.array([80.0, 90.0, 150.0])), [-1, 0, 1], rtol=0, atol=1e-14)
     assert_allclose(one.physical(np.array([-1.0, 0.0, 1.0])), [80.0, 90.0, 150.0], rtol=1e-14)
     between = np.linspace(80.0, 150.0, 50)
-    delta = one.normalised(between)
+    delta = one.normalise(between)
     assert (np.diff(delta) > 0.0).all()
     assert_allclose(one.physical(delta), between, rtol=1e-14)
     assert real_parameter("mass", 80.0, 150.0).curvature == 0.0
 
 
 def test_bounds_of_a_dispersion_at_three_sigmas() -> None:
-    found = dispersed(Lander(), made("normal", ("mass", "inertia"), sigma_relative=0.05))
+    found = bound_dispersion(Lander(), made("normal", ("mass", "inertia"), sigma_relative=0.05))
     assert [u.name for u in found] == ["mass", "inertia"]
     assert_allclose([(u.lower, u.nominal, u.upper) for u in found],
                     [(85.0, 100.0, 115.0), (17.0, 20.0, 23.0)], rtol=1e-12)  # fmt: skip
-    (narrow, _) = dispersed(Lander(), made("normal", ("mass", "inertia"), sigma=1.0), sigmas=2.0)
+    (narrow, _) = bound_dispersion(
+        Lander(), made("normal", ("mass", "inertia"), sigma=1.0), sigmas=2.0
+    )
     assert_allclose((narrow.lower, narrow.upper), (98.0, 102.0), rtol=1e-12)
 
 
 def test_bounds_stay_within_what_is_possible() -> None:
-    (found,) = dispersed(Lander(), made("uniform", ("mass",), lower=99.0, upper=130.0), sigmas=9.0)
+    (found,) = bound_dispersion(
+        Lander(), made("uniform", ("mass",), lower=99.0, upper=130.0), sigmas=9.0
+    )
     assert (found.lower, found.nominal, found.upper) == (99.0, 100.0, 130.0)
 
 
 def test_a_nominal_value_outside_gives_way_to_the_mean() -> None:
-    (found,) = dispersed(Lander(), made("uniform", ("mass",), lower=110.0, upper=130.0), sigmas=9.0)
+    (found,) = bound_dispersion(
+        Lander(), made("uniform", ("mass",), lower=110.0, upper=130.0), sigmas=9.0
+    )
     assert (found.lower, found.nominal, found.upper) == (110.0, 120.0, 130.0)
 
 
 def test_what_has_no_spread_is_not_uncertain() -> None:
     """A tenth of a nominal value of zero is nothing."""
-    found = dispersed(Lander(), made("normal", ("*s", "bias"), sigma_relative=0.1))
+    found = bound_dispersion(Lander(), made("normal", ("*s", "bias"), sigma_relative=0.1))
     assert [u.name for u in found] == ["mass"]
 
 
@@ -106,7 +112,7 @@ def test_corners() -> None:
         (lambda: corners((Uncertainty("phase", "complex"),)), "'phase' is complex"),
         (lambda: corners([real_parameter(f"p{i}", 0.0, 1.0) for i in range(21)]), "too many"),
         (
-            lambda: dispersed(Lander(), made("normal", ("thrust",), sigma=1.0)),
+            lambda: bound_dispersion(Lander(), made("normal", ("thrust",), sigma=1.0)),
             "no quantity 'thrust'",
         ),
     ],

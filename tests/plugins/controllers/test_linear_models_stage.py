@@ -16,7 +16,7 @@ from hillsphere.products import save_product
 from hillsphere.testing import RecordingContext, check_presentation, check_stage
 from hillsphere_controllers.analysis.h2_norm import h2_norm
 from hillsphere_controllers.linear_products import LinearModels
-from hillsphere_controllers.stages.linear_models.presentation import presented
+from hillsphere_controllers.stages.linear_models.presentation import present_linear_models
 from hillsphere_controllers.stages.linear_models.specs import LinearModelsSpec
 from hillsphere_controllers.stages.linear_models.stage import LinearModelsStage
 from hillsphere_controllers.systems.exchange import save_mat
@@ -259,7 +259,7 @@ def test_faults_of_given_models_are_said(table: dict[str, Any], said: str) -> No
 
 def test_poles_on_the_border_are_not_counted_by_their_rounding() -> None:
     """Free masses: two poles at zero and a pair on the axis, none of them unstable."""
-    table = presented(run(keys())).tables["linear_models"]
+    table = present_linear_models(run(keys())).tables["linear_models"]
     assert [(row["unstable_poles"], row["border_poles"]) for row in table.rows] == 2 * [(0, 4)]
 
 

@@ -9,13 +9,13 @@ from numpy.testing import assert_allclose
 from hillsphere.dynamics import system
 from hillsphere.errors import InputError
 from hillsphere.testing import example
-from hillsphere_controllers.linearisation import linearised
+from hillsphere_controllers.linearisation import linearise_plant
 
 
 def test_derivatives_are_those_of_the_plant() -> None:
     plant = example("plant", "hill")
     point, speed = [20e3, -5e3, 3e3], [1.0, 0.0, -2.0]
-    found = linearised(plant, point, speed)
+    found = linearise_plant(plant, point, speed)
     equations = system(plant, controls=True)
     rate = equations.function(*equations.rhs)
     x, u = np.array([*point, *speed]), np.zeros(3)
@@ -31,7 +31,7 @@ def test_derivatives_are_those_of_the_plant() -> None:
 
 def test_far_from_the_body_hill_without_gravity_is_left() -> None:
     """ẍ = 2 n ẏ + 3 n² x, ÿ = −2 n ẋ, z̈ = −n² z."""
-    found = linearised(example("plant", "hill"), [0.0, 1e9, 0.0])
+    found = linearise_plant(example("plant", "hill"), [0.0, 1e9, 0.0])
     n = found.a[3, 4] / 2.0
     expected = np.zeros((6, 6))
     expected[:3, 3:] = np.eye(3)
@@ -47,11 +47,11 @@ def test_far_from_the_body_hill_without_gravity_is_left() -> None:
 def test_a_true_anomaly_counts_as_constant() -> None:
     """On an ellipse, where the moon is must be said; it is none of the deviations."""
     plant = example("plant", "three_body", 1)
-    found = linearised(plant, [20e3, 0.0, 0.0], [], {"true_anomaly": 1.0})
+    found = linearise_plant(plant, [20e3, 0.0, 0.0], [], {"true_anomaly": 1.0})
     assert found.a.shape == (6, 6)
     assert found.names == ("x", "y", "z", "vx", "vy", "vz")
     with pytest.raises(InputError, match=r"others: .* true_anomaly; got none"):
-        linearised(plant, [20e3, 0.0, 0.0])
+        linearise_plant(plant, [20e3, 0.0, 0.0])
 
 
 def test_what_does_not_fit_the_plant_is_named() -> None:
@@ -62,4 +62,4 @@ def test_what_does_not_fit_the_plant_is_named() -> None:
         (([1e5, 0.0, 0.0], [], {"anomaly": 1.0}), "others: .* none; got anomaly"),
     ):
         with pytest.raises(InputError, match=message):
-            linearised(plant, *arguments)
+            linearise_plant(plant, *arguments)

@@ -26,12 +26,12 @@ from hillsphere.testing import (
     check_product,
     example,
 )
-from hillsphere_controllers.linearisation import linearised
+from hillsphere_controllers.linearisation import linearise_plant
 from hillsphere_controllers.mu.robustness import mu_bounds_on_grid, performance_structure
 from hillsphere_controllers.stages.lft.products import FittedModels
 from hillsphere_controllers.stages.linearise.presentation import nominal_models, ranks
 from hillsphere_controllers.stages.linearise.products import LinearisedFlight
-from hillsphere_controllers.stages.uncertain import lft_of
+from hillsphere_controllers.stages.uncertain import to_lft
 from hillsphere_controllers.systems.algebra import lower_lft
 
 FILE = "missions/data/phobos-gravity-degree4.gfc"
@@ -95,7 +95,7 @@ def test_derivatives_are_those_of_the_plant_at_the_point(
     assert_allclose(models.t_s, np.arange(1, 11) * 798.0, rtol=1e-15)
     k = models.labels.index("nominal, point 8")
     anomaly = float(plant.true_anomaly_after(0.0, np.array([6384.0]))[0])
-    there = linearised(
+    there = linearise_plant(
         plant, models.x[:3, 7].tolist(), models.x[3:, 7].tolist(), {"true_anomaly": anomaly}
     )
     system_8 = models.systems[k]
@@ -231,7 +231,7 @@ def test_untruncated_lft_is_the_jacobian_at_corners(
         model = uncertain[0.0].models[point - 1]
         assert int(model.times.sum()) == 57  # three directions of each coefficient
         named = dict(zip(models.dispersed, values, strict=True))
-        found = lft_of(model).matrices(named)[0]
+        found = to_lft(model).matrices(named)[0]
         anomaly = np.array([_anomaly(plant, models, point)])
         x = np.concatenate([models.x[:, point - 1], anomaly])[:, None]
         expected = derivatives.both(np.repeat(x, 200, axis=1), values)[1][:6, :6]
@@ -294,14 +294,14 @@ def test_gravity_breaks_exact_cancellation_and_not_integral_action(
         -5e-7 * np.eye(3), np.hstack([np.eye(3), -np.eye(3), none]), 3e-7 * np.eye(3),
         np.hstack([none, -stiffness, -damping]),
     )  # fmt: skip
-    structure = lft_of(model).structure
+    structure = to_lft(model).structure
     found = {}
     for name, controller in (("forward", forward), ("integral", integral)):
         loop = lower_lft(model.system, controller)
         assert loop.is_stable
         whole = performance_structure(loop, structure)
         omega = np.array([1e-7])
-        nominal = lft_of(replace(model, system=loop)).nominal.response(omega)[0]
+        nominal = to_lft(replace(model, system=loop)).nominal.response(omega)[0]
         bounds = mu_bounds_on_grid(loop, whole, omega)
         found[name] = (float(np.linalg.norm(nominal, 2)), *(float(one[0]) for one in bounds))
     assert found["forward"][0] < 0.03
@@ -317,7 +317,7 @@ def test_gravity_breaks_exact_cancellation_and_not_integral_action(
         ({"follow": "rt7"}, "rt7"),
         ({"dispersions": [normal("stage.flight", ["state.x"], sigma=1.0)]}, "takes no parameter"),
         ({"dispersions": [normal("gravity.phobos", ["C9,9"], sigma=1.0)]}, "C9,9"),
-        ({"dispersions": [FIELD, FIELD]}, "two of them stand for"),
+        ({"dispersions": [FIELD, FIELD]}, "two of them vary"),
     ],
 )
 def test_faults_are_said(plant: Any, reference: FlightSet, keys: dict[str, Any], said: str) -> None:
@@ -389,7 +389,7 @@ def test_any_plant_its_order_its_time_and_parameters_that_bend() -> None:
     stage = create("stage", "lft", needs={"models": "linear"}, known=["point"], degree=2,
                    dispersions=[stiffness], sigmas=2)  # fmt: skip
     uncertain = stage.run(RecordingContext(), models=made)
-    at = lft_of(uncertain.models[0]).at({"plant.toy.k": 2.15})
+    at = to_lft(uncertain.models[0]).at({"plant.toy.k": 2.15})
     assert at.a[1, 0] == pytest.approx(-(2.15**2 + 1.05), rel=1e-12)
     with pytest.raises(InputError, match="not affine"):
         create("stage", "lft", needs={"models": "linear"}, known=["point"], fit="affine").run(

@@ -13,7 +13,7 @@ from hillsphere_controllers.lft.algebra import inverse, parameter, state_space
 from hillsphere_controllers.lft.polynomials import polynomial
 from hillsphere_controllers.lft.uncertainties import real_parameter
 from hillsphere_controllers.lmi.polytopes import corner_systems, hull_gain, hull_stability
-from hillsphere_controllers.lmi.solving import cp, minimised
+from hillsphere_controllers.lmi.solving import cp, minimise
 from hillsphere_controllers.systems.bilinear import discrete
 
 DAMPING = 0.2
@@ -133,4 +133,4 @@ def test_a_doubtful_solution_is_refused(monkeypatch: pytest.MonkeyPatch) -> None
     with pytest.raises(
         SynthesisFailedError, match="'optimal_inaccurate', which is nothing to rely"
     ):
-        minimised(cp.Variable(), [], "anything")
+        minimise(cp.Variable(), [], "anything")

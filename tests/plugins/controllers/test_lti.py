@@ -23,7 +23,7 @@ from hillsphere_controllers.lti import Lti
 from hillsphere_controllers.systems.algebra import append, feedback, gain
 from hillsphere_controllers.systems.conversion import transfer_function
 from hillsphere_controllers.systems.exchange import save_mat
-from hillsphere_controllers.systems.holding import held
+from hillsphere_controllers.systems.holding import zero_order_hold
 from hillsphere_controllers.systems.weights import performance_weight
 from hillsphere_flight.closed_loop import ClosedLoopStage
 from hillsphere_flight.products import ClosedLoopFlight
@@ -70,7 +70,7 @@ def test_samples_of_a_controller_in_continuous_time(method: str) -> None:
     e = np.random.default_rng(2).normal(size=(6, 6))
     found = commands(made, -e, np.zeros((6, 6)))
     if method == "held":
-        assert_allclose(found, by_steps(held(k, PERIOD), e), rtol=1e-12)
+        assert_allclose(found, by_steps(zero_order_hold(k, PERIOD), e), rtol=1e-12)
         return
     # x(k+1) − x(k) = h/2 (ẋ(k) + ẋ(k+1)), so that x(0) is what half a step of e(0) brings about
     one, half = np.eye(4), 0.5 * PERIOD
@@ -140,7 +140,7 @@ def test_the_controller_of_a_synthesis_is_flown(tmp_path: Path) -> None:
     assert isinstance(flown, ClosedLoopFlight)
     assert not waiting.complete
     # near the loop of three double integrators that it was made for
-    axis = held(transfer_function([1.0], [1.0, 0.0, 0.0]), PERIOD)
+    axis = zero_order_hold(transfer_function([1.0], [1.0, 0.0, 0.0]), PERIOD)
     whole = append(axis, axis, axis)
     sampled = law().flying(design.controller)
     assert sampled._controller is not None

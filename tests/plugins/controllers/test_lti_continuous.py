@@ -22,7 +22,7 @@ from hillsphere.testing import RecordingContext
 from hillsphere_controllers.law_specs import LtiSpec
 from hillsphere_controllers.lti import ContinuousLti, Lti, lti
 from hillsphere_controllers.systems.algebra import series
-from hillsphere_controllers.systems.holding import held
+from hillsphere_controllers.systems.holding import zero_order_hold
 from hillsphere_flight.closed_loop import ClosedLoopStage
 from hillsphere_flight.specs import ClosedLoopSpec
 
@@ -126,7 +126,7 @@ def test_at_samples_it_is_the_exact_discretisation_of_the_chain() -> None:
     made = law(method="held", low_pass_hz=0.05, measurements=["r_hat", "v_hat"])
     assert isinstance(made, Lti)
     flying = made.flying(structured())
-    wanted = held(filtered(seen_part(structured())), PERIOD)
+    wanted = zero_order_hold(filtered(seen_part(structured())), PERIOD)
     assert isinstance(flying, Lti)
     for name in "abcd":
         assert_allclose(getattr(flying.controller, name), getattr(wanted, name), rtol=1e-14)

@@ -15,7 +15,7 @@ from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.margins import LoopMargins, loop_margins
 from hillsphere_controllers.systems.algebra import append, feedback, gain, series
 from hillsphere_controllers.systems.conversion import to_control, transfer_function
-from hillsphere_controllers.systems.holding import held
+from hillsphere_controllers.systems.holding import zero_order_hold
 from hillsphere_controllers.systems.sampling import sampled_loop
 
 
@@ -136,12 +136,12 @@ def test_delay_margin_by_whole_delays_of_a_sampled_loop() -> None:
     """Stable for as many periods of delay as fit below it, and for no more."""
     dt = 0.05
     plant = transfer_function([1.0, 1.0], [1.0, 0.1, 0.0])
-    loop = held(plant, dt)
+    loop = zero_order_hold(plant, dt)
     margin = one(loop).delay_s
     whole = int(margin / dt)
     assert whole > 3
-    assert closed(held(plant, dt, whole * dt)).is_stable
-    assert not closed(held(plant, dt, (whole + 1) * dt)).is_stable
+    assert closed(zero_order_hold(plant, dt, whole * dt)).is_stable
+    assert not closed(zero_order_hold(plant, dt, (whole + 1) * dt)).is_stable
 
 
 def late(loop: LtiSystem, periods: int) -> LtiSystem:
@@ -188,7 +188,7 @@ def test_gain_above_one_at_half_the_sampling_rate_bears_no_delay() -> None:
 def test_fast_sampling_is_continuous_time_but_for_the_hold() -> None:
     """Half a period of delay, which costs ω dt/2 of phase."""
     plant, dt = transfer_function([2.0], [1.0, 3.0, 3.0, 1.0]), 1e-3
-    smooth, sampled = one(plant), one(held(plant, dt))
+    smooth, sampled = one(plant), one(zero_order_hold(plant, dt))
     lost = 0.5 * dt * smooth.phase_rad_s
     assert_allclose(smooth.phase_rad - sampled.phase_rad, lost, rtol=1e-3)
     assert_allclose(smooth.delay_s - sampled.delay_s, 0.5 * dt, rtol=1e-2)

@@ -22,11 +22,11 @@ from hillsphere_controllers.stages.lft.specs import LftSpec
 from hillsphere_controllers.stages.lft.stage import LftStage
 from hillsphere_controllers.stages.linear_models.specs import LinearModelsSpec
 from hillsphere_controllers.stages.linear_models.stage import LinearModelsStage
-from hillsphere_controllers.stages.mu_analysis.presentation import presented
+from hillsphere_controllers.stages.mu_analysis.presentation import present_analyses
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
 from hillsphere_controllers.stages.mu_analysis.specs import MuAnalysisSpec
 from hillsphere_controllers.stages.mu_analysis.stage import MuAnalysisStage
-from hillsphere_controllers.stages.uncertain import lft_of
+from hillsphere_controllers.stages.uncertain import to_lft
 from hillsphere_controllers.systems.algebra import gain
 
 # Skogestad and Postlethwaite, Multivariable Feedback Control, Table 8.1; time in minutes
@@ -115,7 +115,7 @@ def test_skogestad_postlethwaite_table_8_1(column: UncertainModels) -> None:
     """Peaks 5.7726, 0.5242 and 0.500 on the grid of the book's program; true ones are above."""
     grid = np.logspace(-3, 3, 61)
     model = column.models[0]
-    whole = BlockStructure([*lft_of(model).blocks, full(2)])
+    whole = BlockStructure([*to_lft(model).blocks, full(2)])
     lower, upper = mu_bounds_on_grid(model.system, whole, grid)
     assert upper.max() == pytest.approx(5.7726, abs=1.5e-4)
     assert lower.max() == pytest.approx(5.7726, abs=1.5e-4)
@@ -211,10 +211,8 @@ def test_models_are_chosen_and_drawn_with_shares_over_frequency(spring: Uncertai
     wide, narrow = (one.figures["mu_sensitivity_curves"].size_in[0] for one in (columns, shown))
     assert wide - narrow == pytest.approx(3.2)
     soft, _ = shown.verdict
-    assert soft.startswith(
-        "soft, uncertain: a gain below one for all their perturbations with 0 of 2 uncertain models"
-    )
-    assert "not with point=1, point=10" in soft
+    assert soft.startswith("soft, uncertain: robust performance proved for 0 of 2 uncertain models")
+    assert "disproved for point=1, point=10" in soft
     with pytest.raises(InputError, match=r"models: needs\.uncertain"):
         run(several, given, {"models": ["point=3"]})
 
@@ -247,7 +245,7 @@ def test_the_worst_of_the_channels_counts(spring: UncertainModels) -> None:
     (mixed,) = crossed.worst
     assert (mixed.channel, mixed.lower_channel) == (s.outputs[1], "half")
     assert mixed.peak == mixed.lower == low
-    certificates = presented(made, None).tables["mu_certificates"]
+    certificates = present_analyses(made, None).tables["mu_certificates"]
     assert [row["channel"] for row in certificates.rows] == ["half", s.outputs[1]]
     assert worst.upper == pytest.approx(alone.upper, rel=1e-6)
     together = run(models, given, keys)
@@ -259,7 +257,7 @@ def test_the_worst_of_the_channels_counts(spring: UncertainModels) -> None:
 def test_what_is_uncertain_is_said_of_every_loop(spring: UncertainModels) -> None:
     made = run(spring, {"k": gain(np.zeros((1, 1)))}, analyses=["robust_stability"], points=3)
     assert made.label(0) == "k, uncertain"
-    (said,) = presented(made, None).verdict
+    (said,) = present_analyses(made, None).verdict
     assert said.startswith("k, uncertain: ")
 
 
@@ -400,7 +398,7 @@ def test_a_bound_that_is_asked_for_is_proved_in_parts_or_said_not_to_be() -> Non
     assert proved.parts > 1
     assert proved.parts_left == 0
     assert proved.interval_bound == pytest.approx(whole.interval_bound)  # those of the whole
-    shown = presented(made, None)
+    shown = present_analyses(made, None)
     summary = shown.tables["mu_summary"]
     assert any(f"is proved in {proved.parts} parts" in note for note in summary.notes)
     assert shown.tables["mu_certificates"].rows[0]["parts"] == proved.parts
@@ -409,7 +407,7 @@ def test_a_bound_that_is_asked_for_is_proved_in_parts_or_said_not_to_be() -> Non
         [same] = run(models, **keys, prove_below=other).results
         assert (same.upper, same.parts, same.parts_left) == (whole.upper, 0, 0)
     few = replace(made, results=(replace(proved, upper=whole.upper, parts_left=2),))
-    summary = presented(few, None).tables["mu_summary"]
+    summary = present_analyses(few, None).tables["mu_summary"]
     assert any("is not proved on 2 of" in note for note in summary.notes)
 
 

@@ -38,10 +38,10 @@ def test_squared_matrix_closes_the_same_loop() -> None:
     row = np.zeros((3, 3))
     row[0] = 0.5
     delta = structure.perturbation([0.3, row, 0.2j])
-    inner = structure.unsquared(delta)
+    inner = structure.remove_padding(delta)
     assert inner.shape == (4, 6)
     direct = np.linalg.det(np.eye(6) - m @ inner)
-    squared = np.linalg.det(np.eye(6) - structure.squared(m) @ delta)
+    squared = np.linalg.det(np.eye(6) - structure.pad_to_square(m) @ delta)
     np.testing.assert_allclose(squared, direct, rtol=1e-12)
 
 
@@ -64,7 +64,7 @@ def test_parts_and_values() -> None:
         (lambda: BlockStructure([]), "at least one block"),
         (lambda: full(0), "at least one row"),
         (lambda: Block("real", 1, 2), "square"),
-        (lambda: mixed().squared(np.ones((4, 6))), "close a matrix of 6 × 4, got 4 × 6"),
+        (lambda: mixed().pad_to_square(np.ones((4, 6))), "close a matrix of 6 × 4, got 4 × 6"),
         (lambda: mixed().indices([3]), "no block 3; they are numbered 0 to 2"),
     ],
 )
@@ -80,8 +80,8 @@ def test_what_is_no_block_and_no_matrix_is_refused() -> None:
         (lambda: Block(wrong, 1, 1), "no kind of block"),
         (lambda: repeated_real(half), "whole number"),
         (lambda: BlockStructure([repeated_real(1, "a"), repeated_real(1, "a")]), "one name"),
-        (lambda: mixed().squared(np.full(mixed().shape, np.nan)), "finite numbers"),
-        (lambda: mixed().squared(np.full(mixed().shape, 1e200)), "scale"),
+        (lambda: mixed().pad_to_square(np.full(mixed().shape, np.nan)), "finite numbers"),
+        (lambda: mixed().pad_to_square(np.full(mixed().shape, 1e200)), "scale"),
     ):
         with pytest.raises(InputError, match=match):
             make()

@@ -18,7 +18,7 @@ from hillsphere_controllers.mu.blocks import (
     repeated_complex,
     repeated_real,
 )
-from hillsphere_controllers.mu.certified import CertifiedPeak, certified_peak, unproved
+from hillsphere_controllers.mu.certified import CertifiedPeak, certified_peak, find_unproved
 from hillsphere_controllers.mu.scalings import Scalings
 from hillsphere_controllers.mu.upper_bound import upper_bound
 from hillsphere_controllers.systems.bilinear import discrete
@@ -67,8 +67,8 @@ def largest_over(system: LtiSystem, structure: BlockStructure, omega: Array) -> 
     Scalings of one frequency bound µ at the others: where they do so below the largest known, that
     frequency is passed over.
     """
-    m = structure.squared(system.response(omega))
-    square = BlockStructure([b.squared() for b in structure.blocks])
+    m = structure.pad_to_square(system.response(omega))
+    square = BlockStructure([b.enclosing_square() for b in structure.blocks])
     best, left = 0.0, np.ones(omega.size, dtype=bool)
     gains = np.linalg.norm(m, 2, axis=(1, 2))
     left = gains > 0.0
@@ -91,7 +91,7 @@ def assert_certified(
         end = max(end, one.high_rad_s)
         assert one.bound <= found.upper
     assert end == np.inf
-    m = structure.squared(system.response(omega))
+    m = structure.pad_to_square(system.response(omega))
     seen = np.zeros(omega.size, dtype=bool)
     for one in found.intervals:
         inside = (omega >= one.low_rad_s) & (omega <= one.high_rad_s)
@@ -146,9 +146,9 @@ def test_a_limit_is_proved_above_the_peak_and_refuted_below_it(
         system = discrete(system, 0.3)
     peak = certified_peak(system, structure, gap=1e-3)
     assume(peak.peak > 1e-6 * hinf_norm(system).value)
-    assert unproved(system, structure, 1.002 * peak.upper) is None
+    assert find_unproved(system, structure, 1.002 * peak.upper) is None
     limit = 0.998 * peak.peak
-    found = unproved(system, structure, limit)
+    found = find_unproved(system, structure, limit)
     assert found is not None
     omega, bound = found
     at = system.response(np.array([omega]))[0]
@@ -167,10 +167,10 @@ def test_a_limit_is_refuted_between_the_frequencies_of_the_first_look() -> None:
     system = LtiSystem(a, b, b.T, np.zeros((2, 2)))
     peak = certified_peak(system, structure, gap=1e-6)
     first = 0.9999 * peak.peak
-    found = unproved(system, structure, first)
+    found = find_unproved(system, structure, first)
     assert found is not None
     assert first <= found[1] <= peak.upper
-    assert unproved(system, structure, 1.0001 * peak.upper) is None
+    assert find_unproved(system, structure, 1.0001 * peak.upper) is None
 
 
 def test_a_limit_just_above_a_bound_that_is_the_same_everywhere() -> None:
@@ -181,8 +181,8 @@ def test_a_limit_just_above_a_bound_that_is_the_same_everywhere() -> None:
     system = LtiSystem(np.diag([-10.0, -1.0]), crossed, np.diag([-9.0, 9.0]), crossed)
     at = system.response(np.geomspace(1e-2, 1e3, 50))
     assert_allclose(np.abs(at[:, 0, 1] * at[:, 1, 0]), 1.0, rtol=1e-12)
-    assert unproved(system, structure, 1.01) is None
-    found = unproved(system, structure, 1.00005)
+    assert find_unproved(system, structure, 1.01) is None
+    found = find_unproved(system, structure, 1.00005)
     assert found is not None
     assert 0.1 < found[0] < 100.0
     assert_allclose(found[1], 1.0, rtol=1e-6)

@@ -10,7 +10,7 @@ import pytest
 from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.mu.blocks import BlockStructure, full, repeated_complex, repeated_real
-from hillsphere_controllers.mu.division import proved_in_parts
+from hillsphere_controllers.mu.division import prove_by_branch_and_bound
 from hillsphere_controllers.mu.robustness import performance_structure, robust_performance
 
 UNCERTAINTY = BlockStructure([repeated_real(2, name) for name in ("a", "b", "c")])
@@ -42,9 +42,9 @@ def test_what_is_proved_is_true_and_below_the_bound_for_the_whole() -> None:
     found = robust_performance(system, UNCERTAINTY, gap=1e-3)
     assert found.upper > 1.05 * found.lower
     limit = 0.4 * found.upper + 0.6 * found.lower
-    one = proved_in_parts(system, whole, found.upper * 1.01)
+    one = prove_by_branch_and_bound(system, whole, found.upper * 1.01)
     assert (one.proved, one.left) == (1, 0)
-    several = proved_in_parts(system, whole, limit)
+    several = prove_by_branch_and_bound(system, whole, limit)
     assert several.left == 0
     assert several.proved > 1
     assert largest(system, 1.0 / limit) < limit
@@ -54,7 +54,7 @@ def test_what_is_false_is_not_proved() -> None:
     system = loop()
     found = robust_performance(system, UNCERTAINTY)
     whole = performance_structure(system, UNCERTAINTY)
-    assert proved_in_parts(system, whole, 0.99 * found.lower, most=8).left > 0
+    assert prove_by_branch_and_bound(system, whole, 0.99 * found.lower, most=8).left > 0
 
 
 def test_other_blocks_stay_whole_and_may_be_of_any_shape() -> None:
@@ -63,22 +63,22 @@ def test_other_blocks_stay_whole_and_may_be_of_any_shape() -> None:
     structure = BlockStructure([full(2, 1), repeated_real(4, "a"), repeated_complex(1)])
     fitting = LtiSystem(system.a, system.b, system.c[:6], system.d[:6])
     assert structure.shape == (6, 7)
-    found = proved_in_parts(fitting, structure, 1e3)
+    found = prove_by_branch_and_bound(fitting, structure, 1e3)
     assert (found.proved, found.left) == (1, 0)
 
 
 def test_what_cannot_be_divided_is_refused() -> None:
     with pytest.raises(InputError, match="no block is real"):
-        proved_in_parts(loop(), BlockStructure([full(7, 7)]), 1.0)
+        prove_by_branch_and_bound(loop(), BlockStructure([full(7, 7)]), 1.0)
     with pytest.raises(InputError, match="limit"):
-        proved_in_parts(loop(), performance_structure(loop(), UNCERTAINTY), 0.0)
+        prove_by_branch_and_bound(loop(), performance_structure(loop(), UNCERTAINTY), 0.0)
 
 
 def test_what_is_not_stable_or_does_not_fit_is_refused() -> None:
     one, single = np.ones((1, 1)), BlockStructure([repeated_real(1, "a")])
     with pytest.raises(InputError, match=r"pole at 1.*stabilise it first"):
-        proved_in_parts(LtiSystem(one, -one, 0.5 * one, 0.0 * one), single, 0.5)
+        prove_by_branch_and_bound(LtiSystem(one, -one, 0.5 * one, 0.0 * one), single, 0.5)
     with pytest.raises(InputError, match="3 outputs and 3 inputs, got 1 and 1"):
-        proved_in_parts(
+        prove_by_branch_and_bound(
             LtiSystem(-one, one, one, one), BlockStructure([repeated_real(3, "a")]), 0.5
         )

@@ -18,7 +18,7 @@ from hillsphere_controllers.mu.blocks import (
 from hillsphere_controllers.mu.lower_bound import LowerBound
 from hillsphere_controllers.mu.robustness import (
     Robustness,
-    complexified,
+    complexify,
     mu_bounds_on_grid,
     robust_performance,
     robust_stability,
@@ -139,7 +139,7 @@ def test_complex_parts_show_a_jump() -> None:
     lower, upper = mu_bounds_on_grid(one, structure, omega)
     assert not lower.any()
     assert upper.max() <= 1e-4
-    wider, blocks = complexified(one, structure, 0.05)
+    wider, blocks = complexify(one, structure, 0.05)
     assert mu_bounds_on_grid(wider, blocks, omega)[1].min() >= 0.02
 
 
@@ -365,11 +365,11 @@ def test_errors_say_what_to_do() -> None:
     with pytest.raises(InputError, match="size of Δ must be positive"):
         worst_case_gain(m, CHANNELS, size=-1.0)
     with pytest.raises(InputError, match="only purely real"):
-        complexified(m, BlockStructure([full(4)]), 0.1)
+        complexify(m, BlockStructure([full(4)]), 0.1)
     with pytest.raises(InputError, match="between 0 and 1"):
-        complexified(cubic(2.0, 3.0, 2.0), REAL, 1.0)
+        complexify(cubic(2.0, 3.0, 2.0), REAL, 1.0)
     with pytest.raises(InputError, match="leave those of performance out"):
-        complexified(m, BlockStructure([repeated_real()]), 0.1)
+        complexify(m, BlockStructure([repeated_real()]), 0.1)
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e6, 1e-8])

@@ -48,7 +48,7 @@ def assert_proved(m: Complex, structure: BlockStructure, found: UpperBound) -> N
             assert not g[span, span].any()
     assert not d[outside].any()
     assert not g[outside].any()
-    squared = structure.squared(m)
+    squared = structure.pad_to_square(m)
     mh = squared.conj().T
     beta = found.value * (1.0 + 1e-9)
     f = beta**2 * d - mh @ d @ squared - 1j * (g @ squared - mh @ g)

@@ -15,7 +15,7 @@ from hillsphere_controllers.mu.blocks import (
     repeated_complex,
     repeated_real,
 )
-from hillsphere_controllers.mu.worst_case import interpolated, worst_case
+from hillsphere_controllers.mu.worst_case import interpolate_perturbation, worst_case
 
 
 @settings(derandomize=True, deadline=None, max_examples=25)
@@ -30,7 +30,7 @@ def test_interpolation(seed: int, omega: float) -> None:
     delta[:2, :2] = random.normal() * np.eye(2)
     delta[2:4, 2:4] = scalar * np.eye(2)
     delta[4:, 4:] = np.outer(left, right)
-    system = interpolated(delta, structure, omega)
+    system = interpolate_perturbation(delta, structure, omega)
     assert_allclose(system.response(np.array([omega]))[0], delta, rtol=0.0, atol=1e-9)
     assert system.is_stable
     size = np.linalg.norm(delta, 2)
@@ -75,11 +75,11 @@ def test_errors_say_what_to_do() -> None:
     with pytest.raises(ConvergenceError, match=r"not make I − M Δ singular at 1 rad/s"):
         worst_case(oscillator(), one, np.array([[-0.1j]]), 1.0)
     with pytest.raises(InputError, match="real values only"):
-        interpolated(np.array([[1j]]), one, 0.0)
+        interpolate_perturbation(np.array([[1j]]), one, 0.0)
     with pytest.raises(InputError, match="higher rank"):
-        interpolated(np.diag([1.0 + 1j, 1.0 + 1j]), BlockStructure([full(2)]), 1.0)
+        interpolate_perturbation(np.diag([1.0 + 1j, 1.0 + 1j]), BlockStructure([full(2)]), 1.0)
 
 
 def test_a_complex_value_is_none_of_a_real_block() -> None:
     with pytest.raises(InputError, match="a real block has real values"):
-        interpolated(np.array([[1.0 + 1.0j]]), BlockStructure([repeated_real()]), 1.0)
+        interpolate_perturbation(np.array([[1.0 + 1.0j]]), BlockStructure([repeated_real()]), 1.0)

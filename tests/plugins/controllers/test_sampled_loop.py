@@ -18,7 +18,7 @@ from hillsphere_controllers.analysis.sampled_loop import (
     sampled_margins,
 )
 from hillsphere_controllers.systems.algebra import feedback, gain, series
-from hillsphere_controllers.systems.holding import held
+from hillsphere_controllers.systems.holding import zero_order_hold
 from hillsphere_controllers.systems.sampling import sampled_controller
 
 PERIOD = 60.0
@@ -72,7 +72,7 @@ def test_a_held_controller_is_the_discrete_loop(delay: float) -> None:
     """Poles, sensitivity and margins as the plant seen through the hold has them."""
     k = sampled_controller(series(pid(3, kp=4e-5, kd=8e-3, ki=1e-8)), PERIOD, "mean")
     loop = SampledLoop(plant(3), k, PERIOD, delay)
-    l_u = series(held(plant(3), PERIOD, delay), series(k, gain(-np.eye(3), PERIOD)))
+    l_u = series(zero_order_hold(plant(3), PERIOD, delay), series(k, gain(-np.eye(3), PERIOD)))
     closed = feedback(gain(np.eye(3), PERIOD), l_u)
     found = np.sort(np.abs(np.linalg.eigvals(loop.monodromy())))[::-1]
     wanted = np.sort(np.abs(closed.poles))[::-1]

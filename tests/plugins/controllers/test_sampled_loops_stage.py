@@ -21,7 +21,7 @@ from hillsphere_controllers.stages.sampled_loops.products import SampledLoops
 from hillsphere_controllers.stages.sampled_loops.specs import SampledLoopsSpec
 from hillsphere_controllers.stages.sampled_loops.stage import SampledLoopsStage
 from hillsphere_controllers.systems.algebra import series
-from hillsphere_controllers.systems.holding import averaged
+from hillsphere_controllers.systems.holding import mean_output_hold
 
 PERIOD, KP, KD, KI = 60.0, 3e-4, 0.03, 1e-6
 ONE, ZERO = np.eye(3), np.zeros((3, 3))
@@ -86,7 +86,7 @@ def test_loops_of_a_law_at_some_periods(states: str) -> None:
     assert found.controls == ("a[0]", "a[1]", "a[2]")
     for c, k in enumerate((pid(), pid(0.3))):
         for j, period in enumerate((30.0, PERIOD)):
-            flown = filtered(k) if states == "continuous" else averaged(filtered(k), period)
+            flown = filtered(k) if states == "continuous" else mean_output_hold(filtered(k), period)
             for m, whole in enumerate(given.systems):
                 plant = LtiSystem(whole.a, whole.b[:, 3:], whole.c, whole.d[:, 3:])
                 wanted = sampled_margins(SampledLoop(plant, flown, period))
@@ -127,7 +127,7 @@ def test_a_law_with_its_own_controller_and_one_model() -> None:
 
 
 def test_a_controller_in_discrete_time_is_judged_at_its_own_period() -> None:
-    discrete = averaged(filtered(pid()), PERIOD)
+    discrete = mean_output_hold(filtered(pid()), PERIOD)
     made = stage(law=law(states="sampled", low_pass_hz=None), periods_s=[PERIOD])
     found = made.run(RecordingContext(), models(), (ControlDesign(discrete),))
     plant = models((8e-7,)).systems[0]
@@ -182,7 +182,7 @@ def test_what_does_not_go_together() -> None:
 
 
 def test_a_controller_in_discrete_time_has_no_other_period() -> None:
-    discrete = averaged(filtered(pid()), PERIOD)
+    discrete = mean_output_hold(filtered(pid()), PERIOD)
     sampled = law(states="sampled", low_pass_hz=None)
     made = stage(law=sampled, periods_s=[PERIOD, 30])
     with pytest.raises(InputError, match=r"periods_s: one at 30 s: .*60"):

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hillsphere.errors import InputError
-from hillsphere_controllers.stages.linear_models.expressions import names_in, value_of
+from hillsphere_controllers.stages.linear_models.expressions import evaluate_entry, parameter_names
 
 
 @pytest.mark.parametrize(
@@ -24,11 +24,11 @@ from hillsphere_controllers.stages.linear_models.expressions import names_in, va
     ],
 )
 def test_formulas_have_their_values(text: float | str, value: float) -> None:
-    assert value_of(text, {"k": 5.0, "m1": 2.0}) == pytest.approx(value, rel=1e-15)
+    assert evaluate_entry(text, {"k": 5.0, "m1": 2.0}) == pytest.approx(value, rel=1e-15)
 
 
 def test_names_are_those_of_parameters_only() -> None:
-    assert names_in("sqrt(k) * m1 - pi") == {"k", "m1"}
+    assert parameter_names("sqrt(k) * m1 - pi") == {"k", "m1"}
 
 
 @pytest.mark.parametrize(
@@ -41,7 +41,7 @@ def test_names_are_those_of_parameters_only() -> None:
 )  # fmt: skip
 def test_anything_else_is_refused(text: str) -> None:
     with pytest.raises(InputError):
-        names_in(text)
+        parameter_names(text)
 
 
 @pytest.mark.parametrize(
@@ -57,14 +57,14 @@ def test_anything_else_is_refused(text: str) -> None:
 )
 def test_what_has_no_value_is_said(text: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
-        value_of(text, {"k": 5.0})
+        evaluate_entry(text, {"k": 5.0})
 
 
 @settings(derandomize=True, deadline=None, max_examples=200)
 @given(st.text(max_size=40))
 def test_no_text_does_anything_but_have_a_value_or_be_refused(text: str) -> None:
     try:
-        value = value_of(text, {"k": 1.0})
+        value = evaluate_entry(text, {"k": 1.0})
     except InputError:
         return
     assert math.isfinite(value)

@@ -20,8 +20,8 @@ from hillsphere_controllers.specs import StateSpaceSpec
 from hillsphere_controllers.state_space import (
     ContinuousStateSpace,
     SampledStateSpace,
-    discretised,
     state_space,
+    zero_order_hold_matrices,
 )
 
 LOW, KP, KD, PERIOD = 2 * np.pi * 0.05, 2.5e-5, 7.5e-3, 60.0
@@ -45,7 +45,7 @@ def starts() -> Array:
 
 
 def test_discretisation_of_a_first_order_lag_and_an_integrator() -> None:
-    a, b = discretised(np.diag([-0.3, 0.0]), np.array([[0.3], [2.0]]), 5.0)
+    a, b = zero_order_hold_matrices(np.diag([-0.3, 0.0]), np.array([[0.3], [2.0]]), 5.0)
     kept = np.exp(-1.5)
     assert_allclose(a, np.diag([kept, 1.0]), rtol=1e-14)
     assert_allclose(b, [[1.0 - kept], [10.0]], rtol=1e-14)
@@ -58,7 +58,7 @@ def test_discretisation_solves_the_equations_for_a_held_error() -> None:
     found = solve_ivp(
         lambda t, y: a @ y + b @ e, (0.0, 0.7), x, method="DOP853", rtol=1e-13, atol=1e-13
     )
-    ad, bd = discretised(a, b, 0.7)
+    ad, bd = zero_order_hold_matrices(a, b, 0.7)
     assert_allclose(ad @ x + bd @ e, found.y[:, -1], rtol=1e-11)
 
 
@@ -82,7 +82,7 @@ def test_held_compensator_on_hills_problem_against_scipy() -> None:
     flights = simulate(plant, compensator, Cases(x0), samples, reference=TARGET, method="rk6")
     equations = system(plant, controls=True)
     rate = equations.function(*equations.rhs)
-    ad, bd = discretised(A, B, PERIOD)
+    ad, bd = zero_order_hold_matrices(A, B, PERIOD)
     for j in range(2):
         x, xc = x0[:, j], np.zeros(9)
         for k in range(samples):

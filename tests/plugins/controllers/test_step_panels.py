@@ -9,7 +9,7 @@ from hillsphere.interfaces import Array
 from hillsphere_controllers.stages.synthesis.step_panels import (
     draw_each_response,
     draw_each_step,
-    size_of_steps_in,
+    step_figure_size,
 )
 
 TIMES = np.linspace(0.0, 5.0, 30)
@@ -26,7 +26,7 @@ def names(count: int) -> list[str]:
 
 
 def test_few_measurements_have_a_panel_for_each_response() -> None:
-    figure = Figure(figsize=size_of_steps_in(3))
+    figure = Figure(figsize=step_figure_size(3))
     cross = np.zeros((3, 3))
     cross[2, 0] = 0.4
     draw_each_response(figure, TIMES, [(responses(3, cross), "k", "")], names(3))
@@ -41,7 +41,7 @@ def test_many_measurements_have_a_panel_for_each_step() -> None:
     """Nine: nine panels, each with one coloured line and eight grey ones for each model."""
     cross = np.zeros((9, 9))
     cross[7, 2] = -0.5
-    figure = Figure(figsize=size_of_steps_in(9))
+    figure = Figure(figsize=step_figure_size(9))
     lines = [(responses(9, cross), "#0072B2", "one"), (responses(9, 0.0 * cross), "#D55E00", "two")]
     draw_each_step(figure, TIMES, lines, names(9))
     shown = [axes for axes in figure.axes if axes.get_visible()]
@@ -56,10 +56,10 @@ def test_many_measurements_have_a_panel_for_each_step() -> None:
 def test_of_very_many_the_largest_are_shown() -> None:
     cross = np.zeros((20, 20))
     cross[3, 19] = 2.0
-    figure = Figure(figsize=size_of_steps_in(20))
+    figure = Figure(figsize=step_figure_size(20))
     draw_each_step(figure, TIMES, [(responses(20, cross), "#0072B2", "")], names(20))
     shown = [axes for axes in figure.axes if axes.get_visible()]
     assert len(shown) == 15
     assert shown[-1].get_title() == "step of y[19]\nlargest other: y[3], 2"
     assert figure.get_suptitle() == "15 of 20 steps, those with the largest responses"
-    assert size_of_steps_in(20) == size_of_steps_in(15)
+    assert step_figure_size(20) == step_figure_size(15)

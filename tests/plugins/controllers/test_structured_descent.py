@@ -13,14 +13,14 @@ from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.frequency import Response
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.structured.closed_loop import OpenLoop
-from hillsphere_controllers.structured.descent import descend, sampled_descent
+from hillsphere_controllers.structured.descent import descend, gradient_sampling
 from hillsphere_controllers.structured.minimax import minimax_step
 from hillsphere_controllers.structured.objective import Objective, Piece
 from hillsphere_controllers.structured.peaks import (
     frequencies,
     gains,
     local_peaks,
-    refined_peaks,
+    refine_peaks,
     responses,
 )
 from hillsphere_controllers.structured.polish import _Linear
@@ -53,7 +53,7 @@ def test_descent_along_a_kink() -> None:
     found = descend(kinked, kinked.evaluate(np.array([-1.2, 1.0])), iterations=300)
     assert found.value < 1e-4
     far = kinked.evaluate(np.array([0.5, 0.25]))
-    lower = sampled_descent(kinked, far, np.random.default_rng(1))
+    lower = gradient_sampling(kinked, far, np.random.default_rng(1))
     assert lower.value < 0.9 * far.value
 
 
@@ -112,7 +112,7 @@ def test_peaks_reach_the_norm(seed: int) -> None:
     many = [Response(s.a, s.b, s.c, s.d, modes=True) for s in systems]
     points, owner = frequencies(np.array([r.poles for r in many]), [np.zeros(0), np.ones(1)])
     values = gains(responses(many, points, owner), owner)
-    at, high, owner = refined_peaks(many, lambda g: g, points, values, owner)
+    at, high, owner = refine_peaks(many, lambda g: g, points, values, owner)
     for j, system in enumerate(systems):
         norm = hinf_norm(system)
         best = int(np.argmax(np.where(owner == j, high, 0.0)))

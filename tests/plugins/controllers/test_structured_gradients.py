@@ -15,13 +15,13 @@ from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.structured.closed_loop import Closed, OpenLoop
 from hillsphere_controllers.structured.gradients import gain_slopes, h2, h2_slope, pole_slopes
 from hillsphere_controllers.structured.objective import Objective
-from hillsphere_controllers.structured.plant_norms import PlantNorms, part_of
+from hillsphere_controllers.structured.plant_norms import PlantNorms, closed_loop_part
 from hillsphere_controllers.structured.requirements import Channel, DesignPlant, PoleRegion
-from hillsphere_controllers.structured.structure import controller_of, of_order
+from hillsphere_controllers.structured.structure import controller_of, free_state_space
 from hillsphere_controllers.systems.algebra import lower_lft
 
 ORDER, CONTROLS, MEASUREMENTS = 2, 2, 1
-STRUCTURE = of_order(ORDER, CONTROLS, MEASUREMENTS)
+STRUCTURE = free_state_space(ORDER, CONTROLS, MEASUREMENTS)
 ROWS, COLUMNS = np.array([0, 2]), np.array([0, 1])
 
 
@@ -156,7 +156,7 @@ def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(InputError, match="discrete"):
         OpenLoop(DesignPlant(LtiSystem(one.a, one.b, one.c, one.d, 0.1)), STRUCTURE)
     with pytest.raises(InputError, match="no w or no z"):
-        OpenLoop(DesignPlant(one), of_order(0, 4, 1))
+        OpenLoop(DesignPlant(one), free_state_space(0, 4, 1))
     with pytest.raises(InputError, match="3 outputs z"):
         OpenLoop(DesignPlant(one, (Channel(outputs=(3,)),), name="a"), STRUCTURE)
     with pytest.raises(InputError, match="H2"):
@@ -179,7 +179,7 @@ def test_peak_that_was_missed_is_found(seed: int) -> None:
     # without direct terms the norm is at a finite frequency, with some seeds at zero
     open_loop, gains = loop_of(seed, direct=0.0)
     norms = PlantNorms([open_loop])
-    loops = norms.closed(gains)
+    loops = norms.close_loop(gains)
     assert loops is not None
     [loop] = loops
     norms.measure(loops)
@@ -187,14 +187,14 @@ def test_peak_that_was_missed_is_found(seed: int) -> None:
     norms.refine(loops, -np.inf)
     level = norms.highest(loops)
     p, m = loop.closed.d.shape
-    exact = hinf_norm(part_of(loop.closed, np.arange(p), np.arange(m)))
+    exact = hinf_norm(closed_loop_part(loop.closed, np.arange(p), np.arange(m)))
     assert rough <= level + 1e-14  # but for rounding
     assert_allclose(np.exp(level), exact.value, rtol=1e-7)
-    assert not norms.missed(loops, level + 1e-6)
+    assert not norms.finds_higher_gain(loops, level + 1e-6)
     # as if a peak had been overlooked
     loop.levels[0] -= 0.05
-    assert not norms.missed(loops, level + 1e-6)
-    assert norms.missed(loops, level - 0.05)
+    assert not norms.finds_higher_gain(loops, level + 1e-6)
+    assert norms.finds_higher_gain(loops, level - 0.05)
     assert norms.seen_above(loops, level - 0.05)
 
 
@@ -217,9 +217,9 @@ def test_plants_together_are_as_each_by_itself() -> None:
     ]
     gains = 1e-3 * loop_of(1)[1]
     together = PlantNorms(loops)
-    found = together.closed(gains)
+    found = together.close_loop(gains)
     alone = [PlantNorms([loop]) for loop in loops]
-    each = [one.closed(gains) for one in alone]
+    each = [one.close_loop(gains) for one in alone]
     assert found is not None
     for norms, one in zip([together, *alone], [found, *each], strict=True):
         assert one is not None

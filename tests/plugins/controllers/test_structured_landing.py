@@ -17,7 +17,7 @@ from hillsphere_controllers.structured.structure import (
     Alike,
     Diagonal,
     Sizes,
-    of_order,
+    free_state_space,
     static,
 )
 from hillsphere_controllers.structured.synthesis import synthesise
@@ -65,7 +65,7 @@ def _blocks(parts: list[Array]) -> Array:
 
 
 def test_parts_that_are_alike_have_one_set_of_parameters() -> None:
-    whole = Diagonal([of_order(1, 1, 2)] * 3, alike=True)
+    whole = Diagonal([free_state_space(1, 1, 2)] * 3, alike=True)
     structure = Alike(whole)
     random = np.random.default_rng(1)
     theta, slope = random.normal(size=6), random.normal(size=(6, 9))
@@ -74,7 +74,7 @@ def test_parts_that_are_alike_have_one_set_of_parameters() -> None:
     for k, step in enumerate(1e-6 * np.eye(6)):
         change = structure.gains(theta + step) - structure.gains(theta - step)
         expected = float(np.sum(slope * change)) / 2e-6
-        assert_allclose(structure.pulled_back(theta, slope)[k], expected, rtol=1e-8, atol=1e-9)
+        assert_allclose(structure.pull_back(theta, slope)[k], expected, rtol=1e-8, atol=1e-9)
 
 
 def test_typical_parameters_of_alike_parts_are_means() -> None:
@@ -86,11 +86,11 @@ def test_typical_parameters_of_alike_parts_are_means() -> None:
 
 def test_parts_that_differ_are_not_alike() -> None:
     with pytest.raises(InputError, match="to be alike"):
-        Diagonal([static(1, 1), of_order(1, 1, 1)], alike=True)
+        Diagonal([static(1, 1), free_state_space(1, 1, 1)], alike=True)
 
 
 def test_sizes_at_a_bandwidth_are_those_of_the_plant_there() -> None:
-    loop = OpenLoop(axes(0.0), of_order(1, 1, 3))
+    loop = OpenLoop(axes(0.0), free_state_space(1, 1, 3))
     found = loop.sizes_at(BANDWIDTH)
     s = 1j * BANDWIDTH
     error = abs((s + 5e-3) / (2.0 * (s + 5e-6)) / s**2)
@@ -102,7 +102,7 @@ def test_sizes_at_a_bandwidth_are_those_of_the_plant_there() -> None:
 
 
 def test_poles_of_the_controller_are_constraints_with_gradients() -> None:
-    structure, random = of_order(2, 1, 1), np.random.default_rng(3)
+    structure, random = free_state_space(2, 1, 1), np.random.default_rng(3)
     one, no = np.ones((1, 1)), np.zeros((1, 1))
     plant = LtiSystem(-one, np.ones((1, 2)), np.ones((2, 1)), np.block([[no, no], [no, no]]))
     loop = OpenLoop(DesignPlant(plant), structure)
@@ -124,7 +124,7 @@ def test_poles_of_the_controller_are_constraints_with_gradients() -> None:
 def test_starts_agree_on_plants_that_are_badly_scaled() -> None:
     """Parameters span eight decades, and the gain of the error has a kink at ω = 0."""
     plant = axes(7.8e-7, -4.4e-7)
-    structure = Diagonal([of_order(1, 1, 3)] * 2, alike=True)
+    structure = Diagonal([free_state_space(1, 1, 3)] * 2, alike=True)
     found = synthesise(
         plant, structure, starts=2, bandwidth_rad_s=BANDWIDTH, controller_stable=True, shaken=False
     )
@@ -134,7 +134,7 @@ def test_starts_agree_on_plants_that_are_badly_scaled() -> None:
     assert found.controller.poles.real.max() < 0.0
     own = [
         synthesise(
-            axes(pull), of_order(1, 1, 3), starts=0, initial=[found.theta[part]],
+            axes(pull), free_state_space(1, 1, 3), starts=0, initial=[found.theta[part]],
             bandwidth_rad_s=BANDWIDTH, shaken=False,
         ).gamma
         for pull, part in ((7.8e-7, slice(0, 8)), (-4.4e-7, slice(8, 16)))
@@ -152,10 +152,12 @@ def test_a_controller_that_is_to_be_stable_is() -> None:
             np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.1], [0.0, 0.1, 0.0]]),
         )
     )
-    free = synthesise(plant, of_order(1, 1, 1), starts=1, shaken=False)
+    free = synthesise(plant, free_state_space(1, 1, 1), starts=1, shaken=False)
     assert free.controller.poles.real.max() > 0.0
     with pytest.raises(SynthesisFailedError, match="keeps the constraints"):
-        synthesise(plant, of_order(1, 1, 1), starts=0, initial=[free.theta], controller_stable=True)
+        synthesise(
+            plant, free_state_space(1, 1, 1), starts=0, initial=[free.theta], controller_stable=True
+        )
 
 
 def test_ties_are_broken_by_what_is_preferred() -> None:
@@ -173,10 +175,10 @@ def test_ties_are_broken_by_what_is_preferred() -> None:
         asked.append(float(controller.b[0, 0]))  # the gains of one controller are not unique
         return asked[-1]
 
-    first = synthesise(plant, of_order(1, 1, 1), starts=1, shaken=False)
+    first = synthesise(plant, free_state_space(1, 1, 1), starts=1, shaken=False)
     same = first.theta * [1.0, -2.0, -0.5, 1.0]
     found = synthesise(
-        plant, of_order(1, 1, 1), starts=0, initial=[first.theta, same], prefer=prefer,
+        plant, free_state_space(1, 1, 1), starts=0, initial=[first.theta, same], prefer=prefer,
         shaken=False,
     )  # fmt: skip
     assert len(asked) == 2
@@ -187,6 +189,6 @@ def test_ties_are_broken_by_what_is_preferred() -> None:
 
 def test_bandwidth_and_starts_are_checked() -> None:
     with pytest.raises(InputError, match="bandwidth"):
-        synthesise(axes(0.0), of_order(1, 1, 3), bandwidth_rad_s=0.0)
+        synthesise(axes(0.0), free_state_space(1, 1, 3), bandwidth_rad_s=0.0)
     with pytest.raises(InputError, match="a start"):
-        synthesise(axes(0.0), of_order(1, 1, 3), starts=0)
+        synthesise(axes(0.0), free_state_space(1, 1, 3), starts=0)

@@ -18,7 +18,7 @@ from hillsphere_controllers.errors import SingularProblemError
 from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import Uncertainty
 from hillsphere_controllers.linear_products import LinearModels, UncertainModels
-from hillsphere_controllers.stages.synthesis.presentation import presented
+from hillsphere_controllers.stages.synthesis.presentation import present_synthesis
 from hillsphere_controllers.stages.synthesis.products import Synthesis
 from hillsphere_controllers.stages.synthesis.specs import SynthesisSpec
 from hillsphere_controllers.stages.synthesis.stage import SynthesisStage
@@ -126,7 +126,7 @@ def test_a_wider_uncertainty_decides_between_equals() -> None:
     assert equals[0, 0] == pytest.approx(made.gamma, rel=1e-9)
     assert equals[0, 1] == equals[:, 1].min()
     assert (equals[:, 0] <= equals[:, 0].min() * 1.2).all()
-    told = presented(made, None)
+    told = present_synthesis(made, None)
     assert [row["taken"] for row in told.tables["synthesis_equals"].rows] == [
         k == 0 for k in range(len(equals))
     ]
@@ -189,7 +189,7 @@ def test_searches_end_below_a_target() -> None:
     assert best.search is not None
     assert best.gamma <= made.gamma < 1.5 * best.gamma
     assert made.search.evaluations < best.search.evaluations
-    assert any("below the target" in sentence for sentence in presented(made, None).verdict)
+    assert any("below the target" in sentence for sentence in present_synthesis(made, None).verdict)
 
 
 def test_uncertainties_must_be_real_parameters() -> None:

@@ -10,13 +10,13 @@ from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.full_order.hinf import hinf_synthesis
-from hillsphere_controllers.structured.reduced import reduced_start
+from hillsphere_controllers.structured.reduced_start import reduced_start
 from hillsphere_controllers.structured.single_loop import Pid
 from hillsphere_controllers.structured.structure import (
     Structure,
     controller_of,
-    masked,
-    of_order,
+    free_state_space,
+    mask_gains,
     static,
 )
 from hillsphere_controllers.systems.algebra import lower_lft
@@ -47,7 +47,7 @@ def test_with_its_order_it_is_the_controller(seed: int) -> None:
     system = plant(seed)
     design = hinf_synthesis(system, 1, 1)
     for order in (design.controller.order, design.controller.order + 1):
-        structure = of_order(order, 1, 1)
+        structure = free_state_space(order, 1, 1)
         theta = start(system, design.controller, structure)
         assert theta is not None
         loop = lower_lft(system, controller_of(structure, theta))
@@ -86,7 +86,7 @@ def test_entries_that_are_fixed_stay_and_what_is_not_linear_is_left_out() -> Non
         np.array([[-1.0]]), np.array([[1.0, 1.0]]), np.ones((2, 1)), np.zeros((2, 2))
     )
     lag = LtiSystem(np.array([[-2.0]]), np.ones((1, 1)), -np.ones((1, 1)), np.array([[0.5]]))
-    fixed = masked(np.array([[-3.0, 1.0], [np.nan, np.nan]]), 1)
+    fixed = mask_gains(np.array([[-3.0, 1.0], [np.nan, np.nan]]), 1)
     theta = start(system, lag, fixed)
     assert theta is not None
     assert_allclose(theta, [-1.0, 0.5], rtol=1e-12)
@@ -95,4 +95,4 @@ def test_entries_that_are_fixed_stay_and_what_is_not_linear_is_left_out() -> Non
 
 def test_more_unstable_states_than_the_order_are_left_out() -> None:
     unstable = LtiSystem(np.diag([1.0, 2.0]), np.ones((2, 1)), np.ones((1, 2)), np.zeros((1, 1)))
-    assert start(plant(0), unstable, of_order(1, 1, 1)) is None
+    assert start(plant(0), unstable, free_state_space(1, 1, 1)) is None

@@ -8,9 +8,9 @@ import pytest
 from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.structured.requirements import Channel, DesignPlant
-from hillsphere_controllers.structured.sampled import sampled_norms, synthesise_sampled
+from hillsphere_controllers.structured.sampled_plants import sampled_norms, synthesise_sampled
 from hillsphere_controllers.structured.single_loop import Pid
-from hillsphere_controllers.structured.structure import masked, of_order
+from hillsphere_controllers.structured.structure import free_state_space, mask_gains
 from hillsphere_controllers.systems.algebra import lower_lft
 
 PERIOD = 2.0
@@ -36,7 +36,7 @@ def design() -> DesignPlant:
 
 
 def test_norms_are_those_of_the_sampled_loop_and_limits_hold() -> None:
-    found = synthesise_sampled(design(), of_order(1, 1, 2), starts=1, seed=1)
+    found = synthesise_sampled(design(), free_state_space(1, 1, 2), starts=1, seed=1)
     assert found.controller.dt_s == PERIOD
     loop = lower_lft(plant(), found.controller)
     assert np.abs(loop.poles).max() < 1.0
@@ -59,10 +59,10 @@ def test_a_loop_that_is_not_stable_has_no_norm() -> None:
 
 def test_faults() -> None:
     with pytest.raises(InputError, match="every entry of the controller must be free"):
-        synthesise_sampled(design(), masked(np.array([[np.nan, 0.0]])))
+        synthesise_sampled(design(), mask_gains(np.array([[np.nan, 0.0]])))
     with pytest.raises(InputError, match="every entry of the controller must be free"):
         synthesise_sampled(design(), Pid())
     with pytest.raises(InputError, match="of one period, got"):
         synthesise_sampled(
-            [design(), DesignPlant(plant(1.0), design().channels)], of_order(1, 1, 2)
+            [design(), DesignPlant(plant(1.0), design().channels)], free_state_space(1, 1, 2)
         )

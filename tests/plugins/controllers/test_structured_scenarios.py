@@ -13,7 +13,7 @@ from hillsphere_controllers.structured.scenarios import (
     synthesise_robust,
     worst_case,
 )
-from hillsphere_controllers.structured.structure import of_order
+from hillsphere_controllers.structured.structure import free_state_space
 from hillsphere_controllers.structured.synthesis import synthesise
 from hillsphere_controllers.systems.algebra import gain, lower_lft
 
@@ -96,7 +96,7 @@ def test_instability_is_the_worst_case() -> None:
 
 @pytest.mark.slow
 def test_robust_design_is_better_where_it_counts() -> None:
-    plant, structure = uncertain(), of_order(1, 1, 1)
+    plant, structure = uncertain(), free_state_space(1, 1, 1)
     nominal = synthesise(plant.at(np.zeros(2)), structure, starts=1)
     found = synthesise_robust(plant, structure, starts=1)
     assert found.converged
@@ -114,4 +114,4 @@ def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(InputError, match="diagonal"):
         UncertainPlant(uncertain().system, (3, 2))
     with pytest.raises(InputError, match="round"):
-        synthesise_robust(uncertain(), of_order(1, 1, 1), rounds=0)
+        synthesise_robust(uncertain(), free_state_space(1, 1, 1), rounds=0)

@@ -13,24 +13,24 @@ from hillsphere_controllers.structured.structure import (
     Sizes,
     Structure,
     controller_of,
-    masked,
-    of_order,
+    free_state_space,
+    mask_gains,
     static,
 )
 
 NAN = np.nan
 STRUCTURES: dict[str, Structure] = {
     "static": static(2, 3),
-    "second order": of_order(2, 1, 2),
-    "strictly proper": of_order(2, 2, 1, strictly_proper=True),
-    "masked": masked(np.array([[NAN, 1.0, 0.0], [0.0, NAN, NAN], [NAN, 2.0, NAN]]), 1),
+    "second order": free_state_space(2, 1, 2),
+    "strictly proper": free_state_space(2, 2, 1, strictly_proper=True),
+    "masked": mask_gains(np.array([[NAN, 1.0, 0.0], [0.0, NAN, NAN], [NAN, 2.0, NAN]]), 1),
     "pid": Pid(),
     "pi": Pid(derivative=False),
     "pd": Pid(integral=False),
     "p": Pid(integral=False, derivative=False),
     "transfer function": TransferFunction(3),
     "strictly proper one": TransferFunction(3, 2),
-    "diagonal": Diagonal([Pid(), of_order(1, 2, 1), static(1, 2)]),
+    "diagonal": Diagonal([Pid(), free_state_space(1, 2, 1), static(1, 2)]),
     "bounded": Bounded(static(1, 3), np.array([-1.0, -np.inf, 2.0]), np.array([3.0, np.inf, 5.0])),
 }
 
@@ -48,7 +48,7 @@ def test_slopes_by_differences(name: str) -> None:
         move = step * np.eye(structure.size)[i]
         change = structure.gains(theta + move) - structure.gains(theta - move)
         wanted = np.sum(slope * change, axis=(1, 2)) / (2.0 * step)
-        found = structure.pulled_back(theta, slope)[:, i]
+        found = structure.pull_back(theta, slope)[:, i]
         assert_allclose(found, wanted, rtol=0, atol=3e-9 * (1.0 + np.abs(wanted).max()))
     sizes = Sizes(np.ones(structure.controls), np.ones(structure.measurements), 2.0)
     middle, spread = structure.typical(sizes)
@@ -102,9 +102,9 @@ def test_bounds_hold_for_every_parameter() -> None:
 
 def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(InputError, match="free"):
-        masked(np.zeros((2, 2)))
+        mask_gains(np.zeros((2, 2)))
     with pytest.raises(InputError, match="order 2"):
-        masked(np.full((2, 2), NAN), 2)
+        mask_gains(np.full((2, 2), NAN), 2)
     with pytest.raises(InputError, match="one part"):
         Diagonal([])
     with pytest.raises(InputError, match="relative degree"):

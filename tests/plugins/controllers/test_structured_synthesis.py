@@ -17,7 +17,7 @@ from hillsphere_controllers.full_order.hinf import hinf_synthesis
 from hillsphere_controllers.structured.objective import Objective, Point
 from hillsphere_controllers.structured.requirements import Channel, DesignPlant, PoleRegion
 from hillsphere_controllers.structured.single_loop import Pid
-from hillsphere_controllers.structured.structure import controller_of, of_order, static
+from hillsphere_controllers.structured.structure import controller_of, free_state_space, static
 from hillsphere_controllers.structured.synthesis import Progress, StructuredDesign, synthesise
 from hillsphere_controllers.systems.algebra import lower_lft
 
@@ -113,28 +113,28 @@ def random_plant(seed: int, order: int = 2) -> LtiSystem:
 def test_as_good_as_full_order_with_its_order(seed: int) -> None:
     """Neither below the bound of all controllers, nor much above it; γ is that of the loop."""
     system = random_plant(seed)
-    found = synthesise(DesignPlant(system), of_order(2, 1, 1), starts=1)
+    found = synthesise(DesignPlant(system), free_state_space(2, 1, 1), starts=1)
     best = hinf_synthesis(system, 1, 1)
     assert_allclose(found.lower_bound, best.least, rtol=1e-12)
     assert best.least * (1.0 - 1e-9) <= found.gamma <= best.least * 1.01
     loop = lower_lft(system, found.controller)
     assert loop.is_stable
     assert_allclose(found.gamma, hinf_norm(loop).value, rtol=1e-9)
-    low = synthesise(DesignPlant(system), of_order(1, 1, 1), starts=1)
+    low = synthesise(DesignPlant(system), free_state_space(1, 1, 1), starts=1)
     assert low.gamma >= found.lower_bound * (1.0 - 1e-9)
 
 
 def test_seed_decides_and_starts_differ() -> None:
     plant = DesignPlant(oscillator())
-    one, again = (synthesise(plant, of_order(1, 1, 1), starts=2, seed=5) for _ in range(2))
+    one, again = (synthesise(plant, free_state_space(1, 1, 1), starts=2, seed=5) for _ in range(2))
     assert_allclose(again.theta, one.theta, rtol=0, atol=0)
     assert_allclose(again.starts, one.starts, rtol=0, atol=0)
     for gamma, theta in zip(one.starts, one.ends, strict=True):
-        loop = lower_lft(plant.system, controller_of(of_order(1, 1, 1), theta))
+        loop = lower_lft(plant.system, controller_of(free_state_space(1, 1, 1), theta))
         assert_allclose(gamma, hinf_norm(loop).value, rtol=1e-6)
-    other = synthesise(plant, of_order(1, 1, 1), starts=1, seed=6)
+    other = synthesise(plant, free_state_space(1, 1, 1), starts=1, seed=6)
     assert np.abs(other.theta - one.theta).max() > 1e-9
-    better = synthesise(plant, of_order(1, 1, 1), starts=1, initial=[one.theta])
+    better = synthesise(plant, free_state_space(1, 1, 1), starts=1, initial=[one.theta])
     assert better.starts.size == 2
     assert better.gamma <= one.gamma * (1.0 + 1e-7)
 
@@ -152,7 +152,7 @@ def test_one_controller_for_many_plants() -> None:
         DesignPlant(oscillator(0.8), weight=1.0, name="slow"),
         DesignPlant(oscillator(1.5), weight=3.0, name="fast"),
     ]
-    found = synthesise(plants, of_order(1, 1, 1), starts=2)
+    found = synthesise(plants, free_state_space(1, 1, 1), starts=2)
     weighted = [
         plant.weight * hinf_norm(lower_lft(plant.system, found.controller)).value
         for plant in plants
@@ -170,9 +170,9 @@ def test_one_controller_for_many_plants() -> None:
 def test_pole_region_is_kept() -> None:
     """With a decay and a damping asked for, the norm is higher, and the region's border reached."""
     plant = DesignPlant(oscillator())
-    free = synthesise(plant, of_order(1, 1, 1), starts=2)
+    free = synthesise(plant, free_state_space(1, 1, 1), starts=2)
     region = PoleRegion(decay_1_s=0.6, damping=0.8, fastest_rad_s=8.0)
-    found = synthesise(plant, of_order(1, 1, 1), starts=2, region=region)
+    found = synthesise(plant, free_state_space(1, 1, 1), starts=2, region=region)
     poles = found.verified.closed_loops[0].poles
     assert poles.real.max() <= -0.6 * (1.0 - 1e-4)
     assert (poles.real <= -(0.8 - 1e-4) * np.abs(poles)).all()
@@ -208,7 +208,7 @@ def test_progress_and_interruption() -> None:
         if progress.done == 2:
             raise KeyboardInterrupt
 
-    found = synthesise(plant, of_order(1, 1, 1), starts=5, progress=stop)
+    found = synthesise(plant, free_state_space(1, 1, 1), starts=5, progress=stop)
     assert found.interrupted
     assert found.starts.size == 2
     assert found.shaken.size == 0
@@ -229,7 +229,7 @@ def test_progress_and_interruption() -> None:
 
 
 def test_an_interrupted_synthesis_goes_on_to_the_same_bits(tmp_path: Path) -> None:
-    plant, structure = DesignPlant(oscillator()), of_order(1, 1, 1)
+    plant, structure = DesignPlant(oscillator()), free_state_space(1, 1, 1)
     whole = synthesise(plant, structure, starts=3, ctx=RecordingContext())
     ended: list[int] = []
 
@@ -258,7 +258,7 @@ def test_an_interrupted_synthesis_goes_on_to_the_same_bits(tmp_path: Path) -> No
 
 
 def test_kept_searches_that_cannot_be_used_are_done_once_more(tmp_path: Path) -> None:
-    plant, structure = DesignPlant(oscillator()), of_order(0, 1, 1)
+    plant, structure = DesignPlant(oscillator()), free_state_space(0, 1, 1)
     first = synthesise(plant, structure, starts=2, ctx=RecordingContext(workspace=tmp_path))
     path = next(tmp_path.glob("*/search-00001.npz"))
     path.write_bytes(path.read_bytes()[:-100])
@@ -269,7 +269,7 @@ def test_kept_searches_that_cannot_be_used_are_done_once_more(tmp_path: Path) ->
     ctx = RecordingContext(workspace=tmp_path)
     other = synthesise(plant, structure, starts=2, seed=2, ctx=ctx)  # of other seeds
     assert np.isfinite(other.gamma)
-    assert any("of another search" in message for message in ctx.messages)
+    assert any("another search" in message for message in ctx.messages)
 
 
 def test_interruption_within_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -284,7 +284,7 @@ def test_interruption_within_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
         return seen(self, x, above)
 
     monkeypatch.setattr(Objective, "evaluate", impatient)
-    found = synthesise(DesignPlant(oscillator()), of_order(1, 1, 1), starts=5)
+    found = synthesise(DesignPlant(oscillator()), free_state_space(1, 1, 1), starts=5)
     assert found.interrupted
     assert not found.converged
     assert found.starts.size == 1

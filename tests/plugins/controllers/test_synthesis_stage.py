@@ -26,7 +26,7 @@ from hillsphere_controllers.linear_products import LinearModels, UncertainModels
 from hillsphere_controllers.stages.linear_models.specs import LinearModelsSpec
 from hillsphere_controllers.stages.linear_models.stage import LinearModelsStage
 from hillsphere_controllers.stages.step_responses import step_responses
-from hillsphere_controllers.stages.synthesis.presentation import presented
+from hillsphere_controllers.stages.synthesis.presentation import present_synthesis
 from hillsphere_controllers.stages.synthesis.products import Synthesis
 from hillsphere_controllers.stages.synthesis.specs import SynthesisSpec
 from hillsphere_controllers.stages.synthesis.stage import SynthesisStage
@@ -160,10 +160,10 @@ def test_verdict_counts_the_best_wherever_it_was_found_and_says_what_holds_it() 
             found, starts=np.array([1.3, np.inf]), shaken=np.array([1.2]),
             residual=residual, converged=converged,
         )  # fmt: skip
-        return " ".join(presented(replace(made, search=search), None).verdict)
+        return " ".join(present_synthesis(replace(made, search=search), None).verdict)
 
     assert "1 of 3 searches, 2 from starts and 1 from near" in said(1e-4, True)
-    assert "By its gradients it is a local minimum (residual 0.0001" in said(1e-4, True)
+    assert "By its gradients the result is a local minimum (residual 0.0001" in said(1e-4, True)
     assert "over a range of frequencies" not in said(1e-4, True)
     assert "not shown to be a local minimum (residual 5.4" in said(5.4, False)
     assert "over a range of frequencies" in said(5.4, False)
@@ -292,7 +292,7 @@ def test_an_interrupted_search_leaves_its_best_and_goes_on_from_there(tmp_path: 
     ctx = Stopped(tmp_path, 2)
     with pytest.raises(Interrupted) as stopped:
         one.run(ctx, MODELS)
-    assert re.search(r"has γ = 0\.\d+ \(2 searches\) and is in ", stopped.value.kept)
+    assert re.search(r"has γ = 0\.\d+ \(2 searches\) and is stored in ", stopped.value.kept)
     assert stopped.value.kept in ctx.messages[-1]
     assert sum("best γ = " in message for message in ctx.messages[:-1]) == 2
     assert any(re.match(r"search 2 of 3 at γ = .*, best γ = ", note) for note in ctx.notes)
@@ -379,7 +379,7 @@ def test_iteration_lowers_mu_and_says_its_steps(tmp_path: Path) -> None:
     assert len(ctx.messages) == found.upper.size
     with pytest.raises(Interrupted) as stopped:
         one.run(Stopped(tmp_path, 2), nominal, known)
-    assert re.search(r"has µ ≤ [\d.]+ \(2 steps\) and is in ", stopped.value.kept)
+    assert re.search(r"has µ ≤ [\d.]+ \(2 steps\) and is stored in ", stopped.value.kept)
     assert load_product(tmp_path / "best-controller.npz").shape == (1, 1)
     again = one.run(RecordingContext(workspace=tmp_path), nominal, known)
     assert again.iterations is not None

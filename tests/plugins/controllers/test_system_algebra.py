@@ -13,7 +13,7 @@ from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.systems.algebra import (
     append,
-    fed_back,
+    close_with_gain,
     feedback,
     gain,
     lower_lft,
@@ -22,7 +22,7 @@ from hillsphere_controllers.systems.algebra import (
     star,
     upper_lft,
 )
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 from hillsphere_controllers.systems.bilinear import continuous, discrete
 
 OMEGA = np.array([0.0, 0.3, 1.7, 40.0])
@@ -98,7 +98,7 @@ def test_a_loop_of_direct_terms_alone_is_refused() -> None:
     with pytest.raises(InputError, match="not well posed"):
         feedback(gain(np.eye(2)), gain(np.eye(2)), sign=1)
     with pytest.raises(InputError, match="2 × 3"):
-        fed_back(system(1, 3, 2), np.eye(2))
+        close_with_gain(system(1, 3, 2), np.eye(2))
     sampled = LtiSystem(np.eye(1), np.eye(1), np.eye(1), np.eye(1), dt_s=1.0)
     with pytest.raises(InputError, match="different sampling periods"):
         series(system(2, 1, 1), sampled)
@@ -123,7 +123,7 @@ def test_balancing_scales_by_powers_of_two_and_changes_no_response() -> None:
     bad = LtiSystem(
         good.a * spread[:, None] / spread, good.b * spread[:, None], good.c / spread, good.d
     )
-    made, scale = balanced(bad)
+    made, scale = balance_states(bad)
     assert set(np.frexp(scale)[0]) == {0.5}
     assert np.abs(made.a).max() < 10.0 * np.abs(good.a).max()
     assert_allclose(made.response(OMEGA), bad.response(OMEGA), rtol=1e-9)
@@ -133,11 +133,11 @@ def test_balancing_scales_by_powers_of_two_and_changes_no_response() -> None:
 def test_a_loop_is_judged_whatever_the_units_are() -> None:
     """A product has no loop at all, with entries of 1e15 as well; 1 − 1 = 0 stays one."""
     large = gain(np.diag([1e9, 1.0]))
-    chain = fed_back(append(large, gain(1e15 * np.ones((2, 2)))), np.eye(4, k=-2))
+    chain = close_with_gain(append(large, gain(1e15 * np.ones((2, 2)))), np.eye(4, k=-2))
     assert_allclose(chain.d[2:, :2], 1e15 * np.array([[1e9, 1.0], [1e9, 1.0]]), rtol=1e-12)
     closed = np.array([[0.0, 1e-9], [1e9, 0.0]])
     with pytest.raises(InputError, match="not well posed"):
-        fed_back(gain(np.eye(2)), closed)
+        close_with_gain(gain(np.eye(2)), closed)
 
 
 @pytest.mark.parametrize(
@@ -155,7 +155,7 @@ def test_what_is_no_real_matrix_is_refused(given: Any, match: str) -> None:
     with pytest.raises(InputError, match=match):
         LtiSystem(given, one, one, one)
     with pytest.raises(InputError, match=match):
-        fed_back(gain(one), given)
+        close_with_gain(gain(one), given)
 
 
 def test_a_system_takes_no_text_for_names_and_no_period_but_a_number() -> None:
@@ -187,4 +187,4 @@ def test_numbers_whose_squares_are_none_are_refused() -> None:
     one = np.eye(1)
     for size in (1e200, 1e-200):
         with pytest.raises(InputError, match="whose square is no number"):
-            balanced(LtiSystem(-size * one, one, one, one))
+            balance_states(LtiSystem(-size * one, one, one, one))

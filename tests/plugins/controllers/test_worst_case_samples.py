@@ -14,7 +14,7 @@ from hillsphere_controllers.analysis.h2_norm import h2_norm
 from hillsphere_controllers.analysis.stability import spectral_abscissa
 from hillsphere_controllers.analysis.worst_case_samples import hinf_value, worst_sample
 from hillsphere_controllers.structured.requirements import DesignPlant
-from hillsphere_controllers.structured.verification import verified
+from hillsphere_controllers.structured.verification import verify_controller
 from hillsphere_controllers.systems.algebra import gain
 from hillsphere_controllers.systems.conversion import transfer_function
 
@@ -72,7 +72,7 @@ def undetermined(seed: int) -> LtiSystem:
 def test_a_norm_that_entries_do_not_determine_is_not_taken(seed: int) -> None:
     """In 50 digits it is 2 % from what double precision finds (seed 2), the error 12 % or more."""
     plant = undetermined(seed)
-    found = verified([DesignPlant(plant)], gain(np.zeros((1, 1))))
+    found = verify_controller([DesignPlant(plant)], gain(np.zeros((1, 1))))
     assert found.gamma_error > 0.01
     assert "do not determine its norm" in found.wrong(None)
     with pytest.raises(InputError, match="do not determine its norm"):

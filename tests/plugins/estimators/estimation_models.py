@@ -121,7 +121,7 @@ def nothing(cases: int) -> Array:
     return np.zeros((0, cases))
 
 
-def flown(
+def fly(
     model: Any,
     x: Array,
     spread: Array,
@@ -158,10 +158,10 @@ def pair_flight(cases: int, steps: int, *, period_s: float = 3600.0, seed: int =
     x = np.repeat(Pair.start[:, None], cases, axis=1)
     one, other = (share * float(np.linalg.norm(Pair.start[k : k + 3])) for k in (0, 6))
     spread: Array = np.array([one] * 3 + [1e-3] * 3 + [other] * 3 + [1e-3] * 3)
-    return flown(Pair(), x, spread, sigma, period_s * np.arange(float(steps)), seed)
+    return fly(Pair(), x, spread, sigma, period_s * np.arange(float(steps)), seed)
 
 
-def filtered(estimator: Estimator, model: EstimationModel, flight: Flight) -> Filtered:
+def run_filter(estimator: Estimator, model: EstimationModel, flight: Flight) -> Filtered:
     """Run a filter over a flight."""
     belief, run = flight.prior, Filtered([], [], [])
     for k, measured in enumerate(flight.sets):

@@ -8,10 +8,10 @@ from tests.plugins.estimators.estimation_models import (
     Linear,
     Pair,
     apart,
-    filtered,
-    flown,
+    fly,
     nothing,
     pair_flight,
+    run_filter,
 )
 
 from hillsphere.errors import InputError
@@ -28,10 +28,10 @@ def test_equals_the_filter_on_a_linear_problem() -> None:
     random = np.random.default_rng(6)
     F = np.array([[1.0, 0.5], [-0.2, 0.9]])
     model = Linear(F, np.zeros((2, 1)), np.array([[1.0, 0.3]]))
-    flight = flown(model, random.normal(size=(2, 3)), np.array([2.0, 1.0]), np.array([0.5]),
+    flight = fly(model, random.normal(size=(2, 3)), np.array([2.0, 1.0]), np.array([0.5]),
                    np.arange(8.0), 5)  # fmt: skip
     # the first measurement is one step after the prior here
-    prior = filtered(example("estimator", "unscented"), model, flight)
+    prior = run_filter(example("estimator", "unscented"), model, flight)
     fit = batch_least_squares(Shifted(model), flight.prior, flight.sets)
     last = prior.after[-1]
     moved = np.linalg.matrix_power(F, 7)
@@ -58,7 +58,7 @@ class Shifted(Linear):
 
 def test_fits_from_a_wide_prior_are_consistent() -> None:
     flight = pair_flight(60, 6)
-    quiet = flown(Quiet(), np.repeat(Pair.start[:, None], 60, axis=1),
+    quiet = fly(Quiet(), np.repeat(Pair.start[:, None], 60, axis=1),
                   flight.prior.sigma[:, 0], Pair.sigma, 3600.0 * np.arange(6.0), 3)  # fmt: skip
     fit = batch_least_squares(Quiet(), quiet.prior, quiet.sets)
     assert fit.settled.all()
@@ -79,9 +79,9 @@ def test_refuses_controls_that_do_not_fit() -> None:
 def test_equals_the_filter_at_the_end() -> None:
     spread = np.tile([1e-2, 1e-2, 1e-2, 1e-6, 1e-6, 1e-6], 2)
     x = np.repeat(Pair.start[:, None], 4, axis=1)
-    quiet = flown(Quiet(), x, spread, Pair.sigma, 600.0 * np.arange(5.0), 3)
+    quiet = fly(Quiet(), x, spread, Pair.sigma, 600.0 * np.arange(5.0), 3)
     fit = batch_least_squares(Quiet(), quiet.prior, quiet.sets)
-    run = filtered(example("estimator", "iterated_extended"), Quiet(), quiet)
+    run = run_filter(example("estimator", "iterated_extended"), Quiet(), quiet)
     belief = fit.belief
     for measured in quiet.sets[1:]:
         belief = example("estimator", "iterated_extended").predict(

@@ -7,16 +7,16 @@ import pytest
 from tests.plugins.estimators.estimation_models import (
     Flight,
     Pair,
-    filtered,
     nothing,
     pair_flight,
+    run_filter,
 )
 
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, Integers
 from hillsphere.testing import example
-from hillsphere_estimators.bias_states import Biased, BiasStates
+from hillsphere_estimators.bias_states import BiasAugmentedModel, BiasStates
 from hillsphere_estimators.consistency import chi_square_band, nees
 from hillsphere_estimators.specs import BatchedUnscentedSpec
 from hillsphere_estimators.unscented import BatchedUnscented
@@ -33,7 +33,7 @@ def of_ranges(considered: bool, time_s: float = np.inf) -> BiasStates:
     )
 
 
-def biased_flight(cases: int, steps: int, offset: Array) -> Flight:
+def make_biased_flight(cases: int, steps: int, offset: Array) -> Flight:
     flight = pair_flight(cases, steps)
     rows = np.zeros((13, cases))
     rows[[2, 7]] = offset
@@ -46,12 +46,12 @@ def biased_flight(cases: int, steps: int, offset: Array) -> Flight:
 @pytest.mark.parametrize("considered", [False, True])
 def test_range_biases_are_told_or_reckoned_with(considered: bool) -> None:
     offset = 40.0 * np.random.default_rng(7).normal(size=(2, 80))
-    flight = biased_flight(80, 8, offset)
-    blind = filtered(ITERATED, Pair(), flight)
+    flight = make_biased_flight(80, 8, offset)
+    blind = run_filter(ITERATED, Pair(), flight)
     assert nees(blind.after[-1], flight.truth[-1]).mean() > 40.0
-    model = Biased(Pair(), 12, of_ranges(considered))
-    told = Flight(flight.truth, flight.sets, model.started(flight.prior))
-    run = filtered(ITERATED, model, told)
+    model = BiasAugmentedModel(Pair(), 12, of_ranges(considered))
+    told = Flight(flight.truth, flight.sets, model.append_biases(flight.prior))
+    run = run_filter(ITERATED, model, told)
     last, truth = run.after[-1], np.concatenate([flight.truth[-1], offset])
     low, high = chi_square_band(14, 80, 0.9999)
     assert low < nees(last, truth).mean() < high
@@ -65,8 +65,8 @@ def test_range_biases_are_told_or_reckoned_with(considered: bool) -> None:
 
 
 def test_wandering_bias_keeps_its_standard_deviation() -> None:
-    model = Biased(Pair(), 12, of_ranges(False, 5000.0))
-    belief = model.started(pair_flight(2, 1).prior)
+    model = BiasAugmentedModel(Pair(), 12, of_ranges(False, 5000.0))
+    belief = model.append_biases(pair_flight(2, 1).prior)
     estimator = example("estimator", "unscented")
     for _ in range(5):
         belief = estimator.predict(model, belief, belief.t_s + 1800.0, nothing(2))
@@ -98,8 +98,10 @@ class Pushed:
 def test_push_that_nobody_commands_is_found() -> None:
     biases = BiasStates(np.array([0.1]), np.array([np.inf]), np.zeros((1, 1)), np.ones((1, 1)),
                         np.zeros(1, dtype=bool))  # fmt: skip
-    model, estimator = Biased(Pushed(), 2, biases), example("estimator", "unscented")
-    belief = model.started(Belief.of(np.zeros((2, 1)), np.diag([1.0, 0.01])[None], np.zeros(1)))
+    model, estimator = BiasAugmentedModel(Pushed(), 2, biases), example("estimator", "unscented")
+    belief = model.append_biases(
+        Belief.of(np.zeros((2, 1)), np.diag([1.0, 0.01])[None], np.zeros(1))
+    )
     for k in range(1, 20):
         t_s = np.full(1, float(k))
         belief = estimator.predict(model, belief, t_s, np.full((1, 1), 0.2))
@@ -118,6 +120,6 @@ def test_refuses_shapes_that_do_not_fit() -> None:
 
 
 def test_nested_biases_are_considered_together() -> None:
-    inner = Biased(Pair(), 12, of_ranges(True))
-    outer = Biased(inner, 14, of_ranges(False))
+    inner = BiasAugmentedModel(Pair(), 12, of_ranges(True))
+    outer = BiasAugmentedModel(inner, 14, of_ranges(False))
     np.testing.assert_array_equal(outer.considered, [False] * 12 + [True] * 2 + [False] * 2)

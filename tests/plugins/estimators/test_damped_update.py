@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.plugins.estimators.estimation_models import Bearing, Pair, filtered, pair_flight
+from tests.plugins.estimators.estimation_models import Bearing, Pair, pair_flight, run_filter
 
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, Channel, Integers
@@ -32,14 +32,14 @@ class HeldArc(Arc):
         return np.arctan(x[:1]) + x[1:]
 
 
-def seen(model: Arc, truth: Array, sigma: float) -> MeasurementSet:
+def measure(model: Arc, truth: Array, sigma: float) -> MeasurementSet:
     """Return exact measurements of truths (n, N)."""
     cases = truth.shape[1]
     shown = model.observe(truth, np.zeros(cases), np.arange(cases))
     return MeasurementSet.of(np.zeros(cases), shown, np.full((1, 1), sigma), model.blocks)
 
 
-def iterated(iterations: int) -> BatchedUnscented:
+def iterating_filter(iterations: int) -> BatchedUnscented:
     return BatchedUnscented(BatchedUnscentedSpec(update="iterated", iterations=iterations))
 
 
@@ -48,7 +48,7 @@ def test_long_steps_are_halved(mean: float, wide: float) -> None:
     """Undamped up to half of these lie hundreds of standard deviations off."""
     truth = np.linspace(-3.0, 3.0, 25)[None]
     prior = Belief.of(np.full((1, 25), mean), np.full((25, 1, 1), wide**2), np.zeros(25))
-    after, _ = iterated(100).update(Arc(), prior, seen(Arc(), truth, 1e-3))
+    after, _ = iterating_filter(100).update(Arc(), prior, measure(Arc(), truth, 1e-3))
     assert np.abs((after.x - truth) / after.sigma).max() < 3.0
 
 
@@ -57,8 +57,8 @@ def test_iterations_that_run_out_leave_the_tempered_update() -> None:
     truth = np.concatenate([np.linspace(-3.0, 3.0, 25)[None], np.zeros((1, 25))])
     start = np.repeat([[4.0], [0.0]], 25, axis=1)
     prior = Belief.of(start, np.repeat(np.diag([4.0, 1e-8])[None], 25, axis=0), np.zeros(25))
-    sets = seen(HeldArc(), truth, 1e-3)
-    after, _ = iterated(100).update(HeldArc(), prior, sets)
+    sets = measure(HeldArc(), truth, 1e-3)
+    after, _ = iterating_filter(100).update(HeldArc(), prior, sets)
     tempered, _ = BatchedUnscented(BatchedUnscentedSpec(update="tempered")).update(
         HeldArc(), prior, sets
     )
@@ -73,7 +73,7 @@ def test_iterations_that_run_out_leave_the_tempered_update() -> None:
 def test_few_iterations_from_a_wide_prior_are_consistent() -> None:
     """Undamped 49 of 256 such flights are lost for ever, in silence."""
     flight = pair_flight(64, 3, share=0.3)
-    run = filtered(iterated(10), Pair(), flight)
+    run = run_filter(iterating_filter(10), Pair(), flight)
     low, high = chi_square_band(12, 64, 0.99999)
     for belief, truth in zip(run.after, flight.truth, strict=True):
         errors = nees(belief, truth)

@@ -9,7 +9,11 @@ import pytest
 from tests.plugins.estimators.test_navigation import joint, stage
 
 from hillsphere.interfaces.cases import LANES, CaseBatch
-from hillsphere_estimators.navigation.divergence import SEEN, SILENT, alarmed
+from hillsphere_estimators.navigation.divergence import (
+    DIVERGED_WITH_ALARM,
+    DIVERGED_WITHOUT_ALARM,
+    detect_divergence,
+)
 
 
 def test_alarm_is_given_set_after_set() -> None:
@@ -21,13 +25,13 @@ def test_alarm_is_given_set_after_set() -> None:
     nis[4:, 3] = np.nan
     used = full.copy()
     used[4:, 4], used[4:, 5] = 3.0, 7.0  # a gate that is shut, and one that is half so
-    found = alarmed(nis, used, full, 10.0)
+    found = detect_divergence(nis, used, full, 10.0)
     np.testing.assert_array_equal(found, [True, False, False, False, True, False])
     sent = full.copy()
     sent[8] = 0.0  # silence says nothing: the five before it count
     nis[8, 0], nis[4:8, 1], nis[3, 1] = 0.0, 300.0, 300.0
-    np.testing.assert_array_equal(alarmed(nis, sent, sent, 10.0)[:2], [False, True])
-    assert not alarmed(full[:1], full[:1], full[:1], 10.0).any()
+    np.testing.assert_array_equal(detect_divergence(nis, sent, sent, 10.0)[:2], [False, True])
+    assert not detect_divergence(full[:1], full[:1], full[:1], 10.0).any()
 
 
 @pytest.mark.parametrize("dof", [1.0, 2.0, 3.0, 5.0, 13.0])
@@ -35,7 +39,7 @@ def test_a_consistent_filter_gives_no_alarm(dof: float) -> None:
     """Of a million of one set each, fewer than ten for χ² of whatever degree: one is expected."""
     nis = np.random.default_rng(3).chisquare(dof, size=(2, 1_000_000))
     rows = np.full(nis.shape, dof)
-    assert alarmed(nis, rows, rows, 10.0).sum() < 10
+    assert detect_divergence(nis, rows, rows, 10.0).sum() < 10
 
 
 def test_a_filter_that_has_diverged_is_a_failed_row() -> None:
@@ -64,11 +68,11 @@ def test_report_says_how_many_have_diverged_and_how_many_alarms_there_are() -> N
     assert not any("diverged" in sentence for sentence in said.verdict)
     nis, ends = flight.nis.copy(), list(flight.endings)
     nis[1:, :5] = 1e4
-    ends[:3] = [SEEN, SEEN, SILENT]
+    ends[:3] = [DIVERGED_WITH_ALARM, DIVERGED_WITH_ALARM, DIVERGED_WITHOUT_ALARM]
     said = stage().present(replace(flight, nis=nis, endings=tuple(ends)))
     assert said.metrics["navigation_diverged"].value == 3
     assert said.metrics["navigation_alarms"].value == 5
     assert said.metrics["navigation_consistent"].value is False
     told = " ".join(said.verdict)
-    assert "3 of 64 flights have diverged; the innovations of 2 of them give the alarm" in told
-    assert "the innovations of 3 of 64 flights give the alarm although" in told
+    assert "3 of 64 flights have diverged; the innovations show it in 2 of them" in told
+    assert "the innovations of 3 of 64 flights raise an alarm although" in told

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.plugins.estimators.estimation_models import Linear, Pair, filtered, flown, pair_flight
+from tests.plugins.estimators.estimation_models import Linear, Pair, fly, pair_flight, run_filter
 
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, MeasurementSet
@@ -42,9 +42,9 @@ def test_bound_of_a_linear_problem_is_its_kalman_covariance() -> None:
     random = np.random.default_rng(2)
     F = np.eye(3) + 0.3 * random.normal(size=(3, 3))
     model = Linear(F, 0.2 * random.normal(size=(3, 1)), random.normal(size=(2, 3)))
-    flight = flown(model, random.normal(size=(3, 4)), np.full(3, 2.0), np.array([0.3, 0.7]),
+    flight = fly(model, random.normal(size=(3, 4)), np.full(3, 2.0), np.array([0.3, 0.7]),
                    np.arange(10.0), 3)  # fmt: skip
-    run = filtered(example("estimator", "unscented"), model, flight)
+    run = run_filter(example("estimator", "unscented"), model, flight)
     for pooled in (False, True):
         bounds = cramer_rao(model, flight.truth, flight.prior.covariance, flight.sets,
                             pooled=pooled)  # fmt: skip
@@ -56,7 +56,7 @@ def test_bound_of_a_linear_problem_is_its_kalman_covariance() -> None:
 
 def test_filter_reaches_the_bound() -> None:
     flight = pair_flight(100, 10)
-    run = filtered(example("estimator", "unscented", 2), Pair(), flight)
+    run = run_filter(example("estimator", "unscented", 2), Pair(), flight)
     bounds = cramer_rao(Pair(), flight.truth, flight.prior.covariance, flight.sets, pooled=True)
     for first in (0, 6):
         own = slice(first, first + 3)

@@ -12,9 +12,9 @@ from tests.plugins.estimators.estimation_models import (
     ANGLES,
     Linear,
     Pair,
-    filtered,
     nothing,
     pair_flight,
+    run_filter,
     without,
 )
 
@@ -69,7 +69,7 @@ def test_gate_takes_every_good_measurement_from_the_first(
 ) -> None:
     """From a prior of a tenth of the distance, where only the curvature is no measure."""
     flight = pair_flight(40, 6, period_s=period_s)
-    run = filtered(estimator, Pair(), flight)
+    run = run_filter(estimator, Pair(), flight)
     for brought in run.brought:
         np.testing.assert_array_equal(brought.dof, 13)
     low, high = chi_square_band(12, 40, 0.99999)
@@ -89,7 +89,7 @@ def test_gate_keeps_what_is_good_among_dropouts_and_outliers() -> None:
         flight.sets[k] = without(replace(measured, values=shifted), missing)
         # what was sent wild is marked by its rows, for the count below
         flight.truth[k] = np.concatenate([flight.truth[k], wild[FIRST_ROWS]])
-    run = filtered(GATED[0], Pair(), flight)
+    run = run_filter(GATED[0], Pair(), flight)
     good = refused = caught = wild_count = 0
     for k, brought in enumerate(run.brought):
         there, used = flight.sets[k].present[FIRST_ROWS], brought.used[FIRST_ROWS]

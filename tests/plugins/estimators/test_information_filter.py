@@ -8,9 +8,9 @@ from tests.plugins.estimators.estimation_models import (
     Linear,
     Pair,
     apart,
-    filtered,
     nothing,
     pair_flight,
+    run_filter,
     without,
 )
 
@@ -27,8 +27,8 @@ from hillsphere_estimators.specs import InformationSpec, IteratedExtendedSpec
 def test_iterated_extended_equals_information_filter() -> None:
     flight = pair_flight(8, 12)
     flight.sets[4] = without(flight.sets[4], np.arange(13)[:, None] < np.arange(8))
-    extended = filtered(IteratedExtended(IteratedExtendedSpec()), Pair(), flight)
-    information = filtered(Information(InformationSpec()), Pair(), flight)
+    extended = run_filter(IteratedExtended(IteratedExtendedSpec()), Pair(), flight)
+    information = run_filter(Information(InformationSpec()), Pair(), flight)
     for one, other in zip(extended.after, information.after, strict=True):
         assert apart(one, other) < 1e-6
     for a, b in zip(extended.brought, information.brought, strict=True):
@@ -38,12 +38,12 @@ def test_iterated_extended_equals_information_filter() -> None:
 
 def test_iterated_extended_is_consistent_from_a_wide_prior() -> None:
     flight = pair_flight(100, 8)
-    run = filtered(IteratedExtended(IteratedExtendedSpec()), Pair(), flight)
+    run = run_filter(IteratedExtended(IteratedExtendedSpec()), Pair(), flight)
     low, high = chi_square_band(12, 100, 0.99999)
     found = [nees(b, x).mean() for b, x in zip(run.after, flight.truth, strict=True)]
     assert low < min(found)
     assert max(found) < high
-    once = filtered(IteratedExtended(IteratedExtendedSpec(iterations=1)), Pair(), flight)
+    once = run_filter(IteratedExtended(IteratedExtendedSpec(iterations=1)), Pair(), flight)
     assert nees(once.after[0], flight.truth[0]).mean() > 1e3
 
 
@@ -72,5 +72,5 @@ def test_steps_that_would_run_away_are_halved(type_: str) -> None:
 def test_refuses_what_is_known_exactly() -> None:
     model = Flat(np.eye(1), np.zeros((1, 1)), np.eye(1))
     exact = Belief(np.zeros((1, 1)), np.zeros((1, 1, 1)), np.zeros(1))
-    with pytest.raises(InputError, match="singular covariance"):
+    with pytest.raises(InputError, match="covariance of a belief is singular"):
         Information(InformationSpec()).predict(model, exact, np.ones(1), nothing(1))

@@ -14,7 +14,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces.cases import CaseBatch
 from hillsphere.testing import RecordingContext, check_presentation
 from hillsphere_estimators.consistency import chi_square_band
-from hillsphere_estimators.initialisation.presentation import judged
+from hillsphere_estimators.initialisation.presentation import judge_consistency
 from hillsphere_estimators.initialisation.products import StartingBelief
 
 BODY = create(
@@ -77,10 +77,10 @@ def test_random_accelerations_are_flown_and_reckoned_with() -> None:
 
 
 def test_verdict_says_what_the_numbers_are() -> None:
-    assert judged(12.0, 11.0, 13.0, 0.3) == "consistent"
-    assert judged(12.0, 11.0, 13.0, 1e-3) == "not consistent"
-    assert judged(14.0, 11.0, 13.0, 0.3) == "overconfident"
-    assert judged(10.0, 11.0, 13.0, 0.3).startswith("cautious")
+    assert judge_consistency(12.0, 11.0, 13.0, 0.3) == "consistent"
+    assert judge_consistency(12.0, 11.0, 13.0, 1e-3) == "not consistent"
+    assert judge_consistency(14.0, 11.0, 13.0, 0.3) == "overconfident"
+    assert judge_consistency(10.0, 11.0, 13.0, 0.3).startswith("cautious")
 
 
 def test_navigation_begins_with_it() -> None:
@@ -105,21 +105,21 @@ def test_navigation_begins_with_it() -> None:
     )
     told = made.run_cases(batch, ["t"], belief=found)
     assert not told.failed.any()
-    plan = made._plan(None, found)
+    plan = made._plan(belief=found).plan
     assert plan.begin_s == found.t_s == 10_800.0
     truth, begun = made._begin(plan, batch, found, np.full(64, plan.begin_s))
     np.testing.assert_array_equal(truth[:, :8], found.truths[:, [1, 3, 5, 7, 9, 11, 1, 3]])
     np.testing.assert_array_equal(begun.x[:, 0], found.means[:, 1])
     with pytest.raises(InputError, match=r"leave start\.time_s out"):
-        flight(start={"time_h": 1})._plan(None, found)
+        flight(start={"time_h": 1})._plan(belief=found)
     with pytest.raises(InputError, match="leave start out"):
         flight(start={"position_m": [*SC_1, *SC_2]})
     with pytest.raises(
         InputError, match=r"needs\.belief: it is of 2 states a, b; the plant has 12"
     ):
-        made._plan(None, replace(found, names=("a", "b")))
+        made._plan(belief=replace(found, names=("a", "b")))
     with pytest.raises(InputError, match="none of its 12 fits converged"):
-        made._plan(None, replace(found, settled=np.zeros(12)))
+        made._plan(belief=replace(found, settled=np.zeros(12)))
 
 
 def test_refusals() -> None:

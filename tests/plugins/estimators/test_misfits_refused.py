@@ -35,7 +35,7 @@ def prior(cases: int = 1) -> Belief:
     )
 
 
-def measured(
+def make_measurements(
     rows: int, t_s: float = 0.0, cases: int = 1, kind: Literal["linear", "angle"] = "linear"
 ) -> MeasurementSet:
     blocks = tuple((Channel(f"z{k}", "rad", kind),) for k in range(rows))
@@ -53,24 +53,24 @@ def test_other_rows(
 ) -> None:
     """One row beside two was broadcast, and counted twice."""
     with pytest.raises(InputError, match=f"model shows 2 rows, the measurements have {rows}"):
-        example("estimator", type_).update(model, prior(), measured(rows, kind=kind))
+        example("estimator", type_).update(model, prior(), make_measurements(rows, kind=kind))
 
 
 def test_other_rows_of_a_fit() -> None:
     with pytest.raises(InputError, match="model shows 2 rows, the measurements have 1"):
-        batch_least_squares(MODEL, prior(), [measured(1)])
+        batch_least_squares(MODEL, prior(), [make_measurements(1)])
 
 
 @pytest.mark.parametrize("type_", TYPES)
 def test_other_times_and_cases(type_: str) -> None:
     estimator = example("estimator", type_)
     with pytest.raises(InputError, match="case 0 was measured at 100 s, but the belief is of 0 s"):
-        estimator.update(MODEL, prior(), measured(2, 100.0))
+        estimator.update(MODEL, prior(), make_measurements(2, 100.0))
     with pytest.raises(InputError, match="belief has 2 cases, the measurements have 1"):
-        estimator.update(MODEL, prior(2), measured(2))
+        estimator.update(MODEL, prior(2), make_measurements(2))
     # times that differ by rounding are the same
     late = Belief(prior().x, prior().root, np.array([0.1 + 0.2]))
-    estimator.update(MODEL, late, measured(2, 0.3))
+    estimator.update(MODEL, late, make_measurements(2, 0.3))
 
 
 @pytest.mark.parametrize("shape", [(2,), (1, 2), (2, 1)])
@@ -88,7 +88,7 @@ def test_sigma_points_that_make_no_covariance(alpha: float, beta: float) -> None
 @pytest.mark.parametrize("rule", [None, SigmaRule()])
 def test_link_of_states_known_exactly(rule: SigmaRule | None) -> None:
     known = Belief(np.zeros((2, 1)), np.zeros((1, 2, 2)), np.zeros(1))
-    with pytest.raises(InputError, match="singular covariance"):
+    with pytest.raises(InputError, match="covariance of a belief is singular"):
         link(MODEL, known, np.ones(1), nothing(1), rule)
 
 
@@ -105,14 +105,14 @@ def test_a_mean_over_nothing() -> None:
 @pytest.mark.parametrize("scales", [np.ones(3), np.array([1.0, 0.0]), np.array([1.0, np.nan])])
 def test_scales_that_do_not_fit(scales: Array) -> None:
     with pytest.raises(InputError, match="scales must be 2 sizes"):
-        observability(MODEL, prior(), [measured(2)], scales)
+        observability(MODEL, prior(), [make_measurements(2)], scales)
     with pytest.raises(InputError, match="scales must be 2 sizes"):
         covariance_intersection(prior(), prior(), "trace", scales)
 
 
 def test_controls_of_another_number() -> None:
     with pytest.raises(InputError, match="1 measurements need as many controls, got 0"):
-        observability(MODEL, prior(), [measured(2)], np.ones(2), [])
+        observability(MODEL, prior(), [make_measurements(2)], np.ones(2), [])
 
 
 def test_nothing_else_is_made_least() -> None:

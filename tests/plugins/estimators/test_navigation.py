@@ -20,10 +20,10 @@ from hillsphere.sensor_suite import SensorSuite
 from hillsphere.testing import RecordingContext
 from hillsphere_estimators.consistency import chi_square_band
 from hillsphere_estimators.navigation.metrics import moment, ratio_to_bound
-from hillsphere_estimators.navigation.presentation import judged
+from hillsphere_estimators.navigation.presentation import judge_consistency
 from hillsphere_estimators.navigation.specs import NavigationSpec
 from hillsphere_estimators.navigation.stage import NavigationStage
-from hillsphere_estimators.navigation.world import Faults, ShakenReference
+from hillsphere_estimators.navigation.world import FaultySensors, PerturbedReference
 from hillsphere_estimators.navigation_comparison.specs import NavigationComparisonSpec
 from hillsphere_estimators.navigation_comparison.stage import NavigationComparisonStage
 from hillsphere_estimators.plant_model import PlantModel
@@ -169,7 +169,7 @@ def test_accelerations_beside_the_law() -> None:
 
 def test_flights_of_different_intervals_are_shaken_alike() -> None:
     def shaken(interval_s: float, samples: int) -> Array:
-        one = ShakenReference(
+        one = PerturbedReference(
             np.zeros((6, samples)), interval_s, 60.0, np.zeros(4), lambda t: np.ones((3, len(t))),
             np.ones(4), 1, "x", np.arange(4),
         )  # fmt: skip
@@ -187,7 +187,7 @@ def test_dropouts_and_outliers_come_as_often_as_asked() -> None:
     suite = SensorSuite(
         [part("link"), create("sensor", "inter_satellite", spacecraft=2, partner=1)]
     )
-    faults = Faults(suite, 0.3, 0.02, 30.0, [([1], 10.0, 20.0)])
+    faults = FaultySensors(suite, 0.3, 0.02, 30.0, [([1], 10.0, 20.0)])
     count = 20000
     x = np.repeat(np.array([*FIRST, 0, 0, 0, *SECOND, 0, 0, 0], dtype=float)[:, None], count, 1)
     t = np.zeros(count)
@@ -258,14 +258,14 @@ def test_lost_flights_are_never_consistent() -> None:
     assert any("cautious" in sentence for sentence in calm.verdict)
     loud = stage().present(replace(flight, nees=flight.nees * 6.0))
     assert any("overconfident" in sentence for sentence in loud.verdict)
-    assert judged(12.0, 12, 64, 0)[1] > judged(12.0, 12, 64, 54)[1]
+    assert judge_consistency(12.0, 12, 64, 0)[1] > judge_consistency(12.0, 12, 64, 54)[1]
 
 
 def test_faults_are_unknown_to_the_bound() -> None:
     notes = stage().present(joint()).tables["navigation"].notes
-    assert not any("does not know" in note for note in notes)
+    assert not any("does not account" in note for note in notes)
     notes = stage(dropouts=0.3, outliers=0.02).present(joint()).tables["navigation"].notes
-    assert any("does not know of dropouts, outliers" in note for note in notes)
+    assert any("does not account for dropouts, outliers" in note for note in notes)
     for silent, known in ([], False), (["link"], True):
         one = stage(outages=[{"sensors": silent, "interval_h": [0.2, 0.6]}])
         notes = one.present(joint()).tables["navigation"].notes
@@ -335,10 +335,10 @@ BAD: list[tuple[dict[str, Any], str]] = [
 def test_bad_input(keys: dict[str, Any], message: str) -> None:
     others = {key: value for key, value in keys.items() if key != "sensors"}
     with pytest.raises(HillsphereError, match=message):
-        flown(tuple(keys.get("sensors", SENSORS)), others)
+        run_stage(tuple(keys.get("sensors", SENSORS)), others)
 
 
-def flown(names: tuple[str, ...], keys: dict[str, Any]) -> None:
+def run_stage(names: tuple[str, ...], keys: dict[str, Any]) -> None:
     stage(names, **keys).run(RecordingContext())
 
 

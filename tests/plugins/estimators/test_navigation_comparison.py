@@ -68,7 +68,7 @@ def comparison(**keys: Any) -> NavigationComparisonSpec:
     return spec
 
 
-def compared(table: CaseTable, **keys: Any) -> Any:
+def compare(table: CaseTable, **keys: Any) -> Any:
     one = NavigationComparisonStage(comparison(ordered=True, **keys))
     product = one.run(RecordingContext(), campaign=table)
     return product, one.present(product)
@@ -76,7 +76,7 @@ def compared(table: CaseTable, **keys: Any) -> Any:
 
 def test_a_set_that_loses_flights_meets_no_requirement() -> None:
     keys: dict[str, Any] = {"masses_kg": [1, 2], "required_position_m": 5}
-    product, said = compared(campaign((2.0, 35), (1.0, 0)), **keys)
+    product, said = compare(campaign((2.0, 35), (1.0, 0)), **keys)
     assert product.lightest == "set b, 2 kg"
     assert product.answers == ("undecided",)
     assert product.lost.tolist() == [[35], [0]]
@@ -85,7 +85,7 @@ def test_a_set_that_loses_flights_meets_no_requirement() -> None:
     assert rows[0]["consistent"] == "no"
     assert any("set a 35 of 40" in sentence for sentence in said.verdict)
     assert not any("draw" in column.name for column in said.tables["navigation_comparison"].columns)
-    product, _ = compared(campaign((2.0, 0), (1.0, 0)), **keys)
+    product, _ = compare(campaign((2.0, 0), (1.0, 0)), **keys)
     assert product.lightest == "set a, 1 kg"
     assert product.answers == ("confirmed",)
 
@@ -101,7 +101,7 @@ def sweep(**keys: Any) -> CaseTable:
 
 
 def test_sets_of_a_sweep_and_points_of_its_other_keys() -> None:
-    product, said = compared(sweep(), required_position_m=2.5, masses_kg=[2, 1])
+    product, said = compare(sweep(), required_position_m=2.5, masses_kg=[2, 1])
     assert product.points == ("10min, count 3", "0p500s, count 3")
     np.testing.assert_allclose(product.position_m[1, :, :, 0], [[4.0, 2.0], [3.0, 1.0]])
     np.testing.assert_allclose(product.ratio[1], [[0.75, 0.5]])
@@ -117,7 +117,7 @@ def test_sets_of_a_sweep_and_points_of_its_other_keys() -> None:
 def test_sets_stand_in_the_order_in_which_they_are_swept() -> None:
     """Also of what is a number: a label is that of the first value, not of the smallest."""
     points = np.array([[600.0, 600.0, 0.5, 0.5], [9.0, 5.0] * 2, [3.0] * 4])
-    product, _ = compared(sweep(swept_units=("s", "m", "-"), points=points))
+    product, _ = compare(sweep(swept_units=("s", "m", "-"), points=points))
     np.testing.assert_allclose(product.position_m[1, :, :, 0], [[4.0, 2.0], [3.0, 1.0]])
 
 
@@ -136,7 +136,7 @@ def test_a_campaign_that_does_not_fit_is_refused(
     table: CaseTable, keys: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(HillsphereError, match=message):
-        compared(table, **keys)
+        compare(table, **keys)
 
 
 def test_a_mission_tells_before_it_runs_that_its_campaign_does_not_fit() -> None:
@@ -176,9 +176,9 @@ def test_bad_comparison(keys: dict[str, Any], message: str) -> None:
 
 
 def test_the_bound_does_not_know_of_a_gate() -> None:
-    _, said = compared(campaign((2.0, 0), (1.0, 0)))
+    _, said = compare(campaign((2.0, 0), (1.0, 0)))
     notes = said.tables["navigation_comparison"].notes
-    assert any("a filter with a gate rejects" in note for note in notes)
+    assert any("that a gate rejects" in note for note in notes)
 
 
 def test_a_published_row_of_no_set_is_refused(tmp_path: Path) -> None:
@@ -186,4 +186,4 @@ def test_a_published_row_of_no_set_is_refused(tmp_path: Path) -> None:
     columns = "case,spacecraft,position_error_m,velocity_error_mm_s"
     path.write_text(f"# source: a paper\n{columns}\n3,1,1,1\n")
     with pytest.raises(HillsphereError, match="there are 2 sets, counted"):
-        compared(campaign((2.0, 0), (1.0, 0)), reference=str(path))
+        compare(campaign((2.0, 0), (1.0, 0)), reference=str(path))

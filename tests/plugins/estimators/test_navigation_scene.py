@@ -167,7 +167,7 @@ def near(**angles: float) -> Any:
     )  # fmt: skip
 
 
-def flown(sensors: list[Any], plant: Any = None, **keys: Any) -> tuple[Any, NavigationFlight]:
+def fly(sensors: list[Any], plant: Any = None, **keys: Any) -> tuple[Any, NavigationFlight]:
     plant = near(**ORBIT) if plant is None else plant
     given: dict[str, Any] = {
         "plant": plant, "sensors": sensors, "start": {"position_m": PLACE},
@@ -218,7 +218,7 @@ def test_flies_with_what_looks_far(kind: str) -> None:
     far = create("sensor", kind, **(STATION if kind == "deep_space_station" else {}))
     if kind == "deep_space_station":
         keys = {"earth": example("body", "solar_orbit"), "epoch": EPOCH}
-    _, flight = flown([*onboard(plant), far], **keys)
+    _, flight = fly([*onboard(plant), far], **keys)
     low, high = chi_square_band(6, 64)
     assert flight.lost == 0
     assert (low < flight.nees.mean(axis=1)).all()
@@ -236,7 +236,7 @@ def test_flies_with_what_looks_far(kind: str) -> None:
 
 @cache
 def _alone() -> NavigationFlight:
-    return flown(onboard(near(**ORBIT)))[1]
+    return fly(onboard(near(**ORBIT)))[1]
 
 
 def test_sun_doppler_needs_no_angles_of_the_orbit() -> None:
@@ -253,7 +253,7 @@ def test_sun_doppler_needs_no_angles_of_the_orbit() -> None:
 
 def test_over_a_pole() -> None:
     plant = near(**ORBIT)
-    _, flight = flown(onboard(plant), start={"position_m": [0.0, 0.0, 1500.0]})
+    _, flight = fly(onboard(plant), start={"position_m": [0.0, 0.0, 1500.0]})
     assert flight.lost == 0
     assert flight.nees.mean() < chi_square_band(6, 64)[1]
 
@@ -262,9 +262,9 @@ def test_refused_without_a_mission() -> None:
     station = create("sensor", "deep_space_station", **STATION)
     earth = example("body", "solar_orbit")
     with pytest.raises(InputError, match="takes 'earth', 'earth_axes' from"):
-        flown([station])
+        fly([station])
     with pytest.raises(InputError, match="inclination, node and periapsis"):
-        flown([station], near(), earth=earth, epoch=EPOCH)
+        fly([station], near(), earth=earth, epoch=EPOCH)
     dated = create(
         "body", "asteroid", semi_major_axis_au=0.9, rotation_rate_rad_s=5e-5, epoch="2029-04-01",
         mean_anomaly_rad=1.0, **ORBIT,
@@ -282,10 +282,10 @@ def test_refused_without_a_mission() -> None:
 def test_report_says_how_lost_flights_ended() -> None:
     plant = near(**ORBIT)
     given = {"start": {"position_m": [0.0, -400.0, 0.0]}, "duration_h": 20, "law": None}
-    stage, flight = flown(onboard(plant), **given)
+    stage, flight = fly(onboard(plant), **given)
     assert flight.lost > 0
     said = " ".join(stage.present(flight).verdict)
     ended = [ending for ending in flight.endings if ending != "completed"]
     assert len(ended) == flight.lost
-    assert f"{flight.lost} of 64 flights did not come to their end: " in said
+    assert f"{flight.lost} of 64 flights were lost before their end: " in said
     assert f"{ended.count('impact')} impact" in said

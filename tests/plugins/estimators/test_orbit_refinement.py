@@ -110,15 +110,15 @@ def test_what_sensors_bring(product: OrbitRefinement) -> None:
 def test_presentation(product: OrbitRefinement) -> None:
     shown = refinement(claims_velocity_kept=True).present(product)
     check_presentation(shown)
-    assert any("not considerably improved" in line for line in shown.verdict)
-    assert any("as large as the filter says: mean NEES of all 18" in v for v in shown.verdict)
-    assert any("after 1 d: position better" in line for line in shown.verdict)
+    assert any("does not considerably improve" in line for line in shown.verdict)
+    assert any("The filter is consistent: mean NEES of all 18" in v for v in shown.verdict)
+    assert any("after 1 d: position error smaller by a factor of" in line for line in shown.verdict)
     # where a spacecraft is not heard its velocity is forgotten, the asteroid's is not
-    (silent,) = (line for line in shown.verdict if "partly silent" in line)
+    (silent,) = (line for line in shown.verdict if "are silent" in line)
     assert "A peak, of more than 10 %, has the spacecraft's" in silent
     assert "the asteroid's no times" in silent
     plain = refinement().present(product)
-    assert not any("considerably improved" in line for line in plain.verdict)
+    assert not any("considerably improve" in line for line in plain.verdict)
     rows = shown.tables["refinement_tracking"].rows
     assert len(rows) == 2 * 4
 
@@ -129,13 +129,13 @@ def test_overconfidence_and_lack_of_convergence_are_said(product: OrbitRefinemen
     joint[1] *= 0.5
     rested[2, 0, 0] = 0.0
     shown = refinement().present(replace(product, joint_nees=joint, tracked_settled=rested))
-    (line,) = (v for v in shown.verdict if "as large as the filter says" in v)
-    assert line.startswith("Errors are not as large as the filter says with 'no Doppler', 'cameras")
+    (line,) = (v for v in shown.verdict if "mean NEES" in v)
+    assert line.startswith("The filter is not consistent with 'no Doppler', 'cameras")
     rows = shown.tables["refinement_arms"].rows
     assert [row["judged"] for row in rows] == [
         "consistent", "cautious", "consistent", "overconfident",
     ]  # fmt: skip
-    assert any("1 of 80 during tracking" in v for v in shown.verdict)
+    assert any("1 of 80 during tracking did not" in v for v in shown.verdict)
 
 
 def test_refusals() -> None:

@@ -9,7 +9,7 @@ from tests.plugins.estimators.estimation_models import (
     Linear,
     Pair,
     apart,
-    flown,
+    fly,
     nothing,
     pair_flight,
 )
@@ -19,7 +19,7 @@ from hillsphere.estimation import Belief
 from hillsphere.interfaces import EstimationModel, Estimator
 from hillsphere.testing import example
 from hillsphere_estimators.sigma_points import SigmaRule
-from hillsphere_estimators.smoother import link, smoothed
+from hillsphere_estimators.smoother import link, smooth
 
 
 def both(
@@ -34,7 +34,7 @@ def both(
             belief = tie.predicted
         belief, _ = estimator.update(model, belief, measured)
         after.append(belief)
-    return after, smoothed(after, links)
+    return after, smooth(after, links)
 
 
 @pytest.mark.parametrize("rule", [None, SigmaRule(), SigmaRule(alpha=0.3, kappa=1.0)])
@@ -43,7 +43,7 @@ def test_equals_the_joint_distribution_of_all_states(rule: SigmaRule | None) -> 
     F, G = np.array([[1.0, 0.5], [-0.2, 0.9]]), np.array([[0.1], [0.4]])
     H, sigma, K = np.array([[1.0, 0.3]]), np.array([0.5]), 6
     model = Linear(F, G, H)
-    flight = flown(model, random.normal(size=(2, 2)), np.array([2.0, 1.0]), sigma,
+    flight = fly(model, random.normal(size=(2, 2)), np.array([2.0, 1.0]), sigma,
                    np.arange(float(K)), 5)  # fmt: skip
     _, found = both(example("estimator", "unscented"), model, flight, rule)
     for case in range(2):
@@ -98,4 +98,4 @@ def test_link_predicts_as_the_filter_does(rule: SigmaRule | None) -> None:
 def test_refuses_a_missing_link() -> None:
     flight = pair_flight(1, 2)
     with pytest.raises(InputError, match="needs 1 links, got 0"):
-        smoothed([flight.prior, flight.prior], [])
+        smooth([flight.prior, flight.prior], [])

@@ -15,10 +15,10 @@ from tests.plugins.estimators.estimation_models import (
     Linear,
     Pair,
     apart,
-    filtered,
-    flown,
+    fly,
     nothing,
     pair_flight,
+    run_filter,
     without,
 )
 
@@ -32,7 +32,7 @@ from hillsphere_estimators.specs import BatchedUnscentedSpec, SequentialUnscente
 from hillsphere_estimators.unscented import BatchedUnscented
 
 
-def unscented(**keys: Any) -> BatchedUnscented:
+def unscented_filter(**keys: Any) -> BatchedUnscented:
     return BatchedUnscented(BatchedUnscentedSpec(**keys))
 
 
@@ -44,8 +44,8 @@ def test_equals_filterpy_on_the_same_stream(alpha: float, kappa: float) -> None:
     spec = SequentialUnscentedSpec(alpha=alpha, kappa=kappa)
     flight = pair_flight(2, 12, share=1e-3, sigma=np.maximum(Pair.sigma, 5e-4))
     flight.sets[3] = without(flight.sets[3], np.arange(13)[:, None] % 5 == np.array([[2, 4]]))
-    ours = filtered(unscented(alpha=alpha, kappa=kappa), Pair(), flight)
-    theirs = filtered(SequentialUnscented(spec), Pair(), flight)
+    ours = run_filter(unscented_filter(alpha=alpha, kappa=kappa), Pair(), flight)
+    theirs = run_filter(SequentialUnscented(spec), Pair(), flight)
     for one, other in zip(ours.after, theirs.after, strict=True):
         assert apart(one, other) < 1e-9
     for a, b in zip(ours.brought, theirs.brought, strict=True):
@@ -60,7 +60,7 @@ def test_sharp_measurements_cost_no_digits() -> None:
     """Against the textbook's form with 64 bits of mantissa; with 53 that form loses them."""
     flight = pair_flight(1, 8, share=1e-4)
     exact = in_long_doubles(flight)
-    ours = filtered(unscented(), Pair(), flight)
+    ours = run_filter(unscented_filter(), Pair(), flight)
     for k, (x, P) in enumerate(exact):
         assert apart(ours.after[k], Belief.of(x[:, None], P[None], flight.sets[k].t_s)) < 5e-10
 
@@ -124,8 +124,8 @@ def test_equals_kalman_where_all_is_linear(type_: str) -> None:
     G = 0.1 * random.normal(size=(4, 2))
     H = random.normal(size=(2, 4))
     model, sigma = Linear(F, G, H), np.array([0.3, 0.7])
-    flight = flown(model, random.normal(size=(4, 3)), np.full(4, 2.0), sigma, np.arange(30.0), 3)
-    run = filtered(estimator, model, flight)
+    flight = fly(model, random.normal(size=(4, 3)), np.full(4, 2.0), sigma, np.arange(30.0), 3)
+    run = run_filter(estimator, model, flight)
     for case in range(3):
         x, P = flight.prior.x[:, case], flight.prior.covariance[case]
         for k, measured in enumerate(flight.sets):
@@ -155,13 +155,15 @@ def errors(run: Filtered, flight: Any) -> tuple[Array, Array]:
 
 def test_wide_prior_breaks_the_plain_update_and_not_the_others() -> None:
     flight = pair_flight(100, 8)
-    plain, _ = errors(filtered(unscented(), Pair(), flight), flight)
+    plain, _ = errors(run_filter(unscented_filter(), Pair(), flight), flight)
     assert plain.min() > 1e3
     low, high = chi_square_band(12, 100, 0.99999)
-    iterated, rms = errors(filtered(unscented(update="iterated"), Pair(), flight), flight)
+    iterated, rms = errors(run_filter(unscented_filter(update="iterated"), Pair(), flight), flight)
     assert (low < iterated).all()
     assert (iterated < high).all()
-    tempered, tempered_rms = errors(filtered(unscented(update="tempered"), Pair(), flight), flight)
+    tempered, tempered_rms = errors(
+        run_filter(unscented_filter(update="tempered"), Pair(), flight), flight
+    )
     # what the powers leave of the curvature's error costs less than a fifth
     assert (tempered < 1.2 * high).all()
     np.testing.assert_allclose(tempered_rms, rms, rtol=0.25)
@@ -170,7 +172,9 @@ def test_wide_prior_breaks_the_plain_update_and_not_the_others() -> None:
 def test_few_powers_are_better_than_one() -> None:
     flight = pair_flight(60, 1)
     found = [
-        np.median(nees(filtered(unscented(**keys), Pair(), flight).after[0], flight.truth[0]))
+        np.median(
+            nees(run_filter(unscented_filter(**keys), Pair(), flight).after[0], flight.truth[0])
+        )
         for keys in ({}, {"update": "tempered", "powers": 4}, {"update": "tempered", "powers": 12})
     ]
     assert found[0] > 10.0 * found[1] > 10.0 * found[2]
@@ -178,7 +182,7 @@ def test_few_powers_are_better_than_one() -> None:
 
 def test_mean_innovations_lie_in_their_band() -> None:
     flight = pair_flight(100, 10)
-    run = filtered(unscented(update="iterated"), Pair(), flight)
+    run = run_filter(unscented_filter(update="iterated"), Pair(), flight)
     found = mean_nis(run.brought[4:])
     assert found.inside.all()
     assert mean_nis(run.brought[4:], slice(10, 13)).inside.all()
@@ -186,8 +190,8 @@ def test_mean_innovations_lie_in_their_band() -> None:
     quiet = [
         MeasurementSet(m.t_s, m.values, 0.5 * m.sigma, m.blocks, m.present) for m in flight.sets
     ]
-    told = filtered(
-        unscented(update="iterated"), Pair(), type(flight)(flight.truth, quiet, flight.prior)
+    told = run_filter(
+        unscented_filter(update="iterated"), Pair(), type(flight)(flight.truth, quiet, flight.prior)
     )
     assert not mean_nis(told.brought[4:]).inside.any()
 
@@ -196,7 +200,7 @@ def test_mean_innovations_of_nothing_are_nan() -> None:
     flight = pair_flight(2, 1)
     m = flight.sets[0]
     silent = MeasurementSet(m.t_s, m.values, 0.0 * m.sigma, m.blocks, np.zeros_like(m.present))
-    _, brought = unscented().update(Pair(), flight.prior, silent)
+    _, brought = unscented_filter().update(Pair(), flight.prior, silent)
     found = mean_nis([brought])
     assert np.isnan(found.mean).all()
     assert found.inside.all()
@@ -204,7 +208,7 @@ def test_mean_innovations_of_nothing_are_nan() -> None:
 
 def test_dropouts_and_outliers_are_survived() -> None:
     flight, random = pair_flight(50, 24, seed=5), np.random.default_rng(8)
-    clean = errors(filtered(unscented(update="iterated"), Pair(), flight), flight)[1]
+    clean = errors(run_filter(unscented_filter(update="iterated"), Pair(), flight), flight)[1]
     for k, measured in enumerate(flight.sets):
         missing = np.repeat(random.random((5, 50)) < 0.3, [2, 3, 2, 3, 3], axis=0)
         wild = np.repeat(random.random((5, 50)) < 0.02, [2, 3, 2, 3, 3], axis=0) & (k > 4)
@@ -213,8 +217,8 @@ def test_dropouts_and_outliers_are_survived() -> None:
             MeasurementSet(measured.t_s, values, measured.sigma, measured.blocks, measured.present),
             missing,
         )
-    gated = filtered(unscented(update="iterated", gate_sigmas=5), Pair(), flight)
-    open_ = filtered(unscented(update="iterated"), Pair(), flight)
+    gated = run_filter(unscented_filter(update="iterated", gate_sigmas=5), Pair(), flight)
+    open_ = run_filter(unscented_filter(update="iterated"), Pair(), flight)
     mean, rms = errors(gated, flight)
     assert rms[-10:].mean() < 1.6 * clean[-10:].mean()
     assert mean[-10:].max() < 2.0 * 12.0
@@ -224,18 +228,18 @@ def test_dropouts_and_outliers_are_survived() -> None:
 
 def test_gate_leaves_out_whole_blocks_and_counts_them() -> None:
     flight = pair_flight(3, 6)
-    run = filtered(unscented(update="iterated"), Pair(), flight)
+    run = run_filter(unscented_filter(update="iterated"), Pair(), flight)
     prior, last = run.before[-1], flight.sets[-1]
     values = last.values.copy()
     values[2, 1] += 30.0 * last.sigma[2, 1]
     wild = MeasurementSet(last.t_s, values, last.sigma, last.blocks, last.present)
-    estimator = unscented(gate_sigmas=5)
+    estimator = unscented_filter(gate_sigmas=5)
     after, brought = estimator.update(Pair(), prior, wild)
     np.testing.assert_array_equal(brought.dof, [13, 10, 13])
     np.testing.assert_array_equal(np.flatnonzero(~brought.used[:, 1]), [2, 3, 4])
     missing = np.zeros((13, 3), dtype=bool)
     missing[2:5, 1] = True
-    plain, _ = unscented().update(Pair(), prior, without(last, missing))
+    plain, _ = unscented_filter().update(Pair(), prior, without(last, missing))
     assert apart(after, plain) < 1e-12
 
 
@@ -243,7 +247,7 @@ def test_every_sensor_lost_for_a_day_and_back() -> None:
     flight = pair_flight(40, 40)
     for k in range(8, 32):
         flight.sets[k] = without(flight.sets[k], np.ones((13, 1), dtype=bool))
-    run = filtered(unscented(update="iterated", gate_sigmas=5), Pair(), flight)
+    run = run_filter(unscented_filter(update="iterated", gate_sigmas=5), Pair(), flight)
     sigma = np.array([b.sigma[:3].max() for b in run.after])
     assert (np.diff(sigma[8:32]) > 0.0).all()
     assert sigma[31] > 4.0 * sigma[7]
@@ -260,7 +264,7 @@ def test_every_sensor_lost_for_a_day_and_back() -> None:
 @pytest.mark.parametrize("update", ["plain", "tempered", "iterated"])
 def test_case_does_not_feel_its_neighbours(update: str) -> None:
     flight = pair_flight(5, 1)
-    estimator = unscented(update=update, gate_sigmas=5)
+    estimator = unscented_filter(update=update, gate_sigmas=5)
     together, _ = estimator.update(Pair(), flight.prior, flight.sets[0])
     for k in range(5):
         own = slice(k, k + 1)
@@ -288,7 +292,7 @@ def test_directions_know_no_turn_nor_pole() -> None:
         z = Bearing().observe(seen, np.zeros(1), np.zeros(1, dtype=int))
         measured = MeasurementSet.of(np.zeros(1), z, sigma, Bearing.blocks)
         # with κ = 3 − n sigma points in other axes give the same up to the third order
-        after, brought = unscented(update="iterated", iterations=50).update(
+        after, brought = unscented_filter(update="iterated", iterations=50).update(
             Bearing(), prior, measured
         )
         found.append((axes.T @ after.x, axes.T @ after.covariance[0] @ axes, brought))
@@ -316,8 +320,8 @@ def test_considered_states_as_by_schmidt() -> None:
     prior = Belief.of(x[:, None], P[None], np.zeros(1))
     measured = MeasurementSet.of(np.zeros(1), z[:, None], np.array([[0.2], [0.3]]), model.blocks)
     for estimator in (
-        unscented(),
-        unscented(update="iterated"),
+        unscented_filter(),
+        unscented_filter(update="iterated"),
         example("estimator", "iterated_extended"),
     ):
         after, _ = estimator.update(model, prior, measured)
@@ -333,11 +337,11 @@ def test_states_known_exactly_stay_so() -> None:
     root = np.array([[[2.0, 0.0], [0.0, 0.0]]])
     prior = Belief(np.array([[1.0], [5.0]]), root, np.zeros(1))
     measured = MeasurementSet.of(np.zeros(1), np.array([[8.0]]), np.ones((1, 1)), model.blocks)
-    after, _ = unscented().update(model, prior, measured)
+    after, _ = unscented_filter().update(model, prior, measured)
     np.testing.assert_allclose(after.x[:, 0], [1.0 + 0.8 * 2.0, 5.0], rtol=1e-12)
     np.testing.assert_allclose(after.covariance[0], np.diag([0.8, 0.0]), rtol=0, atol=1e-12)
-    with pytest.raises(InputError, match="singular covariance"):
-        unscented(update="iterated").update(model, prior, measured)
+    with pytest.raises(InputError, match="covariance of a belief is singular"):
+        unscented_filter(update="iterated").update(model, prior, measured)
 
 
 def test_filterpy_that_is_absent_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -354,8 +358,8 @@ def test_refuses_a_reach_that_is_none() -> None:
 
 def positive_definite(steps: int) -> None:
     flight = pair_flight(1, 2, period_s=600.0)
-    random, model, estimator = np.random.default_rng(9), Pair(), unscented(gate_sigmas=5)
-    belief = filtered(unscented(update="iterated"), model, flight).after[-1]
+    random, model, estimator = np.random.default_rng(9), Pair(), unscented_filter(gate_sigmas=5)
+    belief = run_filter(unscented_filter(update="iterated"), model, flight).after[-1]
     x, t_s = flight.truth[-1], flight.sets[-1].t_s
     for k in range(steps):
         later = t_s + 600.0

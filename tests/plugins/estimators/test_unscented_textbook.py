@@ -16,10 +16,15 @@ from numpy.testing import assert_allclose, assert_array_equal
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, Channel, Integers
-from hillsphere_estimators.sigma_points import SigmaRule, considered, moved, sigma_points
-from hillsphere_estimators.smoother import link, smoothed
+from hillsphere_estimators.sigma_points import (
+    SigmaRule,
+    sigma_points,
+    transform_motion,
+    update_mask,
+)
+from hillsphere_estimators.smoother import link, smooth
 from hillsphere_estimators.specs import BatchedUnscentedSpec
-from hillsphere_estimators.unscented import BatchedUnscented, predicted
+from hillsphere_estimators.unscented import BatchedUnscented, belief_of_images
 
 RULES = [SigmaRule(), SigmaRule(alpha=0.5, beta=2.3, kappa=0.7), SigmaRule(1.2, 1.44, 1.0)]
 SIGMA = np.array([0.3, 0.5, 0.2])
@@ -113,7 +118,7 @@ def step_of(rule: SigmaRule, prior: Normal, case: int) -> Joint:
     return Joint(image, joint.cross)
 
 
-def shown_of(rule: SigmaRule, prior: Normal, case: int) -> Joint:
+def transform_case(rule: SigmaRule, prior: Normal, case: int) -> Joint:
     """Show one case to the sensors."""
     many = np.ones(2 * len(prior.mean) + 1)
     return by_points(
@@ -126,7 +131,7 @@ def estimator(rule: SigmaRule, **keys: object) -> BatchedUnscented:
     return BatchedUnscented(BatchedUnscentedSpec(**given))  # type: ignore[arg-type]
 
 
-def measured() -> MeasurementSet:
+def make_measurements() -> MeasurementSet:
     values = np.array([[2.9, 1.8], [1.4, 0.1], [2.2, -0.9]])
     return MeasurementSet.of(START, values, SIGMA[:, None], Bent.blocks)
 
@@ -144,7 +149,7 @@ def test_prediction(rule: SigmaRule) -> None:
 @pytest.mark.parametrize("rule", RULES)
 def test_images_are_halves_of_the_points_differences(rule: SigmaRule) -> None:
     """Odd rows give the cross covariance, Sᵀ's rows with them, and even rows none."""
-    images = moved(rule, Bent(), beliefs(), LATER, CONTROL)
+    images = transform_motion(rule, Bent(), beliefs(), LATER, CONTROL)
     assert images.odd.shape == (2, 2, 2)
     assert images.even.shape == (2, 3, 2)
     for case in range(2):
@@ -174,12 +179,14 @@ def test_points_of_a_belief() -> None:
 
 @pytest.mark.parametrize("rule", RULES)
 def test_plain_update(rule: SigmaRule) -> None:
-    after, innovation = estimator(rule, update="plain").update(Bent(), beliefs(), measured())
+    after, innovation = estimator(rule, update="plain").update(
+        Bent(), beliefs(), make_measurements()
+    )
     for case in range(2):
         prior = of_case(beliefs(), case)
-        joint = shown_of(rule, prior, case)
+        joint = transform_case(rule, prior, case)
         s = joint.image.covariance + np.diag(SIGMA**2)
-        residual = measured().values[:, case] - joint.image.mean
+        residual = make_measurements().values[:, case] - joint.image.mean
         gain = joint.cross @ np.linalg.inv(s)
         assert_allclose(after.x[:, case], prior.mean + gain @ residual, rtol=1e-11)
         assert_allclose(
@@ -193,17 +200,17 @@ def test_plain_update(rule: SigmaRule) -> None:
 @pytest.mark.parametrize("rule", RULES)
 def test_update_of_some_states_by_schmidt(rule: SigmaRule) -> None:
     """The gain's row of the other state is zero, and the covariance is Joseph's form."""
-    after, _ = estimator(rule, update="plain").update(Flown(), beliefs(), measured())
+    after, _ = estimator(rule, update="plain").update(Flown(), beliefs(), make_measurements())
     for case in range(2):
         prior = of_case(beliefs(), case)
-        joint = shown_of(rule, prior, case)
+        joint = transform_case(rule, prior, case)
         s = joint.image.covariance + np.diag(SIGMA**2)
         gain = joint.cross @ np.linalg.inv(s)
         gain[1] = 0.0
         both = gain @ joint.cross.T
         assert_allclose(
             after.x[:, case],
-            prior.mean + gain @ (measured().values[:, case] - joint.image.mean),
+            prior.mean + gain @ (make_measurements().values[:, case] - joint.image.mean),
             rtol=1e-11,
         )
         assert_allclose(
@@ -221,19 +228,19 @@ def test_tempered_update_is_a_chain_of_plain_ones() -> None:
     """
     rule, powers = RULES[1], 4
     after, _ = estimator(rule, update="tempered", powers=powers).update(
-        Bent(), beliefs(), measured()
+        Bent(), beliefs(), make_measurements()
     )
     for case in range(2):
         now, left, last, used = of_case(beliefs(), case), 1.0, np.inf, []
         for k in range(powers):
-            joint = shown_of(rule, now, case)
+            joint = transform_case(rule, now, case)
             straight = joint.cross.T @ np.linalg.solve(now.covariance, joint.cross)
             bend = np.diag(joint.image.covariance - straight) / SIGMA**2
             power = min(1.0 / max(bend.max(), 1.0), 10.0 * last, left)
             power = left if k == powers - 1 else power
             s = joint.image.covariance + np.diag(SIGMA**2) / power
             gain = joint.cross @ np.linalg.inv(s)
-            residual = measured().values[:, case] - joint.image.mean
+            residual = make_measurements().values[:, case] - joint.image.mean
             now = Normal(now.mean + gain @ residual, now.covariance - gain @ s @ gain.T)
             left, last = left - power, power
             used.append(power)
@@ -259,7 +266,7 @@ def test_iterated_update_rests_at_its_own_linearisation() -> None:
     ).update(Bent(), beliefs(), near)
     for case in range(2):
         prior, posterior = of_case(beliefs(), case), of_case(after, case)
-        joint = shown_of(rule, posterior, case)
+        joint = transform_case(rule, posterior, case)
         slopes = np.linalg.solve(posterior.covariance, joint.cross).T
         bent = joint.image.covariance - slopes @ posterior.covariance @ slopes.T
         s = slopes @ prior.covariance @ slopes.T + bent + np.diag(SIGMA**2)
@@ -271,7 +278,7 @@ def test_iterated_update_rests_at_its_own_linearisation() -> None:
             posterior.covariance, prior.covariance - gain @ s @ gain.T, rtol=0, atol=1e-8
         )
         # the innovation is about the prior, whatever the iteration ends at
-        first = shown_of(rule, prior, case).image
+        first = transform_case(rule, prior, case).image
         assert_allclose(innovation.residual[:, case], near.values[:, case] - first.mean, rtol=1e-10)
 
 
@@ -286,7 +293,7 @@ def test_smoother(rule: SigmaRule) -> None:
     later = Belief.of(
         tie.predicted.x + np.array([[0.3, -0.2], [0.1, 0.4]]), 0.4 * tie.predicted.covariance, LATER
     )
-    first, last = smoothed([now, later], [tie])
+    first, last = smooth([now, later], [tie])
     assert last is later
     assert_array_equal(first.t_s, START)
     filtered = estimator(rule).predict(Bent(), now, LATER, CONTROL)
@@ -315,7 +322,7 @@ def test_three_beliefs_go_back_in_their_order() -> None:
     middle = Belief.of(one.predicted.x + 0.1, 0.7 * one.predicted.covariance, LATER)
     two = link(Bent(), middle, LATER + 1.5, CONTROL, rule)
     end = Belief.of(two.predicted.x - 0.2, 0.5 * two.predicted.covariance, LATER + 1.5)
-    found = smoothed([now, middle, end], [one, two])
+    found = smooth([now, middle, end], [one, two])
     expected = [end]
     for belief, tie in ((middle, two), (now, one)):
         later, pieces = expected[-1], []
@@ -331,13 +338,13 @@ def test_three_beliefs_go_back_in_their_order() -> None:
         assert_allclose(ours.covariance, theirs.covariance, rtol=1e-8, atol=1e-11)
     for ties in ([one], [one, two, two]):
         with pytest.raises(InputError, match=r"smoothing 3 beliefs needs 2 links, got"):
-            smoothed([now, middle, end], ties)
+            smooth([now, middle, end], ties)
 
 
 def test_images_and_noise_make_a_belief() -> None:
-    images = moved(RULES[1], Bent(), beliefs(), LATER, CONTROL)
-    bare = predicted(images, np.zeros((2, 2, 1)), LATER)
-    wide = predicted(images, np.array([[[0.5], [0.0]], [[0.0], [2.0]]]), LATER)
+    images = transform_motion(RULES[1], Bent(), beliefs(), LATER, CONTROL)
+    bare = belief_of_images(images, np.zeros((2, 2, 1)), LATER)
+    wide = belief_of_images(images, np.array([[[0.5], [0.0]], [[0.0], [2.0]]]), LATER)
     added = wide.covariance - bare.covariance
     assert_allclose(added[0], [[0.25, 0.0], [0.0, 0.0]], rtol=0, atol=1e-12)
     assert_allclose(added[1], [[0.0, 0.0], [0.0, 4.0]], rtol=0, atol=1e-12)
@@ -353,15 +360,15 @@ def test_rules_of_sigma_points() -> None:
 
 
 def test_considered_states() -> None:
-    assert considered(Bent(), 2) is None
-    assert_array_equal(considered(Flown(), 2), [1.0, 0.0])
+    assert update_mask(Bent(), 2) is None
+    assert_array_equal(update_mask(Flown(), 2), [1.0, 0.0])
 
     class NoneHeld(Bent):
         considered = np.array([False, False])
 
-    assert considered(NoneHeld(), 2) is None
+    assert update_mask(NoneHeld(), 2) is None
     with pytest.raises(InputError, match=r"considered must be \(3,\)"):
-        considered(Flown(), 3)
+        update_mask(Flown(), 3)
 
 
 def one_case(belief: Belief, case: int) -> Belief:
@@ -386,7 +393,7 @@ def near_and_far() -> tuple[Belief, MeasurementSet]:
     return prior, MeasurementSet.of(prior.t_s, values, sigma, Bent.blocks)
 
 
-def measured_alone(measured: MeasurementSet, case: int) -> MeasurementSet:
+def measurements_of_case(measured: MeasurementSet, case: int) -> MeasurementSet:
     own = slice(case, case + 1)
     return MeasurementSet.of(
         measured.t_s[own], measured.values[:, own], measured.sigma[:, own], measured.blocks
@@ -402,7 +409,7 @@ def test_only_the_case_that_leaps_takes_the_update_in_powers() -> None:
     powers, _ = estimator(rule, update="tempered").update(Alike(), prior, sets)
     plain, _ = estimator(rule, update="plain").update(Alike(), prior, sets)
     alone, _ = estimator(rule, update="iterated", **keys).update(
-        Alike(), one_case(prior, 0), measured_alone(sets, 0)
+        Alike(), one_case(prior, 0), measurements_of_case(sets, 0)
     )
     assert_allclose(together.x[:, 0], alone.x[:, 0], rtol=1e-12)
     assert np.abs(together.x[:, 0] - powers.x[:, 0]).max() > 1e-9
@@ -414,7 +421,7 @@ def test_only_the_case_that_leaps_takes_the_update_in_powers() -> None:
 def test_a_case_within_the_tolerance_rests() -> None:
     """With a tolerance of half a deviation the first iteration is the last, however many may be."""
     prior, sets = near_and_far()
-    prior, sets = one_case(prior, 0), measured_alone(sets, 0)
+    prior, sets = one_case(prior, 0), measurements_of_case(sets, 0)
     found = [
         estimator(RULES[0], update="iterated", iterations=n, tolerance_sigmas=0.5)
         .update(Alike(), prior, sets)[0]

@@ -10,8 +10,8 @@ import pytest
 from hillsphere import create
 from hillsphere.errors import ConvergenceError
 from hillsphere.interfaces import GuidanceTask, GuidedFlight
-from hillsphere_guidance.held_commands import held_command
-from hillsphere_guidance.held_steps import held_steps, held_times
+from hillsphere_guidance.held_commands import solve_held_command
+from hillsphere_guidance.held_steps import command_times, fly_held_steps
 from hillsphere_guidance.motion import motion_of
 from hillsphere_guidance.replays import replay_continuous, replay_held
 
@@ -27,7 +27,7 @@ def flight(phobos: Any, landing: GuidanceTask) -> GuidedFlight:
     [(10.0, [0, 10, 20, 25]), (11.0, [0, 11, 25]), (20.0, [0, 12.5, 25]), (90.0, [0, 12.5, 25])],
 )
 def test_no_command_is_held_for_very_short(hold: float, times: list[float]) -> None:
-    np.testing.assert_allclose(held_times(25.0, hold), times, rtol=1e-15)
+    np.testing.assert_allclose(command_times(25.0, hold), times, rtol=1e-15)
 
 
 @pytest.mark.parametrize(("step", "size"), [(30.0, 8e-4), (60.0, 3e-3), (70.0, 4e-3)])
@@ -35,10 +35,10 @@ def test_held_flight_meets_the_path(
     phobos: Any, landing: GuidanceTask, flight: GuidedFlight, step: float, size: float
 ) -> None:
     """Every second state, and the end after an even, an odd and a broken number of steps."""
-    motion, t = motion_of(phobos), held_times(7980.0, step)
+    motion, t = motion_of(phobos), command_times(7980.0, step)
     x = flight.states(t)
     mean = flight.command(0.5 * (t[1:] + t[:-1]))
-    u = held_command(motion, t, x, mean, 0.0)
+    u = solve_held_command(motion, t, x, mean, 0.0)
     flown = replay_held(motion, t, u, landing.start, 0.0)
     gap = flown - x
     even = len(t) - 1 - (len(t) - 1) % 2 * 3
@@ -60,14 +60,14 @@ def test_open_loop_replay_ends_where_planned(
 def test_steps_that_are_too_long_are_refused(phobos: Any, flight: GuidedFlight) -> None:
     t = np.array([0.0, 3990.0, 7980.0])
     with pytest.raises(ConvergenceError, match="take shorter steps"):
-        held_command(motion_of(phobos), t, flight.states(t), np.zeros((3, 2)), 0.0)
+        solve_held_command(motion_of(phobos), t, flight.states(t), np.zeros((3, 2)), 0.0)
 
 
 def test_derivatives_of_steps(phobos: Any, flight: GuidedFlight) -> None:
     """Against differences of the flights themselves."""
     motion, t = motion_of(phobos), np.array([0.0, 3000.0, 7900.0])
     x, u, h = flight.states(t), flight.command(t), np.full(3, 80.0)
-    steps = held_steps(motion, x, u, h, t)
+    steps = fly_held_steps(motion, x, u, h, t)
     rows = [*motion.positions, *motion.velocities]
     sizes = [10.0] * 3 + [0.01] * 3
     for column, size in enumerate(sizes):
@@ -75,7 +75,7 @@ def test_derivatives_of_steps(phobos: Any, flight: GuidedFlight) -> None:
         for sign in (1.0, -1.0):
             moved = x.copy()
             moved[rows[column]] += sign * size
-            ends.append(held_steps(motion, moved, u, h, t).end[rows])
+            ends.append(fly_held_steps(motion, moved, u, h, t).end[rows])
         difference = (ends[0] - ends[1]) / (2.0 * size)
         np.testing.assert_allclose(
             steps.by_state[:, column] * np.array(sizes)[column] / np.array(sizes)[:, None],
@@ -88,6 +88,6 @@ def test_derivatives_of_steps(phobos: Any, flight: GuidedFlight) -> None:
         for sign in (1.0, -1.0):
             pushed = u.copy()
             pushed[axis] += sign * push
-            ends.append(held_steps(motion, x, pushed, h, t).end[rows])
+            ends.append(fly_held_steps(motion, x, pushed, h, t).end[rows])
         difference = (ends[0] - ends[1]) / (2.0 * push)
         np.testing.assert_allclose(steps.by_command[:, axis], difference, rtol=0, atol=1e-2)

@@ -22,7 +22,7 @@ def effort(flight: GuidedFlight, power: int = 2) -> float:
     return float(weights @ size**power)
 
 
-def shifted(task: GuidanceTask, **keys: Any) -> GuidanceTask:
+def change_task(task: GuidanceTask, **keys: Any) -> GuidanceTask:
     given = {
         name: getattr(task, name)
         for name in ("start", "end_position_m", "end_velocity_m_s", "duration_s", "time_s", "up")
@@ -78,7 +78,9 @@ def test_start_time_and_anomaly_matter(phobos: Any, landing: GuidanceTask) -> No
     later = landing.start.copy()
     later[6] = 2.0
     flight = check_guidance(
-        create("guidance", "minimum_energy"), phobos, shifted(landing, start=later, time_s=500.0)
+        create("guidance", "minimum_energy"),
+        phobos,
+        change_task(landing, start=later, time_s=500.0),
     )
     anomaly = flight.states(np.array([0.0, 7980.0]))[6]
     assert anomaly[0] == 2.0
@@ -136,7 +138,7 @@ def test_plants_that_are_refused(kind: str, message: str) -> None:
 def test_tasks_that_are_refused(uniform: Any, keys: dict[str, Any], message: str) -> None:
     task = GuidanceTask(np.zeros(6), np.ones(3), np.zeros(3), 10.0)
     with pytest.raises(InputError, match=message):
-        create("guidance", "minimum_energy").plan(uniform, shifted(task, **keys))
+        create("guidance", "minimum_energy").plan(uniform, change_task(task, **keys))
 
 
 def test_path_is_a_minimum(phobos: Any, landing: GuidanceTask) -> None:

@@ -13,7 +13,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, GuidanceTask, GuidedFlight
 from hillsphere.testing import check_guidance
 from hillsphere_guidance.errors import InfeasibleGuidanceError
-from hillsphere_guidance.held_steps import held_steps
+from hillsphere_guidance.held_steps import fly_held_steps
 from hillsphere_guidance.motion import motion_of
 from hillsphere_guidance.replays import replay_continuous
 from hillsphere_guidance.specs import ConvexSpec
@@ -58,7 +58,7 @@ def test_landing_on_the_primer_vector(phobos: Any, landing: GuidanceTask) -> Non
     motion, t = motion_of(phobos), flight.breaks_s
     h, u = np.diff(t), flight.command(t[:-1])
     size = np.linalg.norm(u, axis=0)
-    steps = held_steps(motion, flight.states(t[:-1]), u, h, t[:-1])
+    steps = fly_held_steps(motion, flight.states(t[:-1]), u, h, t[:-1])
     onwards, primer = np.eye(6), np.empty((3, 6, len(h)))
     for k in range(len(h) - 1, -1, -1):
         primer[:, :, k] = (onwards @ steps.by_command[:, :, k]).T / h[k]

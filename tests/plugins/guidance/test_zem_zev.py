@@ -15,7 +15,7 @@ from hillsphere.simulation import Cases, SampledReference, Simulator
 from hillsphere_guidance.law_specs import ZemZevSpec
 
 
-def flown(plant: Any, law: Any, reference: Any, x0: Array, samples: int) -> Any:
+def fly(plant: Any, law: Any, reference: Any, x0: Array, samples: int) -> Any:
     return Simulator(plant, law, reference=reference).fly(Cases(x0), samples, history=True)
 
 
@@ -23,7 +23,7 @@ def test_held_commands_arrive_exactly_at_the_least_effort(uniform: Any) -> None:
     law = create("compensator", "zem_zev", plant=uniform, period_s=20.0, duration_s=200.0)
     start = np.array([500.0, -200.0, 900.0, -1.0, 0.5, 2.0])
     goal = np.array([0.0, 100.0, 0.0, 0.0, 0.0, -1.0])
-    flights = flown(uniform, law, goal, start[:, None], 10)
+    flights = fly(uniform, law, goal, start[:, None], 10)
     np.testing.assert_allclose(flights.x[:, 0], goal, rtol=0, atol=1e-9)
     # minimum-norm solution of the same two conditions, all steps at once
     c = 20.0 * (10.0 - np.arange(10) - 0.5)
@@ -73,7 +73,7 @@ def test_landing_on_phobos(
     spread = np.array([200.0] * 3 + [0.1] * 3 + [0.0])[:, None]
     off = spread * np.random.default_rng(1).normal(size=(7, 6))
     off[:, 0] = 0.0
-    flights = flown(phobos, law, None, landing.start[:, None] + off, 133)
+    flights = fly(phobos, law, None, landing.start[:, None] + off, 133)
     # the last period is too short for the position: what is left of it stays
     assert np.linalg.norm(flights.x[:3] - goal[:3, None], axis=0).max() < 0.5
     assert np.linalg.norm(flights.x[3:6] - goal[3:6, None], axis=0).max() < 0.01
@@ -111,11 +111,11 @@ def test_back_to_a_reference(phobos: Any, landing: GuidanceTask) -> None:
     )  # fmt: skip
     spread = np.array([100.0] * 3 + [0.05] * 3 + [0.0])[:, None]
     off = spread * np.random.default_rng(2).normal(size=(7, 4))
-    found = flown(phobos, law, reference, flights.x[:, 0] + off, 133)
+    found = fly(phobos, law, reference, flights.x[:, 0] + off, 133)
     assert np.linalg.norm(found.x[:3] - flights.x[:3, -1], axis=0).max() < 0.5
     # the open loop is lost
     lost = create("compensator", "open_loop", period_s=60.0)
-    fate = flown(phobos, lost, reference, flights.x[:, 0] + off, 133)
+    fate = fly(phobos, lost, reference, flights.x[:, 0] + off, 133)
     ends = np.linalg.norm(fate.x[:3] - flights.x[:3, -1], axis=0)
     early = np.array(fate.status) == "impact"
     assert (early | (ends > 1e3)).all()

@@ -18,7 +18,7 @@ from hillsphere_orbits.continuation import (
     continue_both,
     follow,
 )
-from hillsphere_orbits.correction import Problem, correct, fixed, tangents
+from hillsphere_orbits.correction import Problem, correct, fix_component, tangents
 from hillsphere_orbits.members import coordinate, members_at, members_where
 from hillsphere_orbits.roots import brackets, extrema
 
@@ -96,12 +96,14 @@ def test_shortest_step_without_a_constraint() -> None:
 
 
 def test_natural_parameter() -> None:
-    z = correct(Circle(), np.array([[0.5, 0.5], [1.0, 1.0]]), fixed(0, np.array([0.6, 0.8]))).z
+    z = correct(
+        Circle(), np.array([[0.5, 0.5], [1.0, 1.0]]), fix_component(0, np.array([0.6, 0.8]))
+    ).z
     np.testing.assert_allclose(z, [[0.6, 0.8], [0.8, 0.6]], rtol=1e-14)
 
 
 def test_redundant_equations_by_least_squares() -> None:
-    start = correct(RedundantHelix(), np.array([[1.0, 0.1, 0.05]]).T, fixed(2, 0.0)).z[:, 0]
+    start = correct(RedundantHelix(), np.array([[1.0, 0.1, 0.05]]).T, fix_component(2, 0.0)).z[:, 0]
     edge = Boundary("one turn", lambda z: 2 * np.pi - z[2])
     branch = follow(RedundantHelix(), start, np.array([0.0, 0.0, 1.0]), boundaries=[edge])
     np.testing.assert_allclose(branch.z[0], np.cos(branch.z[2]), rtol=0, atol=1e-11)
@@ -110,10 +112,12 @@ def test_redundant_equations_by_least_squares() -> None:
 
 
 def test_failed_lanes_are_named() -> None:
-    found = correct(Circle(), np.array([[0.6, 0.6], [0.8, 0.8]]), fixed(0, np.array([0.6, 3.0])))
+    found = correct(
+        Circle(), np.array([[0.6, 0.6], [0.8, 0.8]]), fix_component(0, np.array([0.6, 3.0]))
+    )
     np.testing.assert_array_equal(found.converged, [True, False])
     with pytest.raises(ConvergenceError, match=r"the circle: .* did not converge for second \("):
-        found.checked("the circle", ["first", "second"])
+        found.require_converged("the circle", ["first", "second"])
 
 
 def test_through_turning_points() -> None:
@@ -189,7 +193,7 @@ def test_family_of_one_member() -> None:
 
 def test_resampling_keeps_ends_and_spaces_evenly() -> None:
     branch = arc(Circle())
-    even = branch.resampled(Circle(), 31)
+    even = branch.resample(Circle(), 31)
     np.testing.assert_allclose(even.z[:, [0, -1]], branch.z[:, [0, -1]], rtol=0, atol=1e-11)
     steps = np.linalg.norm(np.diff(even.z, axis=1), axis=0)
     assert steps.max() / steps.min() < 1.01
@@ -227,7 +231,7 @@ def test_scaled_coordinate() -> None:
 
 def test_function_roots_beside_an_extremum() -> None:
     """Y has its maximum 1 between two members: a pair of roots that no sign change shows."""
-    branch = arc(Circle()).resampled(Circle(), 6)
+    branch = arc(Circle()).resample(Circle(), 6)
     target = 1.0 - 1e-5
     assert branch.z[1].max() < target
     found = members_where(Circle(), branch, lambda z: z[1], np.array([target, 1.5, 0.5]))
@@ -472,12 +476,12 @@ def test_guesses_are_hermites_cubic() -> None:
 def test_resampling_by_length_and_by_relative_length() -> None:
     """Chords 1, 1, 2, 4 at distances 0, 1, 2, 4, 8 from the origin: relative to them, 1 each."""
     chain = by_hand([0.0, 1.0, 2.0, 4.0, 8.0], [0.0] * 5)
-    even = chain.resampled(Floor(), 5)
+    even = chain.resample(Floor(), 5)
     np.testing.assert_allclose(even.z[0], [0.0, 2.0, 4.0, 6.0, 8.0], atol=1e-12)
-    relative = chain.resampled(Floor(), 9, relative=True)
+    relative = chain.resample(Floor(), 9, relative=True)
     expected = [0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0]
     np.testing.assert_allclose(relative.z[0], expected, atol=1e-12)
-    back = Branch(chain.z[:, ::-1], -chain.tangent, chain.ends).resampled(
+    back = Branch(chain.z[:, ::-1], -chain.tangent, chain.ends).resample(
         Floor(), 9, relative=True
     )  # fmt: skip
     np.testing.assert_allclose(back.z[0], expected[::-1], atol=1e-12)

@@ -22,7 +22,7 @@ from hillsphere_orbits.coverage.ellipsoid_geometry import (
     normals,
 )
 from hillsphere_orbits.coverage.products import Coverage
-from hillsphere_orbits.coverage.sunlight import declinations, hidden_part, sun_directions
+from hillsphere_orbits.coverage.sunlight import declinations, obscuration, sun_directions
 from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.spatial_qso_families.products import SpatialFamilies
 
@@ -154,7 +154,7 @@ def test_cylinder_of_a_sphere() -> None:
     """At the distance D it takes the part asin(√(R² − D² sin²δ)/(D cos δ))/π."""
     for tilt in (0.0, 0.2, 0.3):
         sun = sun_directions(tilt, 20000, 1)
-        found = hidden_part(np.array([[-DISTANCE_KM], [0.0], [0.0]]), MARS_KM, sun, 0.0).mean()
+        found = obscuration(np.array([[-DISTANCE_KM], [0.0], [0.0]]), MARS_KM, sun, 0.0).mean()
         height = MARS_KM**2 - (DISTANCE_KM * np.sin(tilt)) ** 2
         exact = np.arcsin(np.sqrt(height) / (DISTANCE_KM * np.cos(tilt))) / np.pi
         assert found == pytest.approx(exact, abs=1.01e-4)
@@ -168,7 +168,7 @@ def test_part_of_the_disc_that_is_hidden(apart: float, sphere: float) -> None:
     """Two discs in the sky, counted on a grid of points of the Sun's."""
     a = 0.02
     sun = np.array([np.cos(apart), np.sin(apart), 0.0])[:, None, None]
-    found = hidden_part(np.array([[1.0], [0.0], [0.0]]), np.sin(sphere), sun, a)[0, 0]
+    found = obscuration(np.array([[1.0], [0.0], [0.0]]), np.sin(sphere), sun, a)[0, 0]
     grid = (np.arange(801) + 0.5) / 801 * 2.0 - 1.0
     p, q = np.meshgrid(a * grid, a * grid)
     disc = p**2 + q**2 <= a * a
@@ -299,11 +299,11 @@ def test_body_without_surface() -> None:
     shown = stage(point).present(found, orbits=(family,))
     check_presentation(shown)
     row = shown.tables["coverage"].rows[0]
-    assert row["altitude_min_km"] is None
-    assert row["eclipse_mean"] is None
-    assert row["lit_mean"] is None
+    assert row["min_altitude_km"] is None
+    assert row["mean_eclipse"] is None
+    assert row["mean_lit"] is None
     found = run(point, family, seasons=1, primary_radius_km=MARS_KM)
-    assert stage(point).present(found).tables["coverage"].rows[0]["eclipse_mean"] > 0.1
+    assert stage(point).present(found).tables["coverage"].rows[0]["mean_eclipse"] > 0.1
 
 
 def test_tables(plant: Any, covered: Coverage) -> None:
@@ -311,8 +311,8 @@ def test_tables(plant: Any, covered: Coverage) -> None:
     shown = stage(plant, label="again").present(covered)
     check_presentation(shown)
     rows = shown.tables["coverage_again"].rows
-    assert rows[2]["latitude_max_deg"] == pytest.approx(48.25, abs=0.01)
-    assert rows[0]["eclipse_min"] <= rows[0]["eclipse_mean"] <= rows[0]["eclipse_max"]
+    assert rows[2]["max_latitude_deg"] == pytest.approx(48.25, abs=0.01)
+    assert rows[0]["min_eclipse"] <= rows[0]["mean_eclipse"] <= rows[0]["max_eclipse"]
     assert len(shown.tables["seasons_again"].rows) == 27
     assert "1:17, 70 km" in shown.verdict[0]
     assert any("cylinder" in note for note in shown.tables["coverage_again"].notes)

@@ -128,9 +128,9 @@ def test_departures(ladder: FidelityLadder) -> None:
 def test_heights(ladder: FidelityLadder) -> None:
     """Nearest on the x axis, where the surface is at 13.03 km, without departures."""
     np.testing.assert_allclose(
-        ladder.altitude_min_m[:, 0], np.array([100, 30, 20]) * 1e3 - 13030.0, rtol=0, atol=1e-2
+        ladder.min_altitude_m[:, 0], np.array([100, 30, 20]) * 1e3 - 13030.0, rtol=0, atol=1e-2
     )
-    change = np.abs(ladder.altitude_min_m - ladder.altitude_min_m[:, :1])
+    change = np.abs(ladder.min_altitude_m - ladder.min_altitude_m[:, :1])
     assert np.all(change <= ladder.departure_max_m + 1e-2)
 
 

@@ -17,7 +17,7 @@ from hillsphere import create
 from hillsphere.errors import ConvergenceError, HillsphereError, InputError
 from hillsphere.interfaces import Array
 from hillsphere_orbits.continuation import Branch, StepControl, follow
-from hillsphere_orbits.correction import correct, fixed, on_planes
+from hillsphere_orbits.correction import correct, fix_component, on_planes
 from hillsphere_orbits.libration.ends import ends_of
 from hillsphere_orbits.libration.families import Halo, LibrationFamily, Lyapunov
 from hillsphere_orbits.stability import multipliers, stability_indices
@@ -88,7 +88,7 @@ def nearest(family: LibrationFamily, wanted: Array) -> Array:
     for _ in range(6):  # the plane normal to the family through the wanted point
         chord = branch.tangent[:, i : i + 1]
         guess = z + chord * np.sum(chord * (wanted[:, None] - z))
-        z = correct(family.problem, guess, on_planes(chord, guess)).checked("nearest")
+        z = correct(family.problem, guess, on_planes(chord, guess)).require_converged("nearest")
         if np.linalg.norm(z[:, 0] - wanted) < 1e-4:
             break
     return np.asarray(z[:, 0])
@@ -113,7 +113,7 @@ def test_howell_1984(row: int) -> None:
     beside = correct(
         family.problem, near[:, None] + 1e-5 * unit[:, None],
         on_planes(np.eye(4)[:, 1:2], near[:, None] + 1e-5 * unit[1]),
-    ).checked("beside")[:, 0]  # fmt: skip
+    ).require_converged("beside")[:, 0]  # fmt: skip
     along = (beside - near) / unit
     steps = np.linspace(-0.5, 0.5, 4001)
     found = (near / unit - origin)[:, None] + along[:, None] * steps
@@ -228,7 +228,9 @@ def test_orbits_too_sensitive_end_the_family() -> None:
     family = lyapunov(circular(0.1))
     first = family.family(None, 0.01 * DISTANCE_M, 21).branch
     problem = family.problem[0].with_steps(490)
-    start = correct(problem, first.z[:, :1], fixed(0, first.z[0, 0])).checked("start")
+    start = correct(problem, first.z[:, :1], fix_component(0, first.z[0, 0])).require_converged(
+        "start"
+    )
     branch = follow(
         problem, start[:, 0], np.array([-1.0, 0.0, 0.0]), boundaries=ends_of(problem, family.plant),
         control=StepControl(first=0.05, largest=0.1),

@@ -21,12 +21,12 @@ from hillsphere.products import OrbitSet, PeriodicOrbits
 from hillsphere.symbolic import Expr, Params
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_orbits.flow import Flow, flow_of
-from hillsphere_orbits.invariant_manifolds.flight import Flown, Watch, fly
+from hillsphere_orbits.invariant_manifolds.flight import FlightEnds, Watch, fly
 from hillsphere_orbits.invariant_manifolds.products import Manifolds
 from hillsphere_orbits.invariant_manifolds.sampling import (
     Leaves,
     LocalManifold,
-    classified,
+    classify_manifolds,
     leaves,
     sides_are_images,
 )
@@ -104,7 +104,7 @@ def watch(flow: Flow) -> Watch:
     return Watch(flow.system, {"z": z, "cylinder": x * x + y * y - 9.0, **flow.system.events})
 
 
-def flown(flow: Flow, watch: Watch, x: Array, h: float, steps: int) -> Flown:
+def flown(flow: Flow, watch: Watch, x: Array, h: float, steps: int) -> FlightEnds:
     return fly(
         flow.plain, watch, x, h,
         lambda lanes, first, way: np.full(lanes.size, way.shape[1]), steps,
@@ -214,7 +214,7 @@ def test_each_trajectory_is_met_once(local: LocalManifold, watch: Watch) -> None
     # 2.1e-3 measured
     assert leaving[0] == pytest.approx(leaving[2] + period, abs=8e-3)
     assert abs(leaving[0] - leaving[1]) > 1.0
-    zeros = [found.flown.zeros.chosen(found.flown.zeros.lane == k) for k in (0, 2)]
+    zeros = [found.ends.zeros.select(found.ends.zeros.lane == k) for k in (0, 2)]
     after = [z.x[:, z.event == 0][:, -6:] for z in zeros]
     np.testing.assert_allclose(after[0], after[1], rtol=0, atol=0.02)
 
@@ -239,10 +239,10 @@ def test_the_stable_manifold_is_the_mirror_image(
     p = np.array([0.1, 0.6])
     out, back = fly_leaves(local, watch, p), fly_leaves(stable, watch, p, side)
     np.testing.assert_allclose(back.left, -out.left, rtol=1e-7)
-    assert back.flown.zeros.time.size == out.flown.zeros.time.size
-    np.testing.assert_allclose(back.flown.zeros.time, -out.flown.zeros.time, rtol=0, atol=1e-4)
-    image = mirror[:, None] * out.flown.zeros.x
-    np.testing.assert_allclose(back.flown.zeros.x, image, rtol=0, atol=1e-3)
+    assert back.ends.zeros.time.size == out.ends.zeros.time.size
+    np.testing.assert_allclose(back.ends.zeros.time, -out.ends.zeros.time, rtol=0, atol=1e-4)
+    image = mirror[:, None] * out.ends.zeros.x
+    np.testing.assert_allclose(back.ends.zeros.x, image, rtol=0, atol=1e-3)
 
 
 def test_sides_of_odd_and_even_orders(local: LocalManifold, plant: Any) -> None:
@@ -308,7 +308,7 @@ def test_kinds() -> None:
     stable[:2, :2], stable[2:4, 2:4] = rotated(0.3, 1.0), rotated(1.0, 1.0)
     unstable[:2, :2], unstable[2:4, 2:4] = np.diag([3.0, 1 / 3.0]), rotated(1.0, 1.0)
     quadruple[:2, :2], quadruple[2:4, 2:4] = rotated(0.7, 2.0), rotated(0.7, 0.5)
-    kinds = classified(np.stack([stable, unstable, quadruple], axis=2))
+    kinds = classify_manifolds(np.stack([stable, unstable, quadruple], axis=2))
     assert kinds == ("stable", "unstable", "complex")
 
 

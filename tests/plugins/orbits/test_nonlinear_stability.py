@@ -19,9 +19,9 @@ from hillsphere.interfaces import Array
 from hillsphere.products import Bifurcations
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_orbits.nonlinear_stability.edges import first_losses
-from hillsphere_orbits.nonlinear_stability.nearby import nearby_resonances
+from hillsphere_orbits.nonlinear_stability.nearby_resonances import nearby_resonances
 from hillsphere_orbits.nonlinear_stability.products import NonlinearStability
-from hillsphere_orbits.nonlinear_stability.retraced import Retraced, retrace
+from hillsphere_orbits.nonlinear_stability.sampled_orbits import SampledOrbits, retrace
 from hillsphere_orbits.nonlinear_stability.stage import clopper_pearson
 from hillsphere_orbits.nonlinear_stability.survival import Fate, Fates, Survival
 from hillsphere_orbits.qso.products import QsoFamily
@@ -65,7 +65,7 @@ def survival(plant: Any) -> Survival:
 
 
 @pytest.fixture(scope="module")
-def around(survival: Survival, family: QsoFamily) -> Retraced:
+def around(survival: Survival, family: QsoFamily) -> SampledOrbits:
     return retrace(survival.map, family.members)
 
 
@@ -80,7 +80,7 @@ def run(plant: Any, family: QsoFamily, seed: int = 1, **keys: Any) -> NonlinearS
     return found
 
 
-def starts(around: Retraced, orbit: int, offsets: Array) -> tuple[Array, Array]:
+def starts(around: SampledOrbits, orbit: int, offsets: Array) -> tuple[Array, Array]:
     """Return starts (6, N) and limits (3, N) of an orbit with normalised offsets (6, N)."""
     x = around.way[:, 0, [orbit]] + offsets
     limits = np.repeat(2.0 * around.amplitude[:, [orbit]], x.shape[1], axis=1)
@@ -136,7 +136,7 @@ def test_fates_of_given_offsets(given: NonlinearStability) -> None:
 
 
 @pytest.mark.slow
-def test_same_fates_by_taylor_series(survival: Survival, around: Retraced) -> None:
+def test_same_fates_by_taylor_series(survival: Survival, around: SampledOrbits) -> None:
     """Injection errors of QSO-La, half of which are lost within 30 days."""
     duration = 30 * 86400.0 / survival.system.time_unit_s
     x, limits = starts(around, LA, injection(survival, 40))
@@ -149,7 +149,9 @@ def test_same_fates_by_taylor_series(survival: Survival, around: Retraced) -> No
     np.testing.assert_allclose(ours.time[same], time[same], rtol=0, atol=0.2)
 
 
-def test_fate_does_not_depend_on_the_lanes_beside(survival: Survival, around: Retraced) -> None:
+def test_fate_does_not_depend_on_the_lanes_beside(
+    survival: Survival, around: SampledOrbits
+) -> None:
     duration = 20 * 86400.0 / survival.system.time_unit_s
     x, limits = starts(around, LA, injection(survival, 21))
     together = survival.fly(x, limits, duration)
@@ -160,7 +162,7 @@ def test_fate_does_not_depend_on_the_lanes_beside(survival: Survival, around: Re
             assert getattr(alone, name)[0] == getattr(together, name)[i]
 
 
-def test_flight_that_starts_beyond_a_limit(survival: Survival, around: Retraced) -> None:
+def test_flight_that_starts_beyond_a_limit(survival: Survival, around: SampledOrbits) -> None:
     unit = survival.system.unit[0]
     offset = np.zeros((6, 3))
     offset[0] = np.array([-20e3, 31e3, 0.0]) / unit  # in the body; beyond 60 km; as it is
@@ -201,7 +203,7 @@ def test_fall_into_a_point_mass_is_unresolved() -> None:
     assert fates.fate.tolist() == [Fate.UNRESOLVED, Fate.SURVIVES]
 
 
-def test_orbits_around(around: Retraced, family: QsoFamily) -> None:
+def test_orbits_around(around: SampledOrbits, family: QsoFamily) -> None:
     """Amplitudes are those of the family; half a turn on the state is the opposite one."""
     unit = family.members.length_m
     np.testing.assert_allclose(around.amplitude[0] * unit, [30e3, 22e3, 20e3], rtol=1e-9)
@@ -211,7 +213,7 @@ def test_orbits_around(around: Retraced, family: QsoFamily) -> None:
 
 
 def test_limits_do_not_depend_on_longer_orbits_beside(
-    survival: Survival, around: Retraced, family: QsoFamily, spatial: SpatialFamilies
+    survival: Survival, around: SampledOrbits, family: QsoFamily, spatial: SpatialFamilies
 ) -> None:
     """An orbit of 17 revolutions makes the common samples ten times as many."""
     beside = retrace(survival.map, members_of(family, spatial))
@@ -256,7 +258,7 @@ def radii(plant: Any, family: QsoFamily) -> NonlinearStability:
 
 
 def test_edges_lie_where_they_are_said_to(
-    radii: NonlinearStability, survival: Survival, around: Retraced
+    radii: NonlinearStability, survival: Survival, around: SampledOrbits
 ) -> None:
     """Both sides of the edge of QSO-La, in every direction, by Taylor series."""
     duration = 10 * 86400.0 / survival.system.time_unit_s
@@ -423,7 +425,7 @@ def test_an_unstable_orbit_bears_nothing(
     assert rows[unstable]["radius_position_m"] == 0.0
     assert rows[stable]["radius_position_fate"] == "not lost"
     assert rows[LA]["nearest_resonance"] == "planar 1:3"
-    assert any("Lost without any offset" in sentence for sentence in shown.verdict)
+    assert any("Lost even without an offset" in sentence for sentence in shown.verdict)
     assert (
         "|x|, |y| or |z| (planar orbits, to a twentieth of their extent: |x|"
         in shown.tables["survival_edges"].notes[0]

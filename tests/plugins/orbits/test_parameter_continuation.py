@@ -17,18 +17,18 @@ from hillsphere import create
 from hillsphere.errors import HillsphereError, InputError
 from hillsphere.interfaces import Array, Parameter, Scales, Variable
 from hillsphere.symbolic import Expr, Params, power
-from hillsphere_orbits.correction import correct, fixed
+from hillsphere_orbits.correction import correct, fix_component
 from hillsphere_orbits.flow import flow_of
 from hillsphere_orbits.libration.families import Halo, LibrationFamily
 from hillsphere_orbits.members import coordinate, members_at
 from hillsphere_orbits.parameter_continuation import (
-    Held,
+    HeldQuantity,
     ParameterPath,
     ParameterProblem,
-    held_integral,
-    held_member,
+    hold_integral,
+    hold_orbit_quantity,
 )
-from hillsphere_orbits.parameter_paths import Method, carry, refined
+from hillsphere_orbits.parameter_paths import Method, carry, refine_orbits
 from hillsphere_orbits.qso.families import Family, Qso
 from hillsphere_orbits.shooting import PeriodicShooting, SymmetricShooting
 
@@ -140,10 +140,10 @@ def test_gradients_of_what_is_held(kind: str) -> None:
     problem = rounding()
     family = quasi_satellites(about_ellipsoid(SPHERE))
     z = with_fractions(family)
-    held: Held = {
-        "integral": held_integral(problem),
-        "amplitude": held_member(family.amplitude),
-        "period": held_member(family.period),
+    held: HeldQuantity = {
+        "integral": hold_integral(problem),
+        "amplitude": hold_orbit_quantity(family.amplitude),
+        "period": hold_orbit_quantity(family.period),
     }[kind]
     _, gradient = held(z)
     by_hand = slopes_by_differences(lambda v: held(v)[0][None], z, 3e-4)[0]
@@ -186,7 +186,7 @@ def test_sphere_to_ellipsoid_at_fixed_jacobi(method: Method) -> None:
     problem = rounding()
     z = at_amplitudes(start)
     jacobi = start.integral(z)[0]
-    held = held_integral(problem)
+    held = hold_integral(problem)
     found = carry(problem, z, held, method=method)
     assert found.status == ("reached",) * 3
     expected = members_at(there.problem, there.branch, there.integral, jacobi).z
@@ -209,7 +209,7 @@ def test_fixed_period_in_gm(method: Method) -> None:
     path = ParameterPath.of(family.plant, {"gravity.gm": 1.2e9 * GM})
     problem = ParameterProblem.of(family.problem, family.plant, path)
     z = at_amplitudes(family)
-    found = carry(problem, z, held_member(family.period), method=method)
+    found = carry(problem, z, hold_orbit_quantity(family.period), method=method)
     assert found.status == ("reached",) * 3
     expected = z * np.array([1.2 ** (1 / 3), 1.2 ** (1 / 3), 1.0])[:, None]
     np.testing.assert_allclose(found.z[:-1], expected, rtol=0, atol=1e-12)
@@ -223,7 +223,9 @@ def test_fixed_amplitude_in_the_rate_of_the_frame() -> None:
     own = {q.name: q.value for q in family.plant.parameters()}["mean_motion"]
     path = ParameterPath.of(family.plant, {"mean_motion": rate * own})
     problem = ParameterProblem.of(family.problem, family.plant, path)
-    found = carry(problem, at_amplitudes(family), held_member(family.amplitude), method="natural")
+    found = carry(
+        problem, at_amplitudes(family), hold_orbit_quantity(family.amplitude), method="natural"
+    )
     same = at_amplitudes(family, rate ** (2 / 3))
     expected = same * np.array([rate ** (-2 / 3), rate ** (1 / 3), 1.0 / rate])[:, None]
     np.testing.assert_allclose(found.z[:-1], expected, rtol=0, atol=1e-12)
@@ -241,11 +243,11 @@ def test_halo_orbits_from_one_mass_ratio_to_another(method: Method) -> None:
     z = members_at(
         start.problem, start.branch, start.amplitude, height / start.plant.scales.length_m
     ).z
-    held = held_member(start.amplitude)
+    held = hold_orbit_quantity(start.amplitude)
     found = carry(problem, z, held, method=method)
     assert found.status == ("reached",) * 2
     finer = problem.with_steps(problem.steps_for(found.z, 1e-12))
-    end = refined(finer, found.z, held, held(found.z)[0])
+    end = refine_orbits(finer, found.z, held, held(found.z)[0])
     expected = members_at(
         there.problem, there.branch, there.amplitude, height / there.plant.scales.length_m
     ).z
@@ -267,7 +269,9 @@ def test_orbits_that_end_before(method: Method) -> None:
     heights = np.array([0.04, 0.2]) * DISTANCE_M / family.plant.scales.length_m
     z = members_at(family.problem, family.branch, family.amplitude, heights).z
     done: list[int] = []
-    found = carry(problem, z, held_member(family.period), method=method, advance=done.append)
+    found = carry(
+        problem, z, hold_orbit_quantity(family.period), method=method, advance=done.append
+    )
     assert list(found.reached) == [False, True]
     assert sum(done) == 2
     way = found.ways[0]
@@ -283,7 +287,7 @@ def test_orbits_that_end_before(method: Method) -> None:
 
 def test_nothing_to_carry() -> None:
     for method in METHODS:
-        found = carry(rounding(), np.empty((3, 0)), held_integral(rounding()), method=method)
+        found = carry(rounding(), np.empty((3, 0)), hold_integral(rounding()), method=method)
         assert found.z.shape == (4, 0)
         assert found.status == ()
 
@@ -315,9 +319,11 @@ def test_plant_without_integral() -> None:
     base = SymmetricShooting(flow_of(plant), (1, -1, -1, 1))
     problem = ParameterProblem.of(base, plant, ParameterPath.of(plant, {"gm": 1.1}))
     with pytest.raises(InputError, match="WithoutIntegral has no integral of motion to hold"):
-        held_integral(problem)
-    z = correct(base, np.array([[2.0], [-4.1], [2.9]]), fixed(0, 2.0)).checked("orbit")
-    found = carry(problem, z, held_member(coordinate(2)))
+        hold_integral(problem)
+    z = correct(base, np.array([[2.0], [-4.1], [2.9]]), fix_component(0, 2.0)).require_converged(
+        "orbit"
+    )
+    found = carry(problem, z, hold_orbit_quantity(coordinate(2)))
     np.testing.assert_allclose(
         found.z[:-1], z * np.array([[1.1 ** (1 / 3)], [1.1 ** (1 / 3)], [1.0]]), rtol=0, atol=1e-12
     )
@@ -338,12 +344,12 @@ def test_plant_without_integral() -> None:
             "must be finite",
         ),
         (
-            lambda: carry(rounding(), np.zeros((2, 1)), held_integral(rounding())),
+            lambda: carry(rounding(), np.zeros((2, 1)), hold_integral(rounding())),
             r"z must be \(3, N\)",
         ),
         (
             lambda: carry(
-                rounding(), np.zeros((3, 1)), held_integral(rounding()), method="guess",  # type: ignore[arg-type]
+                rounding(), np.zeros((3, 1)), hold_integral(rounding()), method="guess",  # type: ignore[arg-type]
             ),
             "'arclength' or 'natural'",
         ),

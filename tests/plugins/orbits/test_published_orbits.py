@@ -36,7 +36,7 @@ from hillsphere import create
 from hillsphere.errors import ConvergenceError
 from hillsphere.interfaces import Array
 from hillsphere.testing import RecordingContext
-from hillsphere_orbits.correction import correct, fixed
+from hillsphere_orbits.correction import correct, fix_component
 from hillsphere_orbits.members import members_at
 from hillsphere_orbits.qso.families import Family, Qso
 from hillsphere_orbits.winding import require_motion, require_smooth, turns
@@ -319,7 +319,9 @@ def test_other_orbits_are_refused() -> None:
     radius = 0.1
     rate = (1.0 - EARTH_MOON) ** 0.5 * radius**-1.5 + 1.0
     guess = np.array([[(radius - 1.0) * distance], [-radius * rate * distance], [np.pi / rate]])
-    about_earth = correct(problem, guess, fixed(0, guess[0, 0])).checked("about the Earth")
+    about_earth = correct(problem, guess, fix_component(0, guess[0, 0])).require_converged(
+        "about the Earth"
+    )
     with pytest.raises(ConvergenceError, match=r"winds 0\.00 times .* and -1\.00 times"):
         made.winding.require(problem, about_earth, unit, "quasi-satellite orbit", "look elsewhere")
     with pytest.raises(ConvergenceError, match="flight of no duration"):

@@ -16,7 +16,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Parameter, Scales, Variable
 from hillsphere.symbolic import Expr, Params, power, sum_of
 from hillsphere_orbits.continuation import Boundary, StepControl, follow
-from hillsphere_orbits.correction import correct, fixed
+from hillsphere_orbits.correction import correct, fix_component
 from hillsphere_orbits.flow import Flow, flow_of
 from hillsphere_orbits.shooting import PeriodicShooting, Shooting, SymmetricShooting
 from hillsphere_orbits.stability import stability_indices
@@ -81,7 +81,7 @@ def near_l2(problem: Shooting, amplitude: float) -> Array:
     v = amplitude * (OMEGA**2 + 9.0) / 2.0
     x = np.array([[L2 - amplitude, 0.0, 0.0, v]]).T
     guess = problem.unknowns_at(x, np.array([2 * np.pi / OMEGA]))
-    return correct(problem, guess, fixed(0, L2 - amplitude)).checked("near L2")
+    return correct(problem, guess, fix_component(0, L2 - amplitude)).require_converged("near L2")
 
 
 def test_small_lyapunov_orbit_has_the_linear_period_and_index(flow: Flow) -> None:
@@ -120,7 +120,9 @@ def test_lyapunov_family_both_problems_agree(flow: Flow) -> None:
     z, x = branch.z, problem.state(branch.z)
     whole = PeriodicShooting(flow, "y", steps=120)
     guess = whole.unknowns_at(x, problem.period(z)) + 1e-7
-    found = correct(whole, guess, fixed(0, x[0]), tolerance=1e-11).checked("no mirror")
+    found = correct(whole, guess, fix_component(0, x[0]), tolerance=1e-11).require_converged(
+        "no mirror"
+    )
     np.testing.assert_allclose(whole.state(found), x, rtol=0, atol=3e-10)
     np.testing.assert_allclose(whole.period(found), problem.period(z), rtol=0, atol=3e-10)
     index, other = (stability_indices(p.monodromy(v))[0] for p, v in ((problem, z), (whole, found)))

@@ -17,7 +17,7 @@ from hillsphere import create
 from hillsphere.products import Bifurcations
 from hillsphere.testing import RecordingContext
 from hillsphere_orbits.spatial_qso_families import group as spatial_group
-from hillsphere_orbits.spatial_qso_families.crossings import _changes, connected
+from hillsphere_orbits.spatial_qso_families.crossings import _changes, count_connected
 from hillsphere_orbits.spatial_qso_families.family import Spatial
 from hillsphere_orbits.spatial_qso_families.group import BETWEEN, LEAPS
 from hillsphere_orbits.spatial_qso_families.products import SpatialFamilies
@@ -96,7 +96,7 @@ def test_where_families_cross_the_chain_goes_on(monkeypatch: pytest.MonkeyPatch)
     seen: list[tuple[list[int], list[int], list[int]]] = []
 
     def watched(spatial: Spatial) -> list[int]:
-        good = connected(spatial)
+        good = count_connected(spatial)
         seen.append((_changes(spatial, 0), good, [b.size for b in spatial.branches]))
         return good
 

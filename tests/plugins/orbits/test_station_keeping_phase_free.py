@@ -25,7 +25,7 @@ from hillsphere_orbits.station_keeping_flown.products import StationKeepingFlown
 from hillsphere_orbits.station_keeping_flown.reference_path import ReferencePath, paths_of_orbits
 from hillsphere_orbits.station_keeping_flown.sampling import Sampling, Weights
 from hillsphere_orbits.station_keeping_flown.strategies import NearestPointLaw
-from hillsphere_orbits.station_keeping_flown.tuning import Tuned, tune
+from hillsphere_orbits.station_keeping_flown.tuning import TuningResult, tune
 
 # The Phobos QSO bifurcation paper, Table 1: x km, |vy| m/s, period h; corrected below.
 TABLE_1 = {
@@ -215,7 +215,7 @@ def test_tuning_takes_the_most_survivors_and_then_the_cheapest() -> None:
     # impulse factors 1, 0.1, 0.3 and 3, then the velocity by 0.3 and 3: the dearest is 0.3
     assert len(tried) == chosen.tried == 6
     expected = replace(WEIGHTS, impulse=0.3 * 0.02, velocity=3.0 * 0.2)
-    assert chosen == Tuned(expected, 32, 6)
+    assert chosen == TuningResult(expected, 32, 6)
     # what is as good as the weights as written does not replace them
     assert tune("target_point", WEIGHTS, lambda w: (32, 1.0)).weights == WEIGHTS
 

@@ -19,9 +19,9 @@ from hillsphere_orbits.flow import flow_of
 from hillsphere_orbits.stability import multipliers
 from hillsphere_orbits.station_keeping_flown.reference_path import (
     ReferencePath,
-    left_unstable,
     paths_of_flights,
     paths_of_orbits,
+    unstable_left_subspace,
 )
 from hillsphere_orbits.station_keeping_flown.sampling import Sampling, Weights
 from hillsphere_orbits.station_keeping_flown.strategies import (
@@ -99,7 +99,7 @@ def test_states_of_a_periodic_reference() -> None:
     np.testing.assert_allclose(path.states(t), flown, rtol=0, atol=4e-9)
     assert path.period is not None
     np.testing.assert_allclose(path.states(t + 4 * path.period), flown, rtol=0, atol=4e-9)
-    value, rate = path.interpolated(t)
+    value, rate = path.interpolate(t)
     np.testing.assert_allclose(value, flown, rtol=0, atol=1e-6)
     np.testing.assert_allclose(rate, path.flow.rate(flown), rtol=0, atol=1e-4)
 
@@ -150,7 +150,7 @@ def test_unstable_subspace_of_a_complex_quadruple() -> None:
     diagonal[:2, :2], diagonal[2:4, 2:4], diagonal[4:, 4:] = 2.0 * turn, 0.5 * turn, middle
     basis = rng.normal(size=(6, 6))
     monodromy = basis @ diagonal @ np.linalg.inv(basis)
-    w = left_unstable(monodromy)
+    w = unstable_left_subspace(monodromy)
     assert w.shape == (2, 6)
     image = w @ monodromy
     np.testing.assert_allclose(image - (image @ w.T) @ w, 0.0, rtol=0, atol=1e-10)

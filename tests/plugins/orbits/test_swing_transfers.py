@@ -21,7 +21,7 @@ from hillsphere.interfaces import Array
 from hillsphere.products.product_codec import save_product
 from hillsphere.runs import workers
 from hillsphere.testing import RecordingContext, check_presentation, check_product
-from hillsphere_orbits.correction import correct, fixed
+from hillsphere_orbits.correction import correct, fix_component
 from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.swing_qso_families.curves import Swing
 from hillsphere_orbits.swing_qso_families.products import SwingFamilies
@@ -155,7 +155,9 @@ def test_minimum_at_a_touching_member(
     guess = branch.z[:, [int(np.argmin(np.abs(np.abs(branch.z[row]) - target)))]]
     if abs(abs(float(guess[row, 0])) - target) > 0.1:
         pytest.fail("no member of the chain starts near 50 km")
-    z = correct(problem, guess, fixed(row, np.sign(guess[row]) * target)).checked("1:3")
+    z = correct(problem, guess, fix_component(row, np.sign(guess[row]) * target)).require_converged(
+        "1:3"
+    )
     x = problem.state(z)[:, 0]
     ours, theirs = abs(x[4]), abs(family.members.x0[4, 1]) / chains.flow.system.unit[4]
     expected = abs(ours - theirs) * chains.flow.system.unit[4]
@@ -295,7 +297,7 @@ def test_leg_that_no_family_connects(plant: Any, family: QsoFamily, swing: Swing
     check_product(found)
     shown = made.present(found, family=family, swing=swing)
     check_presentation(shown)
-    assert any("no transfer by way of swing orbits" in sentence for sentence in shown.verdict)
+    assert any("no transfer through swing orbits" in sentence for sentence in shown.verdict)
 
 
 @pytest.mark.parametrize(

@@ -299,7 +299,7 @@ def test_plans_that_fail_are_rows() -> None:
     assert found.status[0].startswith("not joined: coast 'coast 2' begins")
     assert found.status[3] == found.status[0]
     assert found.status[1] == "coast 'coast 1' meets the body"
-    assert found.altitude_min_m[1, 0] == 0.0
+    assert found.min_altitude_m[1, 0] == 0.0
     assert found.status[2] == "reflown"
     assert np.isnan(found.dv_m_s[:2]).all()
     assert found.flights.plans == ("good",)
@@ -309,7 +309,7 @@ def test_plans_that_fail_are_rows() -> None:
 def test_height_is_that_of_the_first_rung_where_there_is_none() -> None:
     """A point mass has no surface; its coasts are near those about the ellipsoid."""
     found = fly("hill", "point", plans=["staying"])
-    assert found.altitude_min_m[0, 1] == pytest.approx(found.altitude_min_m[0, 0], rel=0.3)
+    assert found.min_altitude_m[0, 1] == pytest.approx(found.min_altitude_m[0, 0], rel=0.3)
 
 
 def test_bad_input_is_named() -> None:

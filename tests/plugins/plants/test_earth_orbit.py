@@ -88,7 +88,9 @@ def _plant(drag: bool = False, frame: str = "teme", arc_s: float = 0.0) -> Earth
 
 
 @lru_cache
-def _flown(drag: bool = False, frame: str = "teme", arc_s: float = 0.0) -> Callable[..., Array]:
+def _propagator(
+    drag: bool = False, frame: str = "teme", arc_s: float = 0.0
+) -> Callable[..., Array]:
     flow = system(_plant(drag, frame, arc_s), normalised=True)
     taylor = Taylor(flow)
     unit = flow.unit[:, None]
@@ -165,7 +167,7 @@ def test_right_hand_side_against_legendre_functions_and_erfa() -> None:
     )
     omega = np.array([0.0, 0.0, 7.2921158553e-5])
     times = np.array([0.0, 1000.0, 2500.0, 6036.0])
-    states = np.column_stack([KUGA, _flown()(KUGA, times[1:])])
+    states = np.column_stack([KUGA, _propagator()(KUGA, times[1:])])
     for t, x in zip(times, states.T, strict=True):
         turn = earth_fixed("teme", plant.epoch, np.array([t]))[:, :, 0]
         place = turn @ x[:3]
@@ -224,7 +226,7 @@ def test_a_day_against_scipy() -> None:
         lambda t, y: rhs(y[:, None], None, np.array([t]))[:, 0],
         (0.0, DAY), KUGA, method="DOP853", rtol=1e-13, atol=1e-6,
     ).y[:, -1]  # fmt: skip
-    ours = _flown(drag=True)(KUGA, DAY)[:, -1]
+    ours = _propagator(drag=True)(KUGA, DAY)[:, -1]
     assert np.allclose(ours[:3], end[:3], rtol=0, atol=1e-4)
     assert np.allclose(ours[3:], end[3:], rtol=0, atol=1e-7)
 
@@ -238,7 +240,7 @@ def test_energy_in_the_turning_frame_is_conserved(frame: str, arc_s: float) -> N
         flow = system(plant)
         energy = flow.function(plant.energy(flow.x, time, model_parameters(plant.parameters())))
         times = np.linspace(0.0, DAY, 25)[1:]
-        path = _flown(drag, frame, arc_s)(KUGA, times)
+        path = _propagator(drag, frame, arc_s)(KUGA, times)
         ends[drag] = (
             energy(path, None, times)[0] / energy(KUGA[:, None], None, np.zeros(1))[0] - 1.0
         )
@@ -262,15 +264,15 @@ def test_passes_of_kuga_and_carrara() -> None:
     t = np.array([6036.0, 38370.0])
     expected = np.array([[284.031369, 316.156110], [5.048786, 5.044038]])
     for drag in (False, True):
-        x = _flown(drag)(KUGA, t)
+        x = _propagator(drag)(KUGA, t)
         assert np.allclose(_angles("teme", _plant(), x, t), expected, rtol=0, atol=3e-3)
 
 
 def test_drag_over_one_pass_moves_the_satellite_by_centimetres() -> None:
     """At 500 to 1100 km: below 0.13 m in a pass of 7½ minutes (Alcântara 2), yet not zero."""
-    start = _flown()(KUGA, 6036.0)[:, -1]
-    with_drag = _flown(drag=True)(start, 6486.0, t0=6036.0)[:3, -1]
-    without = _flown()(start, 6486.0, t0=6036.0)[:3, -1]
+    start = _propagator()(KUGA, 6036.0)[:, -1]
+    with_drag = _propagator(drag=True)(start, 6486.0, t0=6036.0)[:3, -1]
+    without = _propagator()(start, 6486.0, t0=6036.0)[:3, -1]
     moved = float(np.linalg.norm(with_drag - without))
     assert 0.005 < moved < 0.13
 
@@ -284,8 +286,8 @@ def test_both_inertial_frames_fly_the_same_orbit() -> None:
     plant, end = _plant(), 5760.0
     fixed = to_earth_fixed("teme", KUGA[:, None], plant.epoch, np.zeros(1))
     start = to_inertial("gcrs", fixed, plant.epoch, np.zeros(1))[:, 0]
-    one = _flown()(KUGA, end)
-    two = _flown(frame="gcrs", arc_s=end)(start, end)
+    one = _propagator()(KUGA, end)
+    two = _propagator(frame="gcrs", arc_s=end)(start, end)
     t = np.array([end])
     one, two = (
         to_earth_fixed("teme", one, plant.epoch, t), to_earth_fixed("gcrs", two, plant.epoch, t),

@@ -44,7 +44,7 @@ def plant(of: Any = None, **keys: Any) -> Any:
     )  # fmt: skip
 
 
-def turned(angle: float, v: Array) -> Array:
+def rotate_about_z(angle: float, v: Array) -> Array:
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ v
 
@@ -94,8 +94,8 @@ def test_flight_among_the_stars(
         nodes = equinox + pi
         spin = angle0 + RATE * t + np.radians(meridian) - pi
         if back:
-            return turned(nodes, about_x(-tilt, turned(spin, v)))
-        return turned(-spin, about_x(tilt, turned(-nodes, v)))
+            return rotate_about_z(nodes, about_x(-tilt, rotate_about_z(spin, v)))
+        return rotate_about_z(-spin, about_x(tilt, rotate_about_z(-nodes, v)))
 
     def motion(t: float, y: Array) -> Array:
         away = body(t)

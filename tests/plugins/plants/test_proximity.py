@@ -82,7 +82,7 @@ def test_acceleration_at_apophis() -> None:
     np.testing.assert_array_equal(rates[:3], STATE_A[3:])
 
 
-def written_out(x: Any, u: Any = None) -> Any:
+def direct_accelerations(x: Any, u: Any = None) -> Any:
     """Accelerations at perihelion as the equations are printed, the Sun's difference naive."""
     h, r_sun = np.sqrt(GM_SUN * A * (1 - E * E)), A * (1 - E)
     turn = h / r_sun**2
@@ -113,7 +113,7 @@ def test_gravity_gradient_at_apophis() -> None:
     for column in range(6):
         x = STATE_A.astype(complex)
         x[column] += 1j * step
-        want = written_out(x).imag / step
+        want = direct_accelerations(x).imag / step
         size = np.abs(exact[3:, : 3 if column < 3 else 6]).max()
         np.testing.assert_allclose(exact[3:, column], want, rtol=0, atol=1e-9 * size)
     printed = [

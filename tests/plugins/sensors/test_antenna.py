@@ -14,7 +14,7 @@ from hillsphere.interfaces import Array, Sensor
 from hillsphere.plugins import validate
 from hillsphere_sensors.antenna import Antenna
 from hillsphere_sensors.specs import AntennaSpec
-from hillsphere_tracking.recording import constants, record
+from hillsphere_tracking.recording import draw_constants, record
 
 ALCANTARA = {
     "station": "Alcantara",
@@ -168,7 +168,7 @@ def test_a_bias_that_grows_towards_the_horizon() -> None:
     away = shown - sensor.observe(x, np.zeros(4), FIXED)
     assert_allclose(away[:, :3], bias[:, :3], rtol=0.0, atol=1e-12)
     # each case has its own
-    held = constants(sensor, 1, "s", np.arange(3000))
+    held = draw_constants(sensor, 1, "s", np.arange(3000))
     low = towards(sensor, np.full(3000, 70.0), np.full(3000, 5.0))
     spread = sensor.bias(low, np.zeros(3000), FIXED, held)[1].std()
     assert_allclose(np.degrees(spread), 0.01 * cotangent[0], rtol=0.05)
@@ -197,7 +197,7 @@ def test_wrong_stations_kuga_1990(
 
 def test_stations_differ_from_case_to_case() -> None:
     sensor = antenna(station_sigma_m=[100, 200, 300])
-    told = sensor.believed_stations(constants(sensor, 1, "s", np.arange(2000)))
+    told = sensor.believed_stations(draw_constants(sensor, 1, "s", np.arange(2000)))
     away = sensor.station.axes @ (
         np.array([s.ecef_m for s in told]).T - sensor.station.ecef_m[:, None]
     )

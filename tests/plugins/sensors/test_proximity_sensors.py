@@ -13,7 +13,7 @@ from hillsphere.interfaces import Array
 from hillsphere.testing import check_sensor
 from hillsphere_plants.formation_reference.stage import relative_orbit
 from hillsphere_sensors.camera_image import camera_image
-from hillsphere_sensors.spacecraft import line_of_sight_frame, rotated, sighted
+from hillsphere_sensors.spacecraft import boresight_components, line_of_sight_frame, rotate
 
 AXES = np.array([191.0, 135.0, 95.0])
 DEGREE = np.pi / 180.0
@@ -96,8 +96,8 @@ def test_pixels_are_angles() -> None:
 def test_components_are_those_of_the_axes() -> None:
     random = np.random.default_rng(6)
     boresight, way = random.normal(size=(2, 3, 100))
-    want = rotated(line_of_sight_frame(boresight), way)
-    np.testing.assert_allclose(sighted(boresight, way), want, rtol=0, atol=1e-14)
+    want = rotate(line_of_sight_frame(boresight), way)
+    np.testing.assert_allclose(boresight_components(boresight, way), want, rtol=0, atol=1e-14)
     axes = line_of_sight_frame(boresight)
     np.testing.assert_allclose(np.cross(axes[0], axes[1], axis=0), axes[2], rtol=0, atol=1e-14)
 
@@ -366,10 +366,13 @@ def test_boresight_over_a_pole(sign: float) -> None:
     way = np.array([[120.0, 1.0], [-50.0, 2.0], [sign * 1500.0, 3.0]])
     along = np.array([[0.0, 3.0], [0.0, 4.0], [sign * 7.0, 5.0]])
     near = along + np.array([[1e-7, 0.0], [0.0, 0.0], [0.0, 0.0]])
-    found, want = np.array(sighted(along, way)), np.array(sighted(near, way))
+    found, want = (
+        np.array(boresight_components(along, way)),
+        np.array(boresight_components(near, way)),
+    )
     np.testing.assert_allclose(found[:, 0], want[:, 0], rtol=0, atol=1e-3)
     np.testing.assert_array_equal(found[:, 1], want[:, 1])
-    np.testing.assert_allclose(found, rotated(line_of_sight_frame(along), way), atol=1e-9)
+    np.testing.assert_allclose(found, rotate(line_of_sight_frame(along), way), atol=1e-9)
     axes = line_of_sight_frame(along)[:, :, 0]
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
 

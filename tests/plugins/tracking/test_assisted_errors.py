@@ -10,7 +10,7 @@ from hillsphere.interfaces import Array
 from hillsphere_tracking.assisted_tracking.errors import (
     arc,
     larger_sigma,
-    normalised_square,
+    nees,
     on_the_sky,
     root_sum_square,
 )
@@ -61,6 +61,6 @@ def test_normalised_square_and_larger_sigma() -> None:
     covariance = np.einsum("ikn,jkn->ijn", root, root)
     error = RNG.normal(size=(2, 7))
     solved = [error[:, n] @ np.linalg.solve(covariance[:, :, n], error[:, n]) for n in range(7)]
-    assert_allclose(normalised_square(error, covariance), solved, rtol=1e-9)
+    assert_allclose(nees(error, covariance), solved, rtol=1e-9)
     values = np.linalg.eigvalsh(covariance.transpose(2, 0, 1))[:, 1]
     assert_allclose(larger_sigma(covariance), np.sqrt(values), rtol=1e-12)

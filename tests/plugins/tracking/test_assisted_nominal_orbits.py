@@ -13,7 +13,7 @@ from hillsphere.interfaces import Array
 from hillsphere.interfaces.cases import CaseBatch
 from hillsphere_tracking.assisted_tracking.nominal_orbits import NominalOrbits, nominal_orbits
 from hillsphere_tracking.assisted_tracking.specs import NominalErrorSpec
-from hillsphere_tracking.kepler import states_from_elements, wrapped
+from hillsphere_tracking.kepler import states_from_elements, wrap_angle
 from hillsphere_tracking.mean_elements import EARTH_FIELD, secular_rates, states
 
 ELEMENTS = np.array([7180e3, 0.0436, 0.4157, 4.19, 0.27, 6.12])
@@ -33,7 +33,7 @@ def off(orbits: NominalOrbits) -> Array:
 
 def test_without_errors_the_mean_elements_come_back() -> None:
     difference = made({}).mean - ELEMENTS[:, None]
-    difference[2:] = wrapped(difference[2:])
+    difference[2:] = wrap_angle(difference[2:])
     assert_allclose(difference[0], 0.0, rtol=0, atol=1e-5)
     assert_allclose(difference[1:], 0.0, rtol=0, atol=1e-11)
 
@@ -54,17 +54,17 @@ def test_normal_errors_have_the_size_asked_for() -> None:
 
 def test_age_moves_along_the_track_early_or_late() -> None:
     orbits = made({"along_track_age_s": 10})
-    moved = wrapped(orbits.mean[5] - ELEMENTS[5])
+    moved = wrap_angle(orbits.mean[5] - ELEMENTS[5])
     rate = secular_rates(ELEMENTS[:, None])[2, 0]
     assert_allclose(np.abs(moved), 10.0 * rate, rtol=1e-9)
     assert 10 < int((moved > 0.0).sum()) < 54
-    assert_allclose(wrapped(orbits.mean[3] - ELEMENTS[3]), 0.0, rtol=0, atol=1e-11)
+    assert_allclose(wrap_angle(orbits.mean[3] - ELEMENTS[3]), 0.0, rtol=0, atol=1e-11)
 
 
 def test_mean_elements_are_drawn() -> None:
     keys = {"semi_major_axis_sigma_km": 5, "node_sigma_deg": 0.5, "mean_anomaly_sigma_deg": 2}
     error = made(keys).mean - ELEMENTS[:, None]
-    sizes = np.sqrt(np.mean(np.array([error[0], *wrapped(error[[3, 5]])]) ** 2, axis=1))
+    sizes = np.sqrt(np.mean(np.array([error[0], *wrap_angle(error[[3, 5]])]) ** 2, axis=1))
     assert_allclose(sizes, [5e3, *np.radians([0.5, 2.0])], rtol=0.3)
 
 
@@ -84,5 +84,5 @@ def test_passes_are_independent_and_repeatable() -> None:
 
 
 def test_too_large_an_error() -> None:
-    with pytest.raises(InputError, match="nominal_error: pass A: a state is on no ellipse"):
+    with pytest.raises(InputError, match="nominal_error: pass A: a state is not on an ellipse"):
         made({"velocity_km_s": 9})

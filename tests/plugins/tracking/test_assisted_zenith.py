@@ -12,11 +12,11 @@ from hillsphere.base.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.interfaces import Array
 from hillsphere.model.earth.rotation import earth_fixed
 from hillsphere.time import Epoch
-from hillsphere_tracking.assisted_tracking.following import Seen, follow
+from hillsphere_tracking.assisted_tracking.following import AntennaRecord, follow
 from hillsphere_tracking.assisted_tracking.truth import PassTruth
-from hillsphere_tracking.mean_elements import EARTH_FIELD, propagated, states
+from hillsphere_tracking.mean_elements import EARTH_FIELD, propagate_secular, states
 from hillsphere_tracking.trackers.least_squares import LeastSquares, LeastSquaresState
-from hillsphere_tracking.trackers.observation import angles, directions, folded, site_of
+from hillsphere_tracking.trackers.observation import angles, directions, fold_over_zenith, site_of
 from hillsphere_tracking.trackers.specs import LeastSquaresSpec
 
 EPOCH = Epoch.parse("2027-06-01T12:00:00", "UTC")
@@ -54,11 +54,11 @@ def test_a_known_bias_is_no_error_beyond_the_zenith() -> None:
         scene={}, start_teme=x[:, 0], angles_rad=true, sigma_rad=np.full((2, t.size), 1e-3),
         begins=np.array([4]),
     )  # fmt: skip
-    shown = np.array(folded(*(true + BIAS[:, None])))[:, :, None]
-    seen = Seen(shown, np.broadcast_to(BIAS[:, None, None], shown.shape), (station,))
+    shown = np.array(fold_over_zenith(*(true + BIAS[:, None])))[:, :, None]
+    seen = AntennaRecord(shown, np.broadcast_to(BIAS[:, None, None], shown.shape), (station,))
     tracker = Knowing(LeastSquaresSpec(short_period=False))
     found = follow(
-        tracker, truth, seen, propagated(ELEMENTS, t[:1]), EPOCH, 0.02, None,
+        tracker, truth, seen, propagate_secular(ELEMENTS, t[:1]), EPOCH, 0.02, None,
         keep=("encoder_error",),
     )  # fmt: skip
     assert found.measures[0]["encoder_error_max"][0] < 1e-3

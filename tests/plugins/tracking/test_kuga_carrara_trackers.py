@@ -19,7 +19,7 @@ from hillsphere.base.geodetic import Station
 from hillsphere.interfaces import Array
 from hillsphere.model.earth.rotation import earth_fixed
 from hillsphere.time import Epoch
-from hillsphere_tracking.mean_elements import propagated, states
+from hillsphere_tracking.mean_elements import propagate_secular, states
 from hillsphere_tracking.topocentric import angles
 from hillsphere_tracking.trackers.streaming import StreamingTracker
 
@@ -64,7 +64,7 @@ def nees(prior: Prior, outliers_from: int | None = None, **keys: Any) -> Array:
     tracker = create("tracker", "least_squares", **keys)
     random = np.random.default_rng(1990)
     normal, sigma, step = random.standard_normal, 0.1 * DEGREE, 3.0
-    nominal = np.repeat(propagated(PAPER[:, None], np.array([RISE])), SEEDS, axis=1)
+    nominal = np.repeat(propagate_secular(PAPER[:, None], np.array([RISE])), SEEDS, axis=1)
     truth = nominal.copy()
     truth[0] += prior.size_m * normal(SEEDS)
     truth[3] += prior.node_deg * DEGREE * normal(SEEDS)
@@ -77,10 +77,10 @@ def nees(prior: Prior, outliers_from: int | None = None, **keys: Any) -> Array:
     for k in range(100):
         t = RISE + step * k
         if k:
-            truth = propagated(truth, np.full(SEEDS, step))
+            truth = propagate_secular(truth, np.full(SEEDS, step))
             moved = prior.drift_m * np.sqrt(step / 3600.0) * normal((3, SEEDS))
             truth[[0, 3, 5]] += moved / np.array([np.ones(SEEDS), truth[0], truth[0]])
-        shown = look(ALCANTARA, propagated(truth, late), t + late)
+        shown = look(ALCANTARA, propagate_secular(truth, late), t + late)
         shown[1] += horizon / np.tan(np.maximum(shown[1], 2.0 * DEGREE))  # less is not tracked
         shown += bias + sigma * normal((2, SEEDS))
         wrong = random.random(SEEDS) < 0.05
@@ -158,12 +158,12 @@ def test_eight_streams_are_the_batch_of_eight(kind: str) -> None:
                for k in range(cases)]  # fmt: skip
     state = tracker.initial(nominal, np.zeros(1), (ALCANTARA,), EPOCH)
     t = RISE + np.arange(40.0)
-    seen = look(ALCANTARA, propagated(orbit[:, None], t), t)
+    seen = look(ALCANTARA, propagate_secular(orbit[:, None], t), t)
     for k in range(t.size):
         shown = seen[:, k : k + 1] + 1e-3 * random.standard_normal((2, cases))
         lost = 10 <= k < 20
         for case, stream in enumerate(streams):
-            (stream.lost if lost else stream.locked)()
+            (stream.mark_lost if lost else stream.mark_locked)()
             assert stream.is_locked is not lost
             assert stream.update(t[k], *shown[:, case]) is not lost
         if not lost:
@@ -189,15 +189,15 @@ def tracked(
     Returns errors on the sky (K,), angles predicted and true (2, K), over three minutes more.
     """
     t, later = np.arange(begin, end), np.arange(end, end + 180.0, 5.0)
-    seen = look(station, propagated(truth[:, None], t), t)
+    seen = look(station, propagate_secular(truth[:, None], t), t)
     seen += 0.06 * DEGREE * np.random.default_rng(2).standard_normal(seen.shape)
-    nominal = propagated(truth[:, None], np.array([begin + late_s]))[:, 0]
+    nominal = propagate_secular(truth[:, None], np.array([begin + late_s]))[:, 0]
     stream = StreamingTracker(create("tracker", kind), nominal, begin, station, EPOCH,
                               sigma_rad=0.06 * DEGREE)  # fmt: skip
     for k in range(t.size):
         stream.update(t[k], seen[0, k], seen[1, k])
     predicted = np.array(stream.predict(later)[:2])
-    true = look(station, propagated(truth[:, None], later), later)
+    true = look(station, propagate_secular(truth[:, None], later), later)
     off = wrapped(predicted - true)
     off[0] *= np.cos(true[1])
     return np.hypot(*off) / DEGREE, predicted, true

@@ -49,6 +49,6 @@ def test_a_pass_log_with_an_endless_cell_is_told(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text(f"utc,{'x' * 200_000}\n")
     with pytest.raises(
-        InputError, match="is no table of a pass log: field larger than field limit"
+        InputError, match="not the CSV table of a pass log: field larger than field limit"
     ):
         read_pass_log(path)

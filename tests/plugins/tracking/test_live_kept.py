@@ -22,12 +22,16 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
 from hillsphere_tracking.live.antenna import antenna_of
-from hillsphere_tracking.live.calibration import StationMemory, begun_with, learned
+from hillsphere_tracking.live.calibration import (
+    StationMemory,
+    begin_with_calibration,
+    calibration_after_pass,
+)
 from hillsphere_tracking.live.logbook import Logbook
 from hillsphere_tracking.live.measurements import Measurement
 from hillsphere_tracking.live.scoring import losses_of, score_lines
 from hillsphere_tracking.live.session import Command
-from hillsphere_tracking.memory import Calibration, Forgetting, read_memory, remember
+from hillsphere_tracking.memory import Calibration, RandomWalk, read_memory, remember
 from hillsphere_tracking.pointing.pass_log import PassLog, read_pass_log
 from hillsphere_tracking.satellites import earth_fixed_states, orbits_of
 from hillsphere_tracking.topocentric import angles
@@ -43,7 +47,7 @@ STATION = Station("A", np.radians(-2.18), np.radians(-44.26), 39.0)
 RISE = Epoch.parse("2019-12-09T23:05:04", "UTC")
 NEXT = Epoch.parse("2019-12-11T23:02:30", "UTC")
 BIAS_DEG = np.array([[0.35], [-0.25]])
-NO_FORGETTING = Forgetting(0.0, 0.0)
+NO_FORGETTING = RandomWalk(0.0, 0.0)
 
 
 def written(path: Path, start: Epoch, t: Array) -> None:
@@ -82,8 +86,8 @@ def test_a_station_learns_its_biases_and_begins_with_them(
     memory = ["--memory", str(path), "--no-search"]
     assert track(folder, *memory) == ExitCode.SUCCESS
     err = capsys.readouterr().err
-    assert "knows nothing of A yet" in err
-    assert f"biases of A remembered in {path}" in err
+    assert "has no entry for A yet" in err
+    assert f"biases of A stored in {path}" in err
     first = read_memory(path)["A"]
     sigma = np.sqrt(np.diag(first.covariance))
     assert first.passes == 1
@@ -102,7 +106,7 @@ def test_a_station_learns_its_biases_and_begins_with_them(
     # the pass before again: what is known of it already must not count twice
     before = path.read_bytes()
     assert track(folder, *memory) == ExitCode.SUCCESS
-    assert "after this pass began" in capsys.readouterr().err
+    assert "after the beginning of this pass" in capsys.readouterr().err
     assert path.read_bytes() == before
 
 
@@ -113,7 +117,7 @@ def test_a_memory_is_left_alone(folder: Path, capsys: pytest.CaptureFixture[str]
     before = path.read_bytes()
     written(folder / "few.csv", RISE, np.arange(0.0, 15.0))
     assert track(folder, "--memory", str(path), source="few.csv") == ExitCode.SUCCESS
-    assert "is left as it is: 15 measurements" in capsys.readouterr().err
+    assert "is not changed: 15 measurements" in capsys.readouterr().err
     assert track(folder, "--memory", str(path), "--tracker", "average") == ExitCode.SUCCESS
     assert capsys.readouterr().err.count("estimates no biases") == 1
     assert path.read_bytes() == before
@@ -210,12 +214,12 @@ def test_from_memory_to_tracker_and_back(
     angle_biases: bool, time_bias: bool, kept: list[int]
 ) -> None:
     tracker, fresh = begun(angle_biases=angle_biases, time_bias=time_bias)
-    state = begun_with(tracker, fresh, KNOWN)
+    state = begin_with_calibration(tracker, fresh, KNOWN)
     if time_bias:  # measured less true is a late tag, whose true time is earlier
         assert state.time_bias_s[0] == pytest.approx(-0.3)
     if angle_biases:
         assert_allclose(state.biases_rad[:, 0], [1e-3, -2e-3], rtol=1e-14)
-    back = learned(tracker, state, RISE, KNOWN)
+    back = calibration_after_pass(tracker, state, RISE, KNOWN)
     assert_allclose(back.mean, KNOWN.mean, rtol=1e-14)
     assert back.passes == 3
     expected = np.zeros((3, 3))
@@ -228,7 +232,7 @@ def test_from_memory_to_tracker_and_back(
 def test_a_clock_that_is_remembered_is_part_of_what_is_predicted() -> None:
     tracker, fresh = begun(angle_biases=False, time_bias=True)
     slow = Calibration(RISE, np.array([0.0, 0.0, -0.5]), np.diag([1e-8, 1e-8, 1e-6]), 2)
-    state = begun_with(tracker, fresh, slow)
+    state = begin_with_calibration(tracker, fresh, slow)
     t = np.arange(0.0, 300.0, 20.0)
     # a slow clock: when it says t it is half a second later
     shown, later = tracker.predict(state, t)[:2], tracker.predict(fresh, t + 0.5)[:2]
@@ -259,7 +263,7 @@ def test_a_memory_ages_until_the_pass(tmp_path: Path) -> None:
     remember(path, "A", KNOWN)
     tracker, fresh = begun()
     later = Epoch(RISE.day + 4, RISE.fraction, "UTC")
-    state = StationMemory(path, "A", Forgetting(0.003, 0.0), print).begin(tracker, fresh, later)
+    state = StationMemory(path, "A", RandomWalk(0.003, 0.0), print).begin(tracker, fresh, later)
     grown = np.diag(state.covariance[3:5, 3:5, 0]) - np.diag(KNOWN.covariance)[:2]
     assert_allclose(np.sqrt(grown), 0.006, rtol=1e-6)  # four days: twice a day's
     assert_allclose(state.covariance[:3, :3], fresh.covariance[:3, :3], rtol=1e-14)
@@ -269,9 +273,9 @@ def test_a_logbook_puts_a_measurement_and_a_command_of_one_time_together() -> No
     mount = antenna_of("x_y", {}, 10.0, 10.0, 0.0).mount
     book = Logbook(RISE, mount, 0.01)
     assert book.pass_log() is None
-    book.commanded(Command(2.0, 0.5, 0.0, 1.5, 1.0, "locked"))
-    book.measured(2.0, Measurement("", RISE, 1.4, 0.9, None))
-    book.measured(1.5, Measurement("", RISE, 1.3, 0.8, 0.02))
+    book.note_command(Command(2.0, 0.5, 0.0, 1.5, 1.0, "locked"))
+    book.note_measurement(2.0, Measurement("", RISE, 1.4, 0.9, None))
+    book.note_measurement(1.5, Measurement("", RISE, 1.3, 0.8, 0.02))
     log = book.pass_log()
     assert log is not None
     assert log.times_s.tolist() == [1.5, 2.0]

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 
 from hillsphere.errors import InputError
 from hillsphere.time import Epoch
-from hillsphere_tracking.live.feed import Arriving, Recorded
+from hillsphere_tracking.live.feed import LiveFeed, ReplayFeed
 from hillsphere_tracking.live.gate import Gate
 from hillsphere_tracking.live.measurements import Measurement, measurements
 from hillsphere_tracking.tdm import TdmMeta, TdmSegment, write_tdm
@@ -99,11 +99,11 @@ GOOD = "2026-11-21T09:00:01,350.5,5\n"
         (GOOD + "2026-11-21T09:00:02,350\n", "m.csv:2: expected 3 values, got 2"),
         (GOOD + "yesterday,350,5\n", "m.csv:2: expected a time such as"),
         (GOOD + "inf,350,5\n", "m.csv:2: expected a finite time"),
-        (GOOD + "17,350,5\n", "m.csv:2: a time in seconds, 17, needs .* --epoch"),
+        (GOOD + "17,350,5\n", "m.csv:2: the time 17 is in seconds; .* --epoch"),
         ("2026-11-21T09:00:01,350.5,5,0\n", "m.csv:1: sigma_deg must be > 0, got 0"),
         ("a b c\n", "m.csv:1: expected time, azimuth, elevation"),
-        ("utc,azimuth_deg\n", "m.csv:1: the names of columns"),
-        ("utc,time,azimuth_deg,elevation_deg\n", "m.csv:1: the names of columns"),
+        ("utc,azimuth_deg\n", "m.csv:1: the header must have"),
+        ("utc,time,azimuth_deg,elevation_deg\n", "m.csv:1: the header must have"),
         ("CCSDS_TDM_VERS = 2.0\nMETA_STOP\n", "m.csv:2: TIME_SYSTEM"),
     ],
 )
@@ -123,15 +123,17 @@ def test_a_table_goes_on_after_a_bad_line() -> None:
 
 def test_a_replay_gives_what_its_time_has_reached() -> None:
     text = "".join(f"{k},10,20\n" for k in range(5, 15))
-    feed = Recorded(measurements(text.splitlines(), "m", START), pytest.fail)
+    feed = ReplayFeed(measurements(text.splitlines(), "m", START), pytest.fail)
     assert feed.first.epoch.seconds_since(START) == pytest.approx(5.0)
     assert [len(feed.until(START, t)) for t in (4.0, 6.5, 6.9, 7.0, 99.0, 100.0)] == [
         0, 2, 0, 1, 7, 0,
     ]  # fmt: skip
     with pytest.raises(InputError, match="no measurements to replay"):
-        Recorded(measurements([], "m"), pytest.fail)
-    with pytest.raises(InputError, match="no measurements to replay: m:1: a time in seconds"):
-        Recorded(measurements(["1,2,3", "2,2,3"], "m"), pytest.fail)
+        ReplayFeed(measurements([], "m"), pytest.fail)
+    with pytest.raises(
+        InputError, match="no measurements to replay: m:1: the time 1 is in seconds"
+    ):
+        ReplayFeed(measurements(["1,2,3", "2,2,3"], "m"), pytest.fail)
 
 
 @pytest.mark.parametrize("wrong", [0, 3, 9])
@@ -140,18 +142,18 @@ def test_a_replay_passes_over_bad_lines_and_wrong_times(wrong: int) -> None:
     rows[wrong] = f"{400 * 86400},10,20"
     rows[5] = "5,10,95"
     said: list[str] = []
-    feed = Recorded(measurements(rows, "m", START), said.append)
+    feed = ReplayFeed(measurements(rows, "m", START), said.append)
     found = [m.epoch.seconds_since(START) for m in feed.until(START, 20.0)]
     assert_allclose(found, [k for k in range(10) if k not in (wrong, 5)], rtol=0.0, atol=1e-4)
     assert len(said) == 2
-    assert any(f"m:{wrong + 1}: its time, 2027-12-26T09:00:00, is far from" in s for s in said)
+    assert any(f"m:{wrong + 1}: its time 2027-12-26T09:00:00 is far from" in s for s in said)
     assert any("m:6: elevation must be" in line for line in said)
 
 
 def test_of_several_passes_the_first_is_replayed() -> None:
     rows = [f"{k + day * 90000},10,20" for day in range(3) for k in range(5)]
     said: list[str] = []
-    feed = Recorded(measurements(rows, "m", START), said.append)
+    feed = ReplayFeed(measurements(rows, "m", START), said.append)
     assert len(feed.until(START, 1e6)) == 5
     assert [line.rpartition("passed over: ")[2][:6] for line in said] == ["m:6: i", "9 more"]
 
@@ -187,7 +189,7 @@ def _until(done: Callable[[], bool]) -> None:
 def test_what_arrives_is_there_at_once_and_bad_lines_are_passed_over() -> None:
     reading, writing = os.pipe()
     said: list[str] = []
-    feed = Arriving(reading, "pipe", START, said.append)
+    feed = LiveFeed(reading, "pipe", START, said.append)
     got: list[Measurement] = []
 
     def arrived(count: int) -> Callable[[], bool]:
@@ -218,7 +220,7 @@ def test_a_file_is_followed_as_it_grows(tmp_path: Path) -> None:
     path.write_text("1,10,20\n2,1")
     got: list[Measurement] = []
     with path.open("rb") as reading, path.open("a") as writing:
-        feed = Arriving(reading.fileno(), "m.csv", START, pytest.fail)
+        feed = LiveFeed(reading.fileno(), "m.csv", START, pytest.fail)
 
         def arrived(count: int) -> bool:
             got.extend(feed.until(START, 0.0))
@@ -235,7 +237,7 @@ def test_a_file_is_followed_as_it_grows(tmp_path: Path) -> None:
 
 def test_an_open_input_does_not_hold_the_end_up() -> None:
     reading, writing = os.pipe()
-    feed = Arriving(reading, "pipe", None, pytest.fail)
+    feed = LiveFeed(reading, "pipe", None, pytest.fail)
     begun = time.monotonic()
     feed.close()
     assert time.monotonic() - begun < 5.0

@@ -25,7 +25,7 @@ from hillsphere_tracking.live.status import Status
 from hillsphere_tracking.passes.masks import BlindSector, HorizonMask
 from hillsphere_tracking.pointing.sky import angles_of, separation
 from hillsphere_tracking.satellites import Sgp4Orbit, earth_fixed_states, orbits_of
-from hillsphere_tracking.topocentric import angles, direction_cosines, refracted
+from hillsphere_tracking.topocentric import angles, apparent_elevation, direction_cosines
 from hillsphere_tracking.trackers.least_squares import LeastSquares
 from hillsphere_tracking.trackers.specs import LeastSquaresSpec
 
@@ -56,7 +56,7 @@ def written(folder: Path, t: Array, lift: bool = False) -> None:
     """Write measurements of the satellite at times after the rise, with noise of 0.05°."""
     azimuth, elevation = seen(t)
     if lift:
-        elevation = refracted(elevation)
+        elevation = apparent_elevation(elevation)
     noise = 0.05 * np.random.default_rng(1).standard_normal((2, t.size))
     cells = np.degrees([azimuth, elevation]) + noise
     rows = zip(RISE.isot(t, 3), *cells, strict=True)
@@ -270,7 +270,7 @@ def test_refraction_on_and_off(folder: Path, capsys: pytest.CaptureFixture[str])
         assert track(folder, *WIDE, "--tracker", "least_squares", *switch) == ExitCode.SUCCESS
         found = Table(capsys.readouterr().out)
         azimuth, elevation = seen(found.t)
-        true = np.degrees([azimuth, refracted(elevation)])
+        true = np.degrees([azimuth, apparent_elevation(elevation)])
         low = (found.t > 400.0) & (true[1] > 1.0) & (true[1] < 5.0)
         assert low.any()
         missed[given] = miss_deg(found.predicted, true)[low].max()
@@ -303,13 +303,13 @@ def test_a_tracker_behind_the_air() -> None:
         (["--mount", "pole"], "--mount must be one of az_el, x_y, got 'pole'"),
         (["--mount", "x_y", *WIDE], "--azimuth-limits: a mount x_y has the axes x and y"),
         (["--x-limits", "-80", "80"], "--x-limits: a mount az_el has the axes"),
-        (["--axis-azimuth", "20"], "--axis-azimuth is that of the X axis"),
+        (["--axis-azimuth", "20"], "--axis-azimuth is the azimuth of the X axis"),
         (["--mount", "x_y", "--axis-azimuth", "nan"], "--axis-azimuth must be finite"),
         (["--elevation-limits", "90", "0"], "--elevation-limits: an axis's lower stop"),
         (["--lock-angle", "0"], "--lock-angle must be > 0"),
         (["--lock-angle", "nan"], "--lock-angle must be > 0"),
         (["--dwell", "-1"], "--dwell must be ≥ 0"),
-        (["--pressure", "900"], "are for --refraction"),
+        (["--pressure", "900"], "need --refraction"),
         (["--refraction", "--pressure", "-3"], "--pressure must be from 0 to 2000 hPa"),
         (["--refraction", "--temperature", "300"], "--temperature must be from -100"),
         (["--mask", "95"], "--mask must lie between -90° and 90°, got 95°"),
@@ -400,8 +400,8 @@ def test_elements_that_end_before_the_day_are_bad_input(
 def test_help_tells_the_exit_codes(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["track", "--help"]) == ExitCode.SUCCESS
     text = " ".join(capsys.readouterr().out.split())
-    assert "Exit codes: 0 the pass is over; 1 there is no rotator; 2" in text
-    assert "the beam's half-width" in text
+    assert "Exit codes: 0 the pass is over; 1 no connection to the rotator; 2" in text
+    assert "the half-width of the beam" in text
 
 
 def test_help_is_in_groups(capsys: pytest.CaptureFixture[str]) -> None:

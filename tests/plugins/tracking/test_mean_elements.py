@@ -9,13 +9,13 @@ from scipy.integrate import solve_ivp
 
 from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.interfaces import Array
-from hillsphere_tracking.kepler import elements_from_states, states_from_elements, wrapped
+from hillsphere_tracking.kepler import elements_from_states, states_from_elements, wrap_angle
 from hillsphere_tracking.mean_elements import (
     EARTH_FIELD,
     ZonalField,
     mean_from_osculating,
     osculating,
-    propagated,
+    propagate_secular,
     secular_rates,
     states,
 )
@@ -117,7 +117,7 @@ def test_no_jump_where_the_retrograde_elements_begin() -> None:
 
 
 def test_propagated() -> None:
-    later = propagated(PAPER[:, None], np.array([0.0, 86400.0]))
+    later = propagate_secular(PAPER[:, None], np.array([0.0, 86400.0]))
     assert_allclose(later[:, 0], PAPER, rtol=0, atol=0)
     assert_allclose((later[3:, 1] - later[3:, 0]) / DEGREE, [-6.073518124, 10.572696873,
                     5142.101213424], rtol=0, atol=1e-9)  # fmt: skip
@@ -136,13 +136,13 @@ def test_sphere_leaves_elements_alone() -> None:
 def test_angles_come_back_in_one_revolution() -> None:
     found = osculating(edges(50))
     assert ((found[3:] >= 0.0) & (found[3:] <= 2.0 * np.pi)).all()
-    assert np.abs(wrapped(found[5] + found[4] + found[3])).max() <= np.pi
+    assert np.abs(wrap_angle(found[5] + found[4] + found[3])).max() <= np.pi
 
 
 def test_refusals() -> None:
     with pytest.raises(InputError, match="eccentricities"):
         osculating(np.array([7e6, 1.2, 0.5, 0.0, 0.0, 0.0]))
-    with pytest.raises(ConvergenceError, match="no mean elements"):
+    with pytest.raises(ConvergenceError, match="does not converge"):
         mean_from_osculating(np.array([6e5, 0.9, 0.5, 1.0, 1.0, 0.1]))
     with pytest.raises(InputError, match="zonal field"):
         ZonalField(gm_m3_s2=-1.0)

@@ -97,7 +97,7 @@ def test_xml_that_is_none() -> None:
         read_omms("<ndm><omm></ndm>")
     with pytest.raises(InputError, match="no orbit mean-elements message"):
         read_omms("<ndm></ndm>")
-    with pytest.raises(InputError, match="no document type"):
+    with pytest.raises(InputError, match="must not contain a DOCTYPE"):
         read_omms("<!DOCTYPE a [<!ENTITY b 'c'>]><ndm>&b;</ndm>")
 
 

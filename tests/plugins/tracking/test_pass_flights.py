@@ -18,7 +18,7 @@ from hillsphere.testing import example
 from hillsphere.time import Epoch
 from hillsphere_tracking.ground_track import EarthTrack
 from hillsphere_tracking.mean_elements import ZonalField
-from hillsphere_tracking.passes.flights import PlantFlights, flown
+from hillsphere_tracking.passes.flights import PlantFlights, fly_satellite
 from hillsphere_tracking.passes.masks import HorizonMask
 from hillsphere_tracking.passes.passes import find_passes
 from hillsphere_tracking.satellites import MeanElementsOrbit, earth_fixed_states
@@ -68,7 +68,7 @@ def kepler(epoch: Epoch = EPOCH, a: float = 7.18e6, e: float = 0.0436) -> MeanEl
 
 @cache
 def paper_flight() -> EarthTrack:
-    return EarthTrack(flown(PAPER, plant(), EPOCH, DAY), EPOCH, DAY)
+    return EarthTrack(fly_satellite(PAPER, plant(), EPOCH, DAY), EPOCH, DAY)
 
 
 # Kuga and Carrara (1990), Table 1: station, revolution, duration, highest elevation. These rows
@@ -117,7 +117,7 @@ def test_keplers_orbit_whenever_it_is_asked_for(late_s: float) -> None:
     exact = kepler(Epoch.parse("1989-02-01T00:00:00", "UTC"))
     start = Epoch.parse("1989-02-01T00:00:00", "UTC")
     start = Epoch(start.day, start.fraction + late_s / DAY, "UTC")
-    flight = flown(exact, point_mass(), start, 7000.0)
+    flight = fly_satellite(exact, point_mass(), start, 7000.0)
     when = late_s + np.linspace(0.0, 7000.0, 400)
     np.testing.assert_allclose(flight.states(when), exact.states(when), rtol=0, atol=2e-3)
     assert flight.exists(late_s + np.array([-1.0, 0.0, 7000.0, 7001.0])).tolist() == [
@@ -129,8 +129,8 @@ def test_keplers_orbit_whenever_it_is_asked_for(late_s: float) -> None:
 def test_the_earth_turns_from_the_plants_epoch_on() -> None:
     """The same flight by plants whose clocks start 8 h apart, a tesseral field telling them so."""
     start = Epoch.parse("1989-01-31T20:00:00", "UTC")
-    one = flown(PAPER, plant(drag=False), start, 6000.0)
-    two = flown(PAPER, plant("1989-01-31T18:00:00", drag=False), start, 6000.0)
+    one = fly_satellite(PAPER, plant(drag=False), start, 6000.0)
+    two = fly_satellite(PAPER, plant("1989-01-31T18:00:00", drag=False), start, 6000.0)
     t = start.seconds_since(EPOCH) + np.linspace(0.0, 6000.0, 50)
     # Greenwich sidereal time of a clock of 8 h differs from its linear course by rounding alone
     np.testing.assert_allclose(one.states(t)[:3], two.states(t)[:3], rtol=0, atol=1e-3)
@@ -165,8 +165,8 @@ def test_theory_and_flight_in_either_frame_meet_on_the_ground() -> None:
     fixed = [
         earth_fixed_states(orbit, EPOCH, t)[:3]
         for orbit in (
-            flown(PAPER, plant(drag=False), EPOCH, 5760.0),
-            flown(PAPER, plant(frame="gcrs", drag=False, arc_s=5760.0), EPOCH, 5760.0),
+            fly_satellite(PAPER, plant(drag=False), EPOCH, 5760.0),
+            fly_satellite(PAPER, plant(frame="gcrs", drag=False, arc_s=5760.0), EPOCH, 5760.0),
             PAPER,
         )
     ]
@@ -180,7 +180,7 @@ def test_between_the_states_the_flight_is_that_of_the_propagator() -> None:
     flow = system(point_mass())
     t = np.linspace(0.0, 43000.0, 4001)[1:]
     exact = Taylor(flow).sample(molniya.states(np.zeros(1)), t)[:, :, 0]
-    flight = flown(molniya, point_mass(), EPOCH, 43000.0, step_s=600.0)
+    flight = fly_satellite(molniya, point_mass(), EPOCH, 43000.0, step_s=600.0)
     away = np.linalg.norm(flight.states(t)[:3] - exact[:3], axis=0)
     assert (away < 2e-9 * np.linalg.norm(exact[:3], axis=0)).all()
     assert away.max() > 1e-5
@@ -192,7 +192,7 @@ def low(epoch: Epoch = EPOCH) -> MeanElementsOrbit:
 
 
 def test_a_satellite_that_comes_down_ends_its_flight() -> None:
-    flight = flown(low(), plant(), EPOCH, 4.0 * DAY)
+    flight = fly_satellite(low(), plant(), EPOCH, 4.0 * DAY)
     path = EarthTrack(flight, EPOCH, 4.0 * DAY)
     assert 0.2 * DAY < path.end_s < 3.0 * DAY
     assert path.end_reason.startswith("has come down to the ground +")
@@ -203,7 +203,7 @@ def test_a_satellite_that_comes_down_ends_its_flight() -> None:
     with pytest.raises(PropagationError, match="'low' has come down to the ground"):
         flight.states(np.array([path.end_s + 1.0]))
     with pytest.raises(PropagationError, match=r"'low' has come down .*newer elements"):
-        flown(low(), plant(), Epoch.parse("1989-02-10", "UTC"), 100.0)
+        fly_satellite(low(), plant(), Epoch.parse("1989-02-10", "UTC"), 100.0)
 
 
 def hill() -> Plant:
@@ -224,7 +224,7 @@ def hill() -> Plant:
 def test_what_cannot_be_flown_is_refused(made: Any, keys: dict[str, float], match: str) -> None:
     given = {"duration_s": 1000.0, **keys}
     with pytest.raises(InputError, match=match):
-        flown(kepler(), made(), EPOCH, **given)
+        fly_satellite(kepler(), made(), EPOCH, **given)
 
 
 def test_an_angle_that_the_plant_does_not_have_is_refused() -> None:
@@ -252,8 +252,8 @@ def test_an_angle_that_the_plant_does_not_have_is_refused() -> None:
         def _events(self, x: Any, t: Any, p: Any) -> Any:
             return self.inner.events(x, t, self._all(p))
 
-    flight = flown(kepler(), Still(), EPOCH, 3000.0)
+    flight = fly_satellite(kepler(), Still(), EPOCH, 3000.0)
     t = np.array([0.0, 3000.0])
     np.testing.assert_allclose(flight.states(t), kepler().states(t), rtol=0, atol=2e-3)
     with pytest.raises(InputError, match="no parameter 'rotation_angle'"):
-        flown(kepler(), Still(), EPOCH, 3000.0, rotation_angle_rad=1.0)
+        fly_satellite(kepler(), Still(), EPOCH, 3000.0, rotation_angle_rad=1.0)

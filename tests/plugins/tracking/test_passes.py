@@ -27,10 +27,10 @@ from hillsphere_tracking.passes.passes import (
     peak_azimuth_rates,
     sun_in_beam,
 )
-from hillsphere_tracking.passes.search import above_zero, curve
+from hillsphere_tracking.passes.search import positive_spans, sample_curve
 from hillsphere_tracking.satellites import MeanElementsOrbit, orbits_of
 from hillsphere_tracking.sun import shadow_margin, sun_earth_fixed
-from hillsphere_tracking.topocentric import angles, rates, refracted
+from hillsphere_tracking.topocentric import angles, apparent_elevation, rates
 
 Booleans: TypeAlias = NDArray[np.bool_]
 
@@ -250,7 +250,7 @@ def test_a_decayed_satellite_is_searched_until_its_end() -> None:
 def test_refraction_lengthens_passes() -> None:
     path = paper()
     plain, air = find_passes(ALCANTARA, path), find_passes(ALCANTARA, path, air=Air())
-    seen = refracted(elevation(ALCANTARA, path, air.rise_s[1:]))
+    seen = apparent_elevation(elevation(ALCANTARA, path, air.rise_s[1:]))
     np.testing.assert_allclose(seen, 0.0, rtol=0, atol=1e-7)
     assert (air.rise_s[1:] < plain.rise_s[1:] - 5.0).all()
     assert (air.set_s[:-1] > plain.set_s[:-1] + 5.0).all()
@@ -296,7 +296,7 @@ def test_blind_sectors_against_looking_every_second(air: Air | None) -> None:
         for rise, set_ in zip(found.rise_s, found.set_s, strict=True):
             t_s = np.arange(rise + 0.5, set_, 1.0)
             azimuth, height, _ = angles(CUIABA, path.states(t_s)[:3])
-            seen = height if air is None else refracted(height)
+            seen = height if air is None else apparent_elevation(height)
             spans = blind_spans(CUIABA, path, sector, rise, set_, air)
             met += spans.shape[1]
             _agree(_boolean(t_s, spans), sector.contains(azimuth, seen))
@@ -338,7 +338,7 @@ def test_a_function_that_wiggles_between_samples() -> None:
         return np.sin(t_s) - 0.999, np.cos(t_s)
 
     t_s = np.linspace(0.0, 100.0, 100)
-    found = above_zero(humps, curve(humps, t_s))
+    found = positive_spans(humps, sample_curve(humps, t_s))
     assert found.shape == (2, 16)
     half = np.arccos(0.999)
     centres = 0.5 * np.pi + 2.0 * np.pi * np.arange(16)

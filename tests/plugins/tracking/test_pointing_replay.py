@@ -102,7 +102,7 @@ def test_lines_without_lock_do_not_count() -> None:
 
 @pytest.mark.parametrize("locked_s", [0.0, 20.0])
 def test_a_loss_needs_both_sides(locked_s: float) -> None:
-    with pytest.raises(InputError, match="so that both exist"):
+    with pytest.raises(InputError, match="on both sides"):
         prediction_errors(_Line(1.0), (), _log(), locked_s)
 
 

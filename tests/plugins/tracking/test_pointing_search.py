@@ -18,7 +18,7 @@ from hillsphere_tracking.pointing.reacquisition import (
     time_outside,
 )
 from hillsphere_tracking.pointing.search import Search, plan_search, search_now, search_speed
-from hillsphere_tracking.pointing.sky import angles_of, turning
+from hillsphere_tracking.pointing.sky import angles_of, parallel_transport
 
 DEGREE = np.pi / 180.0
 BEAM = 0.5 * DEGREE
@@ -39,7 +39,7 @@ def test_a_search_is_not_renewed_by_the_turn_of_the_azimuth() -> None:
     covariance = DEGREE**2 * (
         np.einsum("ik,jk->ijk", major, major) + 0.01 * np.eye(2)[:, :, np.newaxis]
     )
-    turned = turning(azimuth, elevation)
+    turned = parallel_transport(azimuth, elevation)
     assert np.ptp(turned) > 2.0  # rad
     first = search_now(None, covariance[:, :, 0], BEAM, SPEED, 0.0)
     assert first is not None

@@ -196,10 +196,10 @@ def test_a_plan_follows_what_a_naive_antenna_loses(
     assert worst["dish_error_max"].value == rows["dish", 14]["error_max_deg"]
     assert worst["dish_outside_max_naive"].value == rows["dish", 14]["outside_naive_s"]
     assert (worst["dish_followed"].value, worst["xy_followed"].value) == (1, 2)
-    assert "Mount dish keeps 1 of 2 passes within 1° all the time" in shown.verdict[0]
+    assert "Mount dish: the error stays within 1° in 1 of 2 passes with a plan" in shown.verdict[0]
     outside = sum(rows["dish", revolution]["outside_s"] for revolution in (8, 14))
     naive = sum(rows["dish", revolution]["outside_naive_s"] for revolution in (8, 14))
-    told = f"It is outside for {outside:.3g} s in all ({naive:.3g} s without a plan)"
+    told = f"lock angle: {outside:.3g} s in total ({naive:.3g} s without a plan)"
     assert told in shown.verdict[0]
 
 
@@ -346,7 +346,7 @@ def test_passes_too_short_for_a_plan_are_said(a_day: PassList) -> None:
     product, shown = follow(brief, XY, **keys)
     assert product.short == np.count_nonzero(brief.set_s - brief.rise_s < 70.0) == 2
     assert product.count.size == brief.rise_s.size - 2
-    assert "2 passes too short to be planned are left out." in shown.verdict
+    assert "2 passes are left out: too short for a plan." in shown.verdict
 
 
 def test_of_all_passes_those_asked_for(a_day: PassList) -> None:
@@ -357,7 +357,7 @@ def test_of_all_passes_those_asked_for(a_day: PassList) -> None:
     ]  # fmt: skip
     one, shown = follow(a_day, XY, stations=["Cuiaba"], revolutions=[10], **keys)
     assert (one.stations, one.revolution.tolist()) == (("Cuiaba",), [10])
-    assert "keeps 1 of 1 pass within" in shown.verdict[0]
+    assert "in 1 of 1 pass with a plan" in shown.verdict[0]
     assert "pointing_errors_by_culmination" not in shown.figures
 
 
@@ -378,7 +378,7 @@ def test_a_satellite_that_hardly_moves() -> None:
     [
         ({"stations": ["Cuiba"]}, "no passes over 'Cuiba'; did you mean 'Cuiaba'"),
         ({"revolutions": [40]}, r"no pass to follow: none of \d+ .* Alcantara 1 \(17.9°\)"),
-        ({"culmination_min_deg": 89}, "rises to 89°"),
+        ({"culmination_min_deg": 89}, "reaches 89°"),
         (
             {"command_period_s": 0.01, "mounts": [{**DISH, "name": f"dish{n}"} for n in range(6)]},
             r"which need \d+\.\d GB of memory, at most 2 GB; choose .* command_period_s = 0\.0\d+$",

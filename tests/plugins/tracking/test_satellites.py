@@ -133,7 +133,7 @@ def test_elements_without_an_orbit_are_refused() -> None:
     # of the verification set too: error 3 from the beginning
     line1 = "1 33334U 78066F   06174.85818871  .00000620  00000-0  10000-3 0  6806"
     line2 = "2 33334  68.4714 236.1303 5602877 123.7484 302.5767  0.00001000 67521"
-    with pytest.raises(InputError, match="give no orbit at their own epoch"):
+    with pytest.raises(InputError, match="define no orbit at their own epoch"):
         orbits_of(f"{line1}\n{line2}", "tle")
 
 
@@ -242,13 +242,13 @@ def test_satellites_of_a_file_by_name_number_or_all(tmp_path: Path) -> None:
     assert orbits_from(_satellites({"file": file, "name": "8195"}))[0].name == "MOLNIYA 2-14"
     with pytest.raises(InputError, match=r"no satellite 'hubble'.*ISS \(ZARYA\), MOLNIYA"):
         orbits_from(_satellites({"file": file, "name": "hubble"}))
-    with pytest.raises(InputError, match="stands twice; give every one a label"):
+    with pytest.raises(InputError, match="occurs twice; give each satellite its own label"):
         orbits_from(_satellites({"file": file}, {"file": file}))
     twins = _satellites(
         {"file": file, "name": "25544"}, {"file": file, "name": "25544", "label": "ISS again"}
     )
     assert [one.name for one in orbits_from(twins)] == ["ISS (ZARYA)", "ISS again"]
-    with pytest.raises(InputError, match=r"two\.tle: the label 'both' would be that of 2"):
+    with pytest.raises(InputError, match=r"two\.tle: the label 'both' would name 2"):
         orbits_from(_satellites({"file": file, "label": "both"}))
     with pytest.raises(InputError, match="cannot be read"):
         orbits_from(_satellites({"file": str(tmp_path / "none.tle")}))

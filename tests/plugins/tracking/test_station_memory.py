@@ -15,9 +15,9 @@ from hillsphere.errors import InputError
 from hillsphere.time import Epoch
 from hillsphere_tracking.memory import (
     Calibration,
-    Forgetting,
-    aged,
-    combined,
+    RandomWalk,
+    age_calibration,
+    combine_calibrations,
     read_memory,
     remember,
     write_memory,
@@ -80,22 +80,22 @@ def test_a_missing_memory_is_empty_and_others_are_left(tmp_path: Path) -> None:
 
 def test_forgetting_is_a_random_walk() -> None:
     calibration = _calibration()
-    walk = Forgetting(0.003 * DEGREE, 0.05)
-    old = aged(calibration, LATER, walk)
+    walk = RandomWalk(0.003 * DEGREE, 0.05)
+    old = age_calibration(calibration, LATER, walk)
     grown = np.diag(old.covariance - calibration.covariance)
     # four days: twice the daily deviation
     np.testing.assert_allclose(np.sqrt(grown), [0.006 * DEGREE, 0.006 * DEGREE, 0.1], rtol=1e-9)
     assert old.mean.tolist() == calibration.mean.tolist()
     # in two steps as in one
-    middle = aged(calibration, Epoch.parse("2027-06-02T00:00:00", "UTC"), walk)
+    middle = age_calibration(calibration, Epoch.parse("2027-06-02T00:00:00", "UTC"), walk)
     np.testing.assert_allclose(
-        aged(middle, LATER, walk).covariance, old.covariance, rtol=1e-9, atol=1e-16
+        age_calibration(middle, LATER, walk).covariance, old.covariance, rtol=1e-9, atol=1e-16
     )
 
 
 def test_combining_is_the_weighted_mean() -> None:
     one, two = _calibration(4), _calibration(5, 1)
-    found = combined(one, two)
+    found = combine_calibrations(one, two)
     # information form, in units in which all is near one
     weight = [np.linalg.inv(c.covariance / np.outer(UNIT, UNIT)) for c in (one, two)]
     covariance = np.linalg.inv(weight[0] + weight[1])
@@ -108,7 +108,7 @@ def test_combining_is_the_weighted_mean() -> None:
 def test_learning_over_passes_converges() -> None:
     """Thirty passes, each with an estimate of its own, of biases that wander: consistent."""
     random = np.random.default_rng(8)
-    walk = Forgetting(0.002 * DEGREE, 0.01)
+    walk = RandomWalk(0.002 * DEGREE, 0.01)
     noise = np.array([0.02, 0.02, 0.1]) * UNIT
     squares = []
     for _ in range(60):
@@ -118,7 +118,7 @@ def test_learning_over_passes_converges() -> None:
             now = Epoch(EPOCH.day + day, EPOCH.fraction, "UTC")
             truth = truth + random.normal(size=3) * np.array([0.002, 0.002, 0.01]) * UNIT
             seen = Calibration(now, truth + random.normal(size=3) * noise, np.diag(noise**2), 1)
-            known = combined(aged(known, now, walk), seen)
+            known = combine_calibrations(age_calibration(known, now, walk), seen)
         error = (known.mean - truth) / UNIT
         covariance = known.covariance / np.outer(UNIT, UNIT)
         squares.append(error @ np.linalg.solve(covariance, error))
@@ -230,4 +230,4 @@ def test_calibrations_that_cannot_be(keys: dict[str, Any], message: str) -> None
 
 def test_walks_that_cannot_be() -> None:
     with pytest.raises(InputError, match="random walk"):
-        Forgetting(-1.0, 0.0)
+        RandomWalk(-1.0, 0.0)

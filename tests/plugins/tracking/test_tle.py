@@ -35,7 +35,7 @@ def test_with_and_without_title() -> None:
         (f"{ONE}\n{ONE}", "x:2: expected line 2"),
         (f"NAME\n{TWO}\n{ONE}", "x:2: expected line 1 of the element set 'NAME'"),
         (f"{ONE[:-1]}\n{TWO}", "x:1: line 1 must be 69 plain characters, got 68"),
-        (f"{ONE}\n{TWO[:-1]}3", "x:2: the checksum in column 69 is '3', the line tallies to 2"),
+        (f"{ONE}\n{TWO[:-1]}3", "x:2: the checksum in column 69 is '3', but the line adds up to 2"),
         (f"{ONE}\n{OTHER}", "x:2: line 2 is of satellite '08195', line 1 above it of '25544'"),
         (f"{ONE}\n{_tallied(TWO.replace('51.6439', '5x.6439'))}", "columns 9 to 16, inclination"),
         (f"{_tallied(ONE.replace('38792-4', '38792 4'))}\n{TWO}", "columns 54 to 61, drag term"),

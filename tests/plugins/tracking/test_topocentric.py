@@ -14,12 +14,12 @@ from hillsphere.errors import InputError
 from hillsphere_tracking.satellites import earth_fixed_states, orbits_of
 from hillsphere_tracking.topocentric import (
     angles,
+    apparent_elevation,
+    geometric_elevation,
     rates,
-    refracted,
     refraction,
     satellite_positions,
     satellite_states,
-    unrefracted,
 )
 
 ALCANTARA = Station("Alcântara", np.radians(-2.18), np.radians(-44.26), 39.0)
@@ -163,7 +163,7 @@ def test_bennetts_refraction() -> None:
 
 @given(st.floats(-1.5, 1.5707), st.floats(0.0, 1085.0), st.floats(-60.0, 50.0))
 def test_refraction_there_and_back(elevation: float, pressure: float, temperature: float) -> None:
-    seen = refracted(np.array([elevation]), pressure, temperature)
+    seen = apparent_elevation(np.array([elevation]), pressure, temperature)
     assert seen[0] >= elevation
-    back = unrefracted(seen, pressure, temperature)
+    back = geometric_elevation(seen, pressure, temperature)
     np.testing.assert_allclose(back, elevation, rtol=0, atol=1e-13)

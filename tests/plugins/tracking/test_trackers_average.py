@@ -17,8 +17,8 @@ from hillsphere.interfaces import Array
 from hillsphere.model.earth.rotation import earth_angle, earth_fixed
 from hillsphere.time import Epoch
 from hillsphere_gravity.icgem import read_icgem
-from hillsphere_tracking.kepler import elements_from_states, wrapped
-from hillsphere_tracking.mean_elements import ZonalField, propagated, states
+from hillsphere_tracking.kepler import elements_from_states, wrap_angle
+from hillsphere_tracking.mean_elements import ZonalField, propagate_secular, states
 from hillsphere_tracking.trackers.average import Average, AverageState, Circular
 from hillsphere_tracking.trackers.observation import angles
 from hillsphere_tracking.trackers.specs import AverageSpec
@@ -116,7 +116,7 @@ def test_largest_error_of_pass_2(passes: tuple[Pass, Pass]) -> None:
     tracker = Average(AverageSpec())
     state = tracked(tracker, flown, osculating, 60)
     azimuth, elevation, covariance = tracker.predict(state, flown.t[60:])
-    off_azimuth = np.degrees(wrapped(azimuth[:, 0] - flown.azimuth[60:]))
+    off_azimuth = np.degrees(wrap_angle(azimuth[:, 0] - flown.azimuth[60:]))
     off_elevation = np.degrees(elevation[:, 0] - flown.elevation[60:])
     assert_allclose(np.hypot(off_azimuth, off_elevation).max(), 0.1266, rtol=0, atol=2e-3)
     off_sky = off_azimuth * np.cos(elevation[:, 0])
@@ -166,8 +166,8 @@ def test_one_measurement_gives_back_node_and_anomaly(
         tracker.initial(nominal, np.zeros(1), (station,), EPOCH), t, azimuth, elevation,
         np.ones(1),
     )  # fmt: skip
-    now = propagated(truth[:, None], t, NO_FIELD)
-    assert_allclose(wrapped(state.elements - now), 0.0, rtol=0, atol=1e-10)
+    now = propagate_secular(truth[:, None], t, NO_FIELD)
+    assert_allclose(wrap_angle(state.elements - now), 0.0, rtol=0, atol=1e-10)
     assert state.count[0] == 1.0
 
 
@@ -184,8 +184,8 @@ def test_means_wrap() -> None:
         state = tracker.update(
             state, t[k : k + 1], azimuth[k] + noise[:1], elevation[k] + noise[1:], np.ones(1)
         )
-    now = propagated(truth[:, None], t[-1:], NO_FIELD)
-    assert_allclose(wrapped(state.elements - now)[[3, 5]], 0.0, rtol=0, atol=2e-4)
+    now = propagate_secular(truth[:, None], t[-1:], NO_FIELD)
+    assert_allclose(wrap_angle(state.elements - now)[[3, 5]], 0.0, rtol=0, atol=2e-4)
 
 
 def test_scatter_gives_the_covariance_of_the_means() -> None:
@@ -204,7 +204,7 @@ def test_scatter_gives_the_covariance_of_the_means() -> None:
     later = np.array([60.0])
     az, el, covariance = tracker.predict(state, later)
     true_az, true_el = two_body(truth, station, later)
-    off = np.array([wrapped(az - true_az) * np.cos(el), el - true_el])[:, 0]
+    off = np.array([wrap_angle(az - true_az) * np.cos(el), el - true_el])[:, 0]
     assert_allclose(np.cov(off), covariance[:, :, 0].mean(axis=-1), rtol=0.2, atol=2e-8)
 
 
@@ -244,7 +244,7 @@ def test_circular_orbit_is_tracked_by_its_argument_of_latitude() -> None:
     later = np.arange(60.0, 200.0, 10.0)
     az, el, _ = tracker.predict(state, later)
     true_az, true_el = two_body(truth, station, later)
-    assert_allclose(wrapped(az[:, 0] - true_az), 0.0, rtol=0, atol=1e-8)
+    assert_allclose(wrap_angle(az[:, 0] - true_az), 0.0, rtol=0, atol=1e-8)
     assert_allclose(el[:, 0], true_el, rtol=0, atol=1e-8)
 
 
@@ -357,7 +357,7 @@ def test_covariance_of_the_sky_is_that_of_the_means() -> None:
     for k in (3, 5):
         step = 1e-6 * np.eye(6)[k]
         ahead, behind = (np.array(two_body(truth + s, station, times)) for s in (step, -step))
-        columns.append(wrapped(ahead - behind) / 2e-6)
+        columns.append(wrap_angle(ahead - behind) / 2e-6)
     slopes = np.array(columns)  # Ω, M by azimuth, elevation by time
     slopes[:, 0] *= np.cos(elevation[:, 0])
     expected = [
@@ -419,7 +419,7 @@ def test_up_to_the_first_measurement_everything_moves() -> None:
     field = ZonalField(
         j2=spec.j2, j4=spec.j4, radius_m=spec.equatorial_radius_m, gm_m3_s2=spec.gm_m3_s2
     )
-    there = propagated(nominal[:, None], np.array([dt]), field)[:, 0]
+    there = propagate_secular(nominal[:, None], np.array([dt]), field)[:, 0]
     station = overhead(there, 0.05)
     nan, t = np.full(2, np.nan), np.array([dt])
     state = start_of(tracker, nominal, station, 2)

@@ -19,14 +19,14 @@ from hillsphere.model.earth.rotation import InertialFrame, earth_fixed, to_earth
 from hillsphere.plugins import load_object
 from hillsphere.time import Epoch
 from hillsphere_tracking import hillsphere_components
-from hillsphere_tracking.kepler import wrapped
+from hillsphere_tracking.kepler import wrap_angle
 from hillsphere_tracking.mean_elements import EARTH_FIELD, states
 from hillsphere_tracking.satellites import Sgp4Orbit
 from hillsphere_tracking.trackers.least_squares import LeastSquares
 from hillsphere_tracking.trackers.nominal import nominal_elements
 from hillsphere_tracking.trackers.observation import (
     angles,
-    compared,
+    compare_directions,
     derivatives,
     directions,
     site_of,
@@ -90,7 +90,7 @@ def test_contract(component: Any, number: int) -> None:
     assert (np.linalg.eigvalsh(covariance.transpose(2, 3, 0, 1)) > 0.0).all()
     true_az, true_el = seen(orbit, later)
     # the case at the right station, with measurements
-    off = np.hypot(wrapped(az[:, 0] - true_az) * np.cos(true_el), el[:, 0] - true_el)
+    off = np.hypot(wrap_angle(az[:, 0] - true_az) * np.cos(true_el), el[:, 0] - true_el)
     assert off.max() < 3.0 * DEGREE
     # one column of times a case is the same thing
     columns = tracker.predict(state, np.repeat(later[:, None], 3, axis=1))
@@ -147,7 +147,7 @@ def test_derivatives(e: float, i: float, angle: float, short_period: bool) -> No
     cot = np.hypot(east, north) / max(up, np.sin(np.radians(2.0)))  # of the satellite's elevation
     moved = elevation - 3e-3 + horizon * cot
     shown = np.array([azimuth + 5e-3, moved, [5e-3], [-3e-3], [horizon]])
-    off, level2, on_sky = compared(
+    off, level2, on_sky = compare_directions(
         elements, np.array([100.0]), t, SITE, shown, EARTH_FIELD, short_period=short_period
     )
     axes = tangents(azimuth, elevation)[:, :, 0]
@@ -168,9 +168,9 @@ def test_streaming_is_the_batch_of_one() -> None:
     for k in range(t.size):
         lost = 5 <= k < 10
         if k == 5:
-            stream.lost()
+            stream.mark_lost()
         if k == 10:
-            stream.locked()
+            stream.mark_locked()
         # while the signal is lost the antenna stands anywhere
         taken = stream.update(t[k], azimuth[k] + lost, elevation[k])
         assert taken is not lost
@@ -213,10 +213,10 @@ def test_streaming_tells_of_sigmas_that_do_not_fit(sigma: float, most: float) ->
     for k in range(t.size):
         stream.update(t[k], angles_shown[0, k], angles_shown[1, k], sigma)
         table.update(t[k], angles_shown[0, k], angles_shown[1, k], sigma)
-        shares.append(stream.outlying)
+        shares.append(stream.outlier_share)
     assert max(shares[:19]) == 0.0
     assert (0.5 * most) <= shares[-1] <= most
-    assert table.outlying == 0.0
+    assert table.outlier_share == 0.0
 
 
 def test_the_table_learns_nothing() -> None:
@@ -309,7 +309,7 @@ def test_without_its_biases_a_prediction_is_where_the_satellite_is() -> None:
     told = tracker.with_biases(state, biases, 1e-10 * np.eye(2))
     t = RISE + np.array([0.0, 100.0, 300.0])
     shown, true = (np.array(tracker.predict(told, t, biased=b)[:2])[:, :, 0] for b in (True, False))
-    assert_allclose(wrapped(shown - true), np.repeat(biases[:, None], 3, axis=1), rtol=1e-9)
+    assert_allclose(wrap_angle(shown - true), np.repeat(biases[:, None], 3, axis=1), rtol=1e-9)
     nominal = np.array(tracker.predict(state, t)[:2])[:, :, 0]
     assert_allclose(true, nominal, rtol=1e-14)
     # the biases' spread, 0.2° at the start, is that of the angles shown only

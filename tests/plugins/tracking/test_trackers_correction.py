@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from hillsphere.interfaces import Array
-from hillsphere_tracking.trackers.correction import Correction, chosen, corrected
+from hillsphere_tracking.trackers.correction import Correction, correct_estimate, select_correction
 
 CASES = 5
 
@@ -25,7 +25,7 @@ def given(m: int, far: float = 1.0) -> tuple[Array, Array, Array, Array]:
 @pytest.mark.parametrize("m", [2, 3, 6, 10])
 def test_is_the_kalman_filter(m: int) -> None:
     prior, slopes, off, variances = given(m)
-    found = corrected(prior, slopes, off, variances, 100.0)
+    found = correct_estimate(prior, slopes, off, variances, 100.0)
     assert_allclose(found.weight, 1.0, rtol=0)
     for k in range(CASES):
         p, h, r = prior[..., k], slopes[..., k], np.diag(variances[:, k])
@@ -43,7 +43,7 @@ def test_an_outlier_comes_to_stand_near_the_gate_and_loses_weight() -> None:
     prior, slopes, off, variances = given(4)
     steps = []
     for far in (3e2, 3e3, 3e4):
-        found = corrected(prior, slopes, far * off, variances, 5.0)
+        found = correct_estimate(prior, slopes, far * off, variances, 5.0)
         for k in range(CASES):
             h, nu = slopes[..., k], far * off[:, k]
             s = h @ prior[..., k] @ h.T + np.diag(variances[:, k])
@@ -57,16 +57,16 @@ def test_an_outlier_comes_to_stand_near_the_gate_and_loses_weight() -> None:
         steps.append(np.abs(found.step))
     # ten times as far counts a tenth, though the prior is far wider than the noise
     assert_allclose(steps[2], 0.1 * steps[1], rtol=0.02)
-    nothing = corrected(prior, slopes, 1e9 * off, variances, 5.0)
+    nothing = correct_estimate(prior, slopes, 1e9 * off, variances, 5.0)
     assert_allclose(nothing.covariance, prior, rtol=1e-6)
 
 
 def test_linearised_elsewhere_the_same_line_gives_the_same_step() -> None:
     prior, slopes, off, variances = given(3)
-    first = corrected(prior, slopes, off, variances, 5.0)
+    first = correct_estimate(prior, slopes, off, variances, 5.0)
     there = np.full((3, CASES), 0.3)
     moved = off + np.einsum("amn,mn->an", slopes, there)
-    again = corrected(prior, slopes, moved, variances, 5.0, (there, first.weight))
+    again = correct_estimate(prior, slopes, moved, variances, 5.0, (there, first.weight))
     assert_allclose(again.step, first.step, rtol=1e-9)
     assert_allclose(again.weight, first.weight, rtol=0)
     assert_allclose(again.covariance, first.covariance, rtol=1e-9)
@@ -79,6 +79,6 @@ def test_chosen_case_by_case() -> None:
         Correction(*(np.full((*shape, 3), number) for shape in ((2,), (), (), (2, 2))))
         for number in (1.0, 2.0)
     )
-    found = chosen(np.array([True, False, True]), new, old)
+    found = select_correction(np.array([True, False, True]), new, old)
     for array in vars(found).values():
         assert_allclose(array, np.broadcast_to([2.0, 1.0, 2.0], array.shape), rtol=0)

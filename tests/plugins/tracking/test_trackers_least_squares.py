@@ -14,9 +14,9 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.model.earth.rotation import earth_fixed
 from hillsphere.time import Epoch
-from hillsphere_tracking.kepler import wrapped
-from hillsphere_tracking.mean_elements import EARTH_FIELD, equinoctial, propagated, states
-from hillsphere_tracking.trackers.charts import Chart, Equinoctials, Selected
+from hillsphere_tracking.kepler import wrap_angle
+from hillsphere_tracking.mean_elements import EARTH_FIELD, equinoctial, propagate_secular, states
+from hillsphere_tracking.trackers.charts import Chart, EquinoctialElements, SelectedElements
 from hillsphere_tracking.trackers.least_squares import LeastSquares, LeastSquaresState
 from hillsphere_tracking.trackers.observation import Site, angles, directions
 from hillsphere_tracking.trackers.specs import LeastSquaresSpec, TableSpec
@@ -34,7 +34,7 @@ PARAMETERS: tuple[Parameters, ...] = ("node_anomaly", "size_node_anomaly", "all"
 
 
 def at_rise(cases: int) -> Array:
-    return np.repeat(propagated(PAPER[:, None], np.array([RISE])), cases, axis=1)
+    return np.repeat(propagate_secular(PAPER[:, None], np.array([RISE])), cases, axis=1)
 
 
 def true_angles(
@@ -42,14 +42,14 @@ def true_angles(
 ) -> tuple[Array, Array]:
     """Angles of mean elements (6, N), a time before, with short-period terms."""
     cases = elements.shape[1]
-    now = propagated(elements, np.full(cases, since))
+    now = propagate_secular(elements, np.full(cases, since))
     zero = np.zeros(cases)
     return angles(directions(now, zero, np.full(cases, t_s), site, EARTH_FIELD, short_period=True))
 
 
 def chart_of(parameters: Parameters) -> Chart:
     rows = {"node_anomaly": (3, 5), "size_node_anomaly": (0, 3, 5)}
-    return Equinoctials() if parameters == "all" else Selected(rows[parameters])
+    return EquinoctialElements() if parameters == "all" else SelectedElements(rows[parameters])
 
 
 @pytest.mark.parametrize(
@@ -68,7 +68,7 @@ def test_errors_are_those_that_the_covariance_says(parameters: Parameters, time_
     state = tracker.initial(at_rise(cases), np.array([RISE]), (ALCANTARA,), EPOCH)
     root = np.linalg.cholesky(state.covariance.transpose(2, 0, 1))
     drawn = (root @ random.standard_normal((cases, tracker.size, 1)))[:, :, 0]
-    truth = chart.moved(at_rise(cases), drawn[:, : chart.count].T, state.sense)
+    truth = chart.apply_step(at_rise(cases), drawn[:, : chart.count].T, state.sense)
     bias = drawn[:, chart.count :].T
     clock = bias[2] if time_bias else np.zeros(cases)
     for k in range(60):
@@ -82,13 +82,13 @@ def test_errors_are_those_that_the_covariance_says(parameters: Parameters, time_
         )  # fmt: skip
         if k not in (0, 9, 59):
             continue
-        now = propagated(truth, np.full(cases, 3.0 * k))
+        now = propagate_secular(truth, np.full(cases, 3.0 * k))
         if parameters == "all":
             off = equinoctial(now, state.sense) - equinoctial(state.elements, state.sense)
-            off[5] = wrapped(off[5])
+            off[5] = wrap_angle(off[5])
         else:
             off = now - state.elements
-            off[3:] = wrapped(off[3:])
+            off[3:] = wrap_angle(off[3:])
             off = off[list(getattr(chart, "rows"))]  # noqa: B009 - of one kind of chart only
         biases = np.array([*state.biases_rad, *[state.time_bias_s] * time_bias, state.horizon_rad])
         off = np.concatenate([off, bias - biases]).T[:, :, None]
@@ -104,7 +104,7 @@ def test_errors_are_those_that_the_covariance_says(parameters: Parameters, time_
     for k in range(2):
         true_az, true_el = true_angles(truth, later[k] + clock - RISE, later[k] + clock, state.site)
         off = np.array(
-            [wrapped(azimuth[k] - true_az - bias[0]) * np.cos(true_el),
+            [wrap_angle(azimuth[k] - true_az - bias[0]) * np.cos(true_el),
              elevation[k] - true_el - bias[1] - bias[-1] / np.tan(true_el)]
         )  # fmt: skip
         spread = covariance[:, :, k].transpose(2, 0, 1)
@@ -119,7 +119,7 @@ def test_beats_the_table_from_one_second_of_age(age: float) -> None:
     cases = 40
     random = np.random.default_rng(int(age))
     nominal = at_rise(cases)
-    truth = propagated(nominal, np.full(cases, age))
+    truth = propagate_secular(nominal, np.full(cases, age))
     truth[3] = nominal[3]
     best, table = LeastSquares(LeastSquaresSpec()), Table(TableSpec())
     state = best.initial(nominal, np.array([RISE]), (ALCANTARA,), EPOCH)
@@ -138,7 +138,7 @@ def test_beats_the_table_from_one_second_of_age(age: float) -> None:
         errors = []
         for k, t in enumerate(later):
             az, el = true_angles(truth, t - RISE, t, state.site)
-            off_az = wrapped(found[0][k] - az - shown[0])
+            off_az = wrap_angle(found[0][k] - az - shown[0])
             errors.append(np.hypot(off_az * np.cos(el), found[1][k] - el - shown[1]))
         return float(np.median(np.max(errors, axis=0))) / DEGREE
 
@@ -164,7 +164,7 @@ def test_error_free_measurements_lead_to_the_truth() -> None:
             )
         azimuth, elevation, _ = tracker.predict(state, np.array([RISE + 300.0]))
         true_az, true_el = true_angles(truth, 300.0, RISE + 300.0, state.site)
-        assert_allclose(wrapped(azimuth[0] - true_az), 0.0, rtol=0, atol=2e-5)
+        assert_allclose(wrap_angle(azimuth[0] - true_az), 0.0, rtol=0, atol=2e-5)
         assert_allclose(elevation[0], true_el, rtol=0, atol=2e-5)
 
 
@@ -194,7 +194,7 @@ def test_outliers_cost_little() -> None:
     wrong = random.random(100) < 0.15
     spoilt[:, wrong] += random.uniform(-10.0, 10.0, (2, wrong.sum())) * DEGREE
     truth = PAPER[:, None]
-    nominal = propagated(truth, np.array([RISE + 3.0]))
+    nominal = propagate_secular(truth, np.array([RISE + 3.0]))
     later = RISE + np.array([300.0])
 
     def error(spec: LeastSquaresSpec, spoil: Array) -> tuple[float, float]:
@@ -202,7 +202,7 @@ def test_outliers_cost_little() -> None:
         state = run(tracker, nominal, truth, ALCANTARA, times, spoil)
         azimuth, elevation, _ = tracker.predict(state, later)
         az, el = true_angles(truth, later[0], later[0], state.site)
-        found = np.hypot(wrapped(azimuth[0] - az) * np.cos(el), elevation[0] - el) / DEGREE
+        found = np.hypot(wrap_angle(azimuth[0] - az) * np.cos(el), elevation[0] - el) / DEGREE
         return float(found[0]), float(state.outliers[0])
 
     clean, none = error(LeastSquaresSpec(), noise)
@@ -216,7 +216,7 @@ def test_outliers_cost_little() -> None:
 
 def test_an_orbit_that_only_an_outlier_speaks_for_is_given_up() -> None:
     random, times = np.random.default_rng(4), RISE + np.arange(0.0, 60.0, 2.0)
-    truth, nominal = PAPER[:, None], propagated(PAPER[:, None], np.array([RISE + 3.0]))
+    truth, nominal = PAPER[:, None], propagate_secular(PAPER[:, None], np.array([RISE + 3.0]))
     noise = SIGMA * random.standard_normal((2, times.size))
     spoilt = noise.copy()
     spoilt[0, 0] += 4.0 * DEGREE
@@ -243,14 +243,14 @@ def test_a_burst_of_outliers_does_not_undo_a_pass() -> None:
     # A side lobe, 3° off: the last eleven of a hundred measurements before the loss, or the first
     # twenty, on which an orbit settles that all others contradict.
     random, times = np.random.default_rng(4), RISE + np.arange(0.0, 200.0, 2.0)
-    truth, nominal = PAPER[:, None], propagated(PAPER[:, None], np.array([RISE + 3.0]))
+    truth, nominal = PAPER[:, None], propagate_secular(PAPER[:, None], np.array([RISE + 3.0]))
     noise = SIGMA * random.standard_normal((2, times.size))
     tracker, later = LeastSquares(LeastSquaresSpec()), times[-1] + np.array([60.0, 240.0])
 
     def error(state: LeastSquaresState) -> Array:
         azimuth, elevation, _ = tracker.predict(state, later)
         true = np.array([true_angles(truth, t, t, state.site) for t in later])[:, :, 0].T
-        off = wrapped(azimuth[:, 0] - true[0]) * np.cos(true[1])
+        off = wrap_angle(azimuth[:, 0] - true[0]) * np.cos(true[1])
         return np.asarray(np.hypot(off, elevation[:, 0] - true[1]) / DEGREE)
 
     clean = error(run(tracker, nominal, truth, ALCANTARA, times, noise))
@@ -268,13 +268,13 @@ def test_restarts_end_where_all_is_an_outlier() -> None:
     random, times = np.random.default_rng(4), RISE + np.arange(0.0, 200.0, 2.0)
     spoil = 30.0 * SIGMA * random.standard_normal((2, times.size))
     tracker, truth = LeastSquares(LeastSquaresSpec()), PAPER[:, None]
-    nominal = propagated(truth, np.array([RISE]))
+    nominal = propagate_secular(truth, np.array([RISE]))
     state = run(tracker, nominal, truth, ALCANTARA, times, spoil)
     assert state.restarts[0] == 5.0
     assert state.outliers[0] > 60.0
     azimuth, elevation, _ = tracker.predict(state, times[-1:])
     az, el = true_angles(truth, times[-1], times[-1], state.site)
-    assert np.hypot(wrapped(azimuth[0] - az) * np.cos(el), elevation[0] - el)[0] < 3.0 * DEGREE
+    assert np.hypot(wrap_angle(azimuth[0] - az) * np.cos(el), elevation[0] - el)[0] < 3.0 * DEGREE
 
 
 def below(elements: Array, offset_rad: float = 0.0) -> Station:
@@ -297,7 +297,7 @@ def test_tracks_at_the_extremes_and_through_the_zenith(
     station = below(truth)
     times = np.arange(-150.0, 151.0, 5.0)
     tracker = LeastSquares(LeastSquaresSpec(parameters=parameters, drift_m=0.0))
-    nominal = propagated(truth[:, None], np.array([times[0] + 2.0]))
+    nominal = propagate_secular(truth[:, None], np.array([times[0] + 2.0]))
     state = run(tracker, nominal, truth[:, None], station, times)
     assert np.isfinite(state.covariance).all()
     assert np.linalg.eigvalsh(state.covariance[:, :, 0]).min() > 0.0
@@ -305,7 +305,7 @@ def test_tracks_at_the_extremes_and_through_the_zenith(
     azimuth, elevation, covariance = tracker.predict(state, later)
     for k, t in enumerate(later):
         az, el = true_angles(truth[:, None], t, t, state.site)
-        off = np.hypot(wrapped(azimuth[k] - az) * np.cos(el), elevation[k] - el)
+        off = np.hypot(wrap_angle(azimuth[k] - az) * np.cos(el), elevation[k] - el)
         assert off[0] < 0.1 * DEGREE
         # a nominal orbit that is 2 s wrong is far within the prior; no noise was added
         assert off[0] < 3.0 * np.sqrt(np.trace(covariance[:, :, k, 0])) + 1e-4
@@ -315,7 +315,7 @@ def test_biases_are_found_and_kept_for_the_next_pass() -> None:
     truth, times = PAPER[:, None], RISE + np.arange(0.0, 440.0, 2.0)
     bias = np.array([0.15, -0.2]) * DEGREE
     tracker = LeastSquares(LeastSquaresSpec(drift_m=0.0))
-    nominal = propagated(truth, np.array([RISE]))
+    nominal = propagate_secular(truth, np.array([RISE]))
     spoil = bias[:, None] * np.ones((2, times.size))
     state = run(tracker, nominal, truth, ALCANTARA, times, spoil)
     sigma = np.sqrt(state.covariance[[3, 4], [3, 4], 0])
@@ -344,7 +344,7 @@ def test_a_horizon_bias_is_found_and_predicted() -> None:
     site = LeastSquares(LeastSquaresSpec()).initial(truth, np.zeros(1), (ALCANTARA,), EPOCH).site
     high = np.array([true_angles(truth, t, t, site)[1][0] for t in times])
     spoil = np.array([azimuth_bias + 0.0 * high, elevation_bias + horizon / np.tan(high)])
-    nominal = propagated(truth, np.array([RISE + 1.0]))
+    nominal = propagate_secular(truth, np.array([RISE + 1.0]))
 
     def tracked(horizon_bias: bool) -> tuple[LeastSquares, LeastSquaresState]:
         spec = LeastSquaresSpec(horizon_bias=horizon_bias, drift_m=0.0)
@@ -386,7 +386,7 @@ def test_the_spread_of_predictions_low_down(time_bias: bool) -> None:
     spec = LeastSquaresSpec(time_bias=time_bias, time_bias_sigma_s=2.0, drift_m=0.0)
     tracker = LeastSquares(spec)
     truth = PAPER[:, None]
-    nominal = propagated(truth, np.array([RISE]))
+    nominal = propagate_secular(truth, np.array([RISE]))
     known = run(tracker, nominal, truth, ALCANTARA, RISE + np.arange(0.0, 200.0, 2.0))
     root = np.linalg.cholesky(known.covariance[:, :, 0])
     drawn = root @ np.random.default_rng(5).standard_normal((tracker.size, cases))
@@ -407,7 +407,7 @@ def test_the_spread_of_predictions_low_down(time_bias: bool) -> None:
         assert (middle_el[-1] < 5.0 * DEGREE).all()
         for k in range(later.size):
             off = np.array(
-                [wrapped(azimuth[k] - middle_az[k]) * np.cos(middle_el[k]),
+                [wrap_angle(azimuth[k] - middle_az[k]) * np.cos(middle_el[k]),
                  elevation[k] - middle_el[k]]
             )  # fmt: skip
             spread = np.sqrt(np.diag(covariance[:, :, k, 0]))
@@ -423,7 +423,7 @@ def test_a_time_bias_is_found_where_the_orbit_is_known() -> None:
         semi_major_axis_sigma_m=1.0, node_sigma_rad=1e-6, mean_anomaly_sigma_rad=1e-6,
     )  # fmt: skip
     tracker = LeastSquares(spec)
-    state = tracker.initial(propagated(truth, np.array([RISE])), np.array([RISE]),
+    state = tracker.initial(propagate_secular(truth, np.array([RISE])), np.array([RISE]),
                             (ALCANTARA,), EPOCH)  # fmt: skip
     for t in times:  # tags are early by 0.4 s
         azimuth, elevation = true_angles(truth, t + 0.4, t + 0.4, state.site)
@@ -435,7 +435,7 @@ def test_a_time_bias_is_found_where_the_orbit_is_known() -> None:
     for biased, late in ((True, 0.4), (False, 0.0)):
         azimuth, elevation, _ = tracker.predict(state, later, biased)
         true = np.array([true_angles(truth, t + late, t + late, state.site) for t in later])
-        off = np.hypot(wrapped(azimuth - true[:, 0]) * np.cos(elevation), elevation - true[:, 1])
+        off = np.hypot(wrap_angle(azimuth - true[:, 0]) * np.cos(elevation), elevation - true[:, 1])
         assert off.max() < 2e-3 * DEGREE
 
 
@@ -453,7 +453,7 @@ def test_a_bias_carries_a_prediction_over_the_zenith_to_the_other_side() -> None
     assert (elevation <= 0.5 * np.pi).all()
     assert ((azimuth >= 0.0) & (azimuth < 2.0 * np.pi)).all()
     over = np.where(raised > 0.5 * np.pi, np.pi, 0.0)
-    assert_allclose(wrapped(azimuth - plain_az - biases[0] - over), 0.0, rtol=0, atol=1e-12)
+    assert_allclose(wrap_angle(azimuth - plain_az - biases[0] - over), 0.0, rtol=0, atol=1e-12)
     assert_allclose(direction(azimuth, elevation), direction(plain_az + biases[0], raised),
                     rtol=0, atol=1e-12)  # fmt: skip
     # the same spread on the sky as without the fold, in axes that both turned over
@@ -508,7 +508,7 @@ def test_a_missing_measurement_moves_only_the_time(gate: float) -> None:
     later = tracker.update(
         state, np.array([RISE + 50.0]), np.array([np.nan]), np.array([0.1]), np.array(SIGMA)
     )
-    assert_allclose(later.elements, propagated(state.elements, np.array([50.0])), rtol=1e-15)
+    assert_allclose(later.elements, propagate_secular(state.elements, np.array([50.0])), rtol=1e-15)
     assert later.count[0] == 0.0
     here = tracker.predict(state, np.array([RISE + 100.0]))
     there = tracker.predict(later, np.array([RISE + 100.0]))

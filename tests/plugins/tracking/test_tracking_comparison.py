@@ -18,7 +18,7 @@ from hillsphere.products.products import Bands
 from hillsphere.show.drawing import draw
 from hillsphere.testing import check_stage
 from hillsphere_tracking.assisted_tracking.measures import MEASURES, MetricName
-from hillsphere_tracking.assisted_tracking.presentation import presented
+from hillsphere_tracking.assisted_tracking.presentation import present_case
 from hillsphere_tracking.assisted_tracking.products import AssistedTracking
 from hillsphere_tracking.assisted_tracking.specs import AssistedTrackingSpec
 from hillsphere_tracking.tracking_comparison.products import FRAMES, TrackingComparison
@@ -224,7 +224,7 @@ def test_covariances_that_do_not_cover_the_errors() -> None:
     assert "good 7" in said
     assert "median in 3" in said
     assert "table" not in said
-    assert "up to 11 km off" in said
+    assert "errors of up to 11 km" in said
     row = next(r for r in shown.tables["tracking_trackers"].rows if r["tracker"] == "good")
     assert row["uncovered_outages"] == 3
 
@@ -235,10 +235,10 @@ def test_it_says_what_the_numbers_say() -> None:
     assert found.ratio[good] == pytest.approx(0.4, rel=0.05)
     said = " ".join(shown.verdict)
     assert "good is better than table" in said
-    assert "the baseline table is as good as same" in said
+    assert "same is not distinguishable from the baseline table" in said
     swapped = errors(scale={"table": 0.004, "same": 0.004, "good": 0.010})
     said = " ".join(compared(campaign(swapped))[1].verdict)
-    assert "the baseline table is better than good" in said
+    assert "good is worse than the baseline table" in said
     assert "good is better than table" not in said
 
 
@@ -255,7 +255,7 @@ def test_failed_cases_are_left_out() -> None:
     expected, _ = compared(campaign(kept))
     np.testing.assert_array_equal(found.quantiles, expected.quantiles)
     assert (found.cases, found.ended) == (CASES, CASES - 2)
-    assert "2 of 200 cases did not come to their end" in " ".join(shown.verdict)
+    assert "2 of 200 cases were not completed" in " ".join(shown.verdict)
 
 
 def test_a_tracker_that_diverges_costs_the_others_nothing() -> None:
@@ -291,13 +291,12 @@ def test_published_values(tmp_path: Path) -> None:
     assert rows["P1", "60s", "good"]["paper_inside"] is False
     assert rows["P1", "120s", "table"]["paper_inside"] is False
     assert rows["P1", "120s", "table"]["note"] == "far from anything"
-    assert "error_max_deg_paper" not in rows["P2", "60s", "table"]
+    assert rows["P2", "60s", "table"].get("error_max_deg_paper") is None
     assert rows["P1", "60s", "table"]["prediction_s_paper"] == 240.0
     said = " ".join(shown.verdict)
-    assert "Mean of the 2 published errors 2.785°" in said
-    assert (
-        "In the conditions of the published values, the baseline table is as good as same" in said
-    )
+    assert "Mean of the 2 published errors: 2.785°" in said
+    conditions = "under the conditions of the published values"
+    assert f"same is not distinguishable from the baseline table, {conditions}" in said
     path.write_text(REFERENCE.replace("error_max_deg", "error_deg"))
     with pytest.raises(InputError, match="no column 'error_max_deg'"):
         stage(reference=str(path))
@@ -324,7 +323,7 @@ def test_inputs_that_do_not_fit() -> None:
     sweep = replace(swept(), metrics=tuple(lacking), values=np.array(list(lacking.values())))
     with pytest.raises(InputError, match="'ages' has no tracker 'table', the baseline"):
         stage(needs={"ages": "ages"}).run(Given(), tracking(), good, ages=sweep)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="no sweep over a number"):
+    with pytest.raises(InputError, match="not a sweep over a number"):
         stage(needs={"ages": "ages"}).run(Given(), tracking(), good, ages=good)  # type: ignore[arg-type]
 
 
@@ -405,14 +404,15 @@ def test_ages_and_consistency() -> None:
     rows = {row["tracker"]: row for row in shown.tables["tracking_consistency"].rows}
     assert (rows["right"]["inside"], rows["bold"]["inside"]) == (3, 0)
     said = {one.partition(",")[0]: one for one in shown.verdict}
-    assert "expects errors as they truly are, knows how good it is" in said["right"]
-    assert "expects other errors than there are, is overconfident" in said["bold"]
-    assert "Its error is not changed: 1 times that of right" in said["bold"]
+    assert "with the true error statistics, is consistent" in said["right"]
+    assert "with other than the true error statistics, is overconfident" in said["bold"]
+    assert "Its error is not changed: 1 times the error of right" in said["bold"]
     assert "is too cautious" in said["shy"]
-    assert "Its error is larger: 2 times that of right" in said["shy"]
+    assert "Its error is larger: 2 times the error of right" in said["shy"]
     overall = known.overall[known.trackers.index("bold")]
     assert overall == pytest.approx(np.mean(known.mean[known.trackers.index("bold")]))
-    over = next(one for one in shown.verdict if one.startswith("Over age, good"))
+    begins = "Sweep of age, ratio of the mean error of good to table"
+    over = next(one for one in shown.verdict if one.startswith(begins))
     k = int(ages.worst_ratio_outage[ages.trackers.index("good"), 0])
     assert f"{told[0]}: 1 s 0." in over
     assert f"({' '.join(OUTAGES[k])})" in over
@@ -440,7 +440,7 @@ def test_case_beside_published_values(tmp_path: Path) -> None:
     example = dict(AssistedTrackingSpec.examples[0])
     spec = validate(AssistedTrackingSpec, example | {"reference": str(path)}, where="test")
     assert isinstance(spec, AssistedTrackingSpec)
-    shown = presented(tracking(), spec)
+    shown = present_case(tracking(), spec)
     assert not presentation_faults(shown)
     first, second = shown.tables["tracked_passes"].rows
     assert (first["duration_s"], first["duration_s_paper"]) == (297.0, 297.0)

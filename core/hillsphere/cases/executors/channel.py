@@ -11,6 +11,8 @@ __all__ = ["Channel"]
 
 _LENGTH = struct.Struct("!Q")
 _AT_ONCE = 1 << 20
+"""Bytes asked of the socket in one call. It bounds the buffer that each call allocates; longer
+messages take several calls."""
 
 
 class Channel:

@@ -25,7 +25,7 @@ from hillsphere.base.errors import StageError
 from hillsphere.base.processors import processors
 from hillsphere.base.signals import child_groups
 from hillsphere.cases.executors.channel import Channel
-from hillsphere.cases.executors.sending import pickled
+from hillsphere.cases.executors.sending import pickle_work
 from hillsphere.cases.executors.specs import PoolSpec
 from hillsphere.cases.executors.worker import MOST_FAULTS
 from hillsphere.interfaces.tasks import Failed, Finished, Job, Lost, Outcome, Work, unready
@@ -111,7 +111,7 @@ class PoolCrew:
 
     def __init__(self, work: Work, workers: int) -> None:
         self.slots = workers
-        self._work = pickled(work)
+        self._work = pickle_work(work)
         self._workers: list[_Worker] = []
         self._waiting: deque[Job] = deque()
         self._ended: deque[Outcome] = deque()
@@ -186,11 +186,11 @@ class PoolCrew:
                     self._remove(worker)
         starting = sum(not w.ready for w in self._workers)
         while starting < len(self._waiting) and len(self._workers) < self.slots:
-            self._workers.append(_started())
+            self._workers.append(_start_worker())
             starting += 1
 
     def _hear(self, worker: _Worker) -> None:
-        """Take up all that a worker has told; half a message waits for its other half."""
+        """Process the complete messages of a worker; the rest of a message is read later."""
         try:
             while worker in self._workers and (message := worker.channel.arrived()) is not None:
                 self._take(worker, *pickle.loads(message))
@@ -239,7 +239,7 @@ class PoolCrew:
         self._ended.append(Lost(task, "time_limit", f"stopped after {task.limit_s:g} s"))
 
     def _bury(self, worker: _Worker) -> None:
-        """Say what a worker that ended by itself was doing."""
+        """Report the task of a worker that ended by itself as lost."""
         # Its channel closes a moment before it has ended.
         with suppress(subprocess.TimeoutExpired):
             worker.process.wait(FAREWELL_S)
@@ -280,8 +280,8 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
         os.killpg(process.pid, signal.SIGKILL)
 
 
-def _started() -> _Worker:
-    """Start a process; it says hello when it has come up."""
+def _start_worker() -> _Worker:
+    """Start a worker process; it sends ``("hello",)`` when it is ready."""
     ours, theirs = socket.socketpair()
     # The standard streams' numbers may be free if they were closed: there it would be lost.
     descriptor = fcntl(theirs.fileno(), F_DUPFD_CLOEXEC, 3)

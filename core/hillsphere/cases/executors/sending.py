@@ -1,4 +1,4 @@
-"""Work as bytes for other processes; what none of them could find is refused here."""
+"""Pickling of work for other processes, which refuses objects that these cannot import."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Any
 from hillsphere.base.errors import StageError
 from hillsphere.interfaces.tasks import Work
 
-__all__ = ["Unsendable", "pickled"]
+__all__ = ["Unsendable", "pickle_work"]
 
 
 class Unsendable(StageError):  # noqa: N818 - a state of the work, not a fault
     """Work that no other process can be given."""
 
 
-def pickled(work: Work) -> bytes:
+def pickle_work(work: Work) -> bytes:
     """Return work as bytes; `Unsendable` if it cannot be sent, or not be found again elsewhere."""
     stream = BytesIO()
     try:
@@ -31,7 +31,7 @@ def pickled(work: Work) -> bytes:
 
 
 class _Pickler(pickle.Pickler):
-    """Refuses here what no other process could find."""
+    """Pickler that refuses classes and functions of the program that was started."""
 
     def reducer_override(self, obj: Any) -> Any:
         if isinstance(obj, type | FunctionType) and obj.__module__ == "__main__":

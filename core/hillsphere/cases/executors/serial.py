@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from hillsphere.cases.executors.specs import SerialSpec
-from hillsphere.cases.executors.worker import MOST_FAULTS, is_passing, told
+from hillsphere.cases.executors.worker import MOST_FAULTS, format_error, is_passing
 from hillsphere.interfaces.tasks import Failed, Finished, Job, Outcome, Work
 
 __all__ = ["Serial", "SerialCrew"]
@@ -65,7 +65,7 @@ class SerialCrew:
             do = self._prepared(task)
             return Finished(task, do(task))
         except Exception as error:
-            return Failed(task, *told(error))
+            return Failed(task, *format_error(error))
 
     def _prepared(self, task: Job) -> Callable[[Any], Any]:
         """Make ready for a task, again if a fault may be a passing one."""

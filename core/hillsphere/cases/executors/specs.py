@@ -1,4 +1,4 @@
-"""What an executor is told."""
+"""Specs of the executors."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class SerialSpec(Spec):
 
 
 class PoolSpec(Spec):
-    """Processes beside that of the run."""
+    """Worker processes on this machine."""
 
     examples = ({"workers": 1}, {})
     workers: int | None = option(

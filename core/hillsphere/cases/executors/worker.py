@@ -20,7 +20,7 @@ from contextlib import suppress
 from hillsphere.base.errors import HillsphereError
 from hillsphere.cases.executors.channel import Channel
 
-__all__ = ["MOST_FAULTS", "is_passing", "main", "told"]
+__all__ = ["MOST_FAULTS", "format_error", "is_passing", "main"]
 
 MOST_FAULTS = 5
 """Times in a row that a passing fault may keep the work from being prepared."""
@@ -50,7 +50,7 @@ def _serve(channel: Channel) -> None:
     try:
         do = pickle.loads(work).prepare()
     except Exception as error:
-        channel.send(("unprepared", is_passing(error), *told(error)))
+        channel.send(("unprepared", is_passing(error), *format_error(error)))
         return
     channel.send(("ready",))
     while (task := pickle.loads(channel.receive())) is not None:
@@ -59,13 +59,13 @@ def _serve(channel: Channel) -> None:
             if hasattr(do, "ready"):
                 do.ready(task)
         except Exception as error:
-            channel.send(("unprepared", is_passing(error), *told(error)))
+            channel.send(("unprepared", is_passing(error), *format_error(error)))
             return
         channel.send(("begun",))
         try:
             message = pickle.dumps(("done", do(task)), protocol=pickle.HIGHEST_PROTOCOL)
         except Exception as error:
-            message = pickle.dumps(("failed", *told(error)))
+            message = pickle.dumps(("failed", *format_error(error)))
         channel.send_bytes(message)
 
 
@@ -78,7 +78,7 @@ def is_passing(error: BaseException) -> bool:
     return not isinstance(error, HillsphereError | ImportError)
 
 
-def told(error: BaseException) -> tuple[str, str]:
+def format_error(error: BaseException) -> tuple[str, str]:
     """Return an error in one line, for a user, and its traceback, for the log."""
     text = str(error)
     if not isinstance(error, HillsphereError):

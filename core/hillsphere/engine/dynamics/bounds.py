@@ -185,7 +185,7 @@ class Bound(Overloaded):
         if all(part is None for part in (self.rate, self.second, y.rate, y.second)):
             return Bound(angle)
         x0, y0 = Bound(self.value, self.rate), Bound(y.value, y.rate)
-        x1, y1 = Bound(*_known(self.rate, self.second)), Bound(*_known(y.rate, y.second))
+        x1, y1 = Bound(*_both_known(self.rate, self.second)), Bound(*_both_known(y.rate, y.second))
         turning = (x0 * y1 - y0 * x1) / (x0**2 + y0**2)
         return Bound(angle, turning.value, turning.rate)
 
@@ -196,8 +196,8 @@ class Bound(Overloaded):
         low = np.minimum(self.value[0], other.value[0]), np.minimum(self.value[1], other.value[1])
         return Bound(
             low,
-            _chosen(first, last, self.rate, other.rate, True),
-            _chosen(first, last, self.second, other.second, False),
+            _choose_branch(first, last, self.rate, other.rate, True),
+            _choose_branch(first, last, self.second, other.second, False),
         )
 
     def symbolic_select(self, other: Bound, yes: NDArray[np.bool_], no: NDArray[np.bool_]) -> Bound:
@@ -205,12 +205,12 @@ class Bound(Overloaded):
 
         Where it may, the value is one of both, and jumps perhaps: nothing is known of its rate.
         """
-        value = _chosen(yes, no, self.value, other.value, True)
+        value = _choose_branch(yes, no, self.value, other.value, True)
         assert value is not None
         return Bound(
             value,
-            _chosen(yes, no, self.rate, other.rate, False),
-            _chosen(yes, no, self.second, other.second, False),
+            _choose_branch(yes, no, self.rate, other.rate, False),
+            _choose_branch(yes, no, self.second, other.second, False),
         )
 
     def symbolic_eccentric_anomaly(self, eccentricity: Bound) -> Bound:
@@ -269,11 +269,11 @@ def _largest(vector: list[_Part]) -> Array:
     return np.zeros(()) if total is None else iv.power(total, 0.5)[1]
 
 
-def _known(a: _Part, b: _Part) -> tuple[Interval, _Part]:
+def _both_known(a: _Part, b: _Part) -> tuple[Interval, _Part]:
     return (iv.point(0.0) if a is None else a), b
 
 
-def _chosen(
+def _choose_branch(
     first: NDArray[np.bool_], last: NDArray[np.bool_], a: _Part, b: _Part, either: bool
 ) -> _Part:
     """Return a where `first`, b where `last`; elsewhere the hull of both, or everything."""

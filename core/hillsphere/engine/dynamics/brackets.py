@@ -27,9 +27,9 @@ from hillsphere.engine.dynamics.proof import (
     Slopes,
     count_crossings,
     decide,
-    halved,
+    halve_pieces,
     leading,
-    padded,
+    pad_pieces,
 )
 from hillsphere.engine.dynamics.system import System
 from hillsphere.symbolic.expressions import Expr
@@ -191,7 +191,7 @@ class ProvedBrackets:
         reach = moved.reshape(len(way), -1)[:, which]
         for depth in range(DEPTH + 1):
             count = len(pieces.lane)
-            many = padded(pieces)
+            many = pad_pieces(pieces)
             some = np.minimum(np.arange(len(many.lane)), count - 1)
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 decided = decide(
@@ -205,7 +205,7 @@ class ProvedBrackets:
             left: NDArray[np.bool_] = np.asarray(waiting.any(axis=0))
             if depth == DEPTH or np.count_nonzero(left) > most or not left.any():
                 break
-            pieces = halved(pieces.taken(left), lambda at, tau: halve(flat[:, at], tau))
+            pieces = halve_pieces(pieces.taken(left), lambda at, tau: halve(flat[:, at], tau))
             waiting = np.repeat(waiting[:, left], 2, axis=1)
             reach = 0.5 * np.repeat(reach[:, left], 2, axis=1)
         # Pieces of the smallest size with a change of sign hold a zero. Undecided neighbours of
@@ -216,7 +216,7 @@ class ProvedBrackets:
         beside = np.full(int(pieces.lane.max(initial=0)) + 1, (_BESIDE + 0.5) * widest)
         for row, across in zip(waiting, crosses, strict=True):
             before = leading(row, across, pieces, beside)
-            after = leading(row, across, _reversed(pieces, h), beside)
+            after = leading(row, across, _reverse_pieces(pieces, h), beside)
             lost = row & ~across & ~before & ~after
             resolved[pieces.lane[lost] % lanes] = False
 
@@ -247,7 +247,7 @@ def _along(slopes: Slopes, h: float) -> Slopes:
     return slopes if h > 0.0 else (-b, -a, c, d)
 
 
-def _reversed(pieces: Pieces, h: float) -> Pieces:
+def _reverse_pieces(pieces: Pieces, h: float) -> Pieces:
     """Return pieces of steps in the order of a backward flight."""
     begin, end = h - pieces.end, h - pieces.begin
     return Pieces(pieces.lane, begin, end, pieces.y1, pieces.y0, pieces.g1, pieces.g0)

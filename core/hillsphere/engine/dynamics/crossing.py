@@ -231,7 +231,7 @@ class _Proof:
             self._bounded = None
             return np.zeros(shape, dtype=bool)
         clear, single = decide(
-            g[:-1], g[1:], np.abs(march.h), _turned(slopes, march.h), self._direction, False
+            g[:-1], g[1:], np.abs(march.h), _turn_slopes(slopes, march.h), self._direction, False
         )
         return (clear | single) & holds
 
@@ -276,7 +276,7 @@ class _Proof:
         )
 
 
-def _turned(slopes: Slopes, h: Array) -> Slopes:
+def _turn_slopes(slopes: Slopes, h: Array) -> Slopes:
     """Return slopes along flights that go with the sign of h."""
     a, b, c, d = slopes
     back = h < 0

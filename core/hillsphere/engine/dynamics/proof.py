@@ -33,9 +33,9 @@ __all__ = [
     "Slopes",
     "count_crossings",
     "decide",
-    "halved",
+    "halve_pieces",
     "leading",
-    "padded",
+    "pad_pieces",
     "search",
 ]
 
@@ -233,7 +233,7 @@ def search(
         depth, pieces, waiting = turns.pop()
         if not len(pieces.lane):
             continue
-        filled = padded(pieces)
+        filled = pad_pieces(pieces)
         slopes = bounds(filled)
         sense = np.where(filled.end >= filled.begin, 1.0, -1.0)
         clear, single = decide(
@@ -281,11 +281,11 @@ def search(
                 keep(row, waiting[row] & given_up, pieces, False)
             waiting &= ~given_up
         left: Flags = np.asarray(waiting.any(axis=0))
-        turns += _shared(depth + 1, pieces.taken(left), waiting[:, left], halve)
+        turns += _share_halves(depth + 1, pieces.taken(left), waiting[:, left], halve)
     return Found(begin, end, open_at)
 
 
-def _shared(
+def _share_halves(
     depth: int,
     pieces: Pieces,
     waiting: Flags,
@@ -300,9 +300,9 @@ def _shared(
         return [
             turn
             for part in (first, ~first)
-            for turn in _shared(depth, pieces.taken(part), waiting[:, part], halve)
+            for turn in _share_halves(depth, pieces.taken(part), waiting[:, part], halve)
         ]
-    return [(depth, halved(pieces, halve), np.repeat(waiting, 2, axis=1))]
+    return [(depth, halve_pieces(pieces, halve), np.repeat(waiting, 2, axis=1))]
 
 
 def leading(rest: Flags, crosses: Flags, pieces: Pieces, longest: Array) -> Flags:
@@ -331,9 +331,9 @@ def leading(rest: Flags, crosses: Flags, pieces: Pieces, longest: Array) -> Flag
     return leads
 
 
-def halved(pieces: Pieces, halve: Callable[[Integers, Array], tuple[Array, Array]]) -> Pieces:
+def halve_pieces(pieces: Pieces, halve: Callable[[Integers, Array], tuple[Array, Array]]) -> Pieces:
     """Return both halves of each piece, side by side."""
-    filled = padded(pieces)
+    filled = pad_pieces(pieces)
     count = len(pieces.lane)
     middle = 0.5 * (filled.begin + filled.end)
     y, g = halve(filled.lane, middle)
@@ -353,7 +353,7 @@ def halved(pieces: Pieces, halve: Callable[[Integers, Array], tuple[Array, Array
     )
 
 
-def padded(pieces: Pieces) -> Pieces:
+def pad_pieces(pieces: Pieces) -> Pieces:
     """Return the pieces, the last one repeated up to a whole number of widths."""
     count = len(pieces.lane)
     total = -(-count // _WIDTH) * _WIDTH

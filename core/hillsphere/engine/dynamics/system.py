@@ -358,14 +358,14 @@ class PlantBounds:
 
     def _outer(self, x: Bound) -> Bound:
         """Convert derivatives by the system's time to derivatives by seconds."""
-        return _timed(x, 1.0 / self.time_unit_s)
+        return _at_time(x, 1.0 / self.time_unit_s)
 
     def _inner(self, x: Bound) -> Bound:
         """Convert derivatives by seconds to derivatives by the system's time."""
-        return _timed(x, self.time_unit_s)
+        return _at_time(x, self.time_unit_s)
 
 
-def _timed(x: Bound, k: float) -> Bound:
+def _at_time(x: Bound, k: float) -> Bound:
     rate = None if x.rate is None else multiply(x.rate, point(k))
     second = None if x.second is None else multiply(multiply(x.second, point(k)), point(k))
     return Bound(x.value, rate, second)

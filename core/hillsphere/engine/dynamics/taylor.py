@@ -154,12 +154,12 @@ class Taylor:
             )
         self._ends, self._recorded = tuple(ends), tuple(recorded)
         self._batches = TaylorBatches(
-            list(zip(y, _numbered(rate, numbers), strict=True)),
+            list(zip(y, _number_parameters(rate, numbers), strict=True)),
             self._n,
             tol,
-            dict(zip(ends, _numbered(tuple(ends.values()), numbers), strict=True)),
-            dict(zip(recorded, _numbered(tuple(recorded.values()), numbers), strict=True)),
-            _numbered(system.switches, numbers),
+            dict(zip(ends, _number_parameters(tuple(ends.values()), numbers), strict=True)),
+            dict(zip(recorded, _number_parameters(tuple(recorded.values()), numbers), strict=True)),
+            _number_parameters(system.switches, numbers),
             _is_large(rate) or stm if compact is None else compact,
             len(system.run_time_names),
         )
@@ -319,7 +319,9 @@ def _event(system: System, name: str) -> Expr:
     return system.events[name]
 
 
-def _numbered(expressions: Sequence[Expr], numbers: Mapping[Expr, Expr]) -> tuple[Expr, ...]:
+def _number_parameters(
+    expressions: Sequence[Expr], numbers: Mapping[Expr, Expr]
+) -> tuple[Expr, ...]:
     return substitute(expressions, numbers) if numbers and expressions else tuple(expressions)
 
 

@@ -26,7 +26,11 @@ BLOCK = 64
 """Lanes that go through the loop together, always: another width would give other last bits."""
 
 _HEARTBEAT = 64
+"""Samples between two calls that tell the executor that the block is alive: seconds at most pass
+between them, and they cost nothing beside 64 samples of a block."""
+
 _WHOLE = 1e-9
+"""Part of a sub-step by which a share of the steps may exceed a whole number by rounding."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +109,7 @@ class Result:
     error: Array
 
 
+# Below zero: ends that are no event of the plant, whose numbers begin at zero.
 COMPLETED, COMMAND, STEP_SIZE, TIME_LIMIT = -1, -2, -3, -4
 CAUSES = {
     COMPLETED: ("completed", ""),

@@ -26,7 +26,7 @@ from hillsphere.engine.simulation.block import (
 from hillsphere.engine.simulation.cases import Batch, Cases, batch_of
 from hillsphere.engine.simulation.ends import Watch
 from hillsphere.engine.simulation.event_proof import EventProof
-from hillsphere.engine.simulation.flow import compiled, compiled_loop, velocity_rows
+from hillsphere.engine.simulation.flow import compile_step_map, compiled_loop, velocity_rows
 from hillsphere.engine.simulation.legs import Limit
 from hillsphere.engine.simulation.navigation import PerfectNavigation
 from hillsphere.engine.simulation.outcomes import Flights
@@ -260,7 +260,9 @@ class Simulator:
         if isinstance(law, ContinuousLaw):
             loop, self._command = compiled_loop(plant, law, self._run_time, self._method)
             return loop
-        return compiled(plant, self._run_time, self._method, controls=law.actuation == "hold")
+        return compile_step_map(
+            plant, self._run_time, self._method, controls=law.actuation == "hold"
+        )
 
     def _batch(self, cases: Cases, samples: int | ArrayLike) -> Batch:
         return batch_of(

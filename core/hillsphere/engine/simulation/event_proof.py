@@ -16,7 +16,7 @@ from hillsphere.engine.dynamics.enclosures import (
     Bounded,
     Enclosure,
     arrays,
-    boxed,
+    box_of,
     derivatives_within,
     enclose,
     growth,
@@ -34,6 +34,8 @@ _COMMAND = 0.1
 _CHUNK = 4
 """Sub-steps that are looked at together: a region must hold them all, and one that holds a whole
 orbit, and so the body in it, would say nothing."""
+_PAUSE = 64
+"""Most legs whose sub-steps are looked at one by one after several whose chunks no region held."""
 _SHARP = 2.0**-10
 """Part of a sub-step below which a piece that its region does not decide is enclosed by itself."""
 _TUBES = 16
@@ -118,6 +120,7 @@ class EventProof:
         self._store: Store | None = None
         self._tubes: dict[float, Array] = {}
         self._fixed = fixed
+        self._pause = self._left = 0
         self.look: QuickLook | None = None
 
     @np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore")
@@ -140,7 +143,7 @@ class EventProof:
             box = enclose(self._bounded, t, 0.0 * t, y, p, y)
             now = derivatives_within(self._bounded, (t, t), box, held)
             ever = derivatives_within(self._bounded, iv.EVERYTHING, box, held)
-            when, along = Bound((t, t)), boxed(box.lo, box.hi)
+            when, along = Bound((t, t)), box_of(box.lo, box.hi)
             value = arrays(self._bounded.events(when, along, held), now[0])
         except TypeError:  # an operation of which no bound is known
             self._bounded = None
@@ -181,16 +184,31 @@ class EventProof:
         indices = [np.full((one.y.shape[1] - 1, len(one.h)), -1) for one in flown]
         if self._bounded is None or self._store is None or not len(self._rows):
             return indices
-        parts = [self._columns(one) for one in flown]
+        if self._left:
+            self._left -= 1
+        elif self._looked_up(flown, indices, _CHUNK):
+            self._pause = 0
+            return indices
+        else:
+            self._pause = min(2 * self._pause + 1, _PAUSE)
+            self._left = self._pause
+        self._looked_up(flown, indices, 1)
+        return indices
+
+    def _looked_up(self, flown: Sequence[Nodes], indices: list[Integers], chunk: int) -> bool:
+        """Write the regions of chunks of sub-steps; say whether they decide most of them."""
+        assert self._store is not None
+        parts = [self._columns(one, chunk) for one in flown]
         whole = [part.columns for part in parts]
         if not sum(len(one.h) for one in whole):
-            return indices
+            return True
         boxes = [one.boxes for one in whole]
         columns = Columns(
             Boxes(*(_side_by_side(boxes, f.name) for f in fields(Boxes))),
+            np.concatenate([len(parts) * part.chunk + i for i, part in enumerate(parts)]),
             *(_side_by_side(whole, name) for name in ("h", "duration", "least")),
         )
-        found, first = self._store.indices(columns), 0
+        found, first = self._store.indices(columns, alone=chunk == 1), 0
         for index, part in zip(indices, parts, strict=True):
             count = len(part.lane)
             by_chunk = np.full((len(part.widths), index.shape[1]), -1)
@@ -199,21 +217,22 @@ class EventProof:
             first += count
         if self.look is not None:
             self.look.remember(flown[-1].leg, len(indices[-1]), indices[-1][-1])
-        return indices
+        return 2 * np.count_nonzero(self._store.decided(found, columns)) > len(found)
 
-    def _columns(self, flown: Nodes) -> _Chunks:
+    def _columns(self, flown: Nodes, size: int) -> _Chunks:
         """Divide a leg into columns: chunks of sub-steps, lane by lane."""
         leg, y, h = flown.leg, flown.y, flown.h
         steps, on = y.shape[1] - 1, np.flatnonzero(leg.flying)
         view = self._seen(leg, y, h)
-        begins = np.arange(0, steps, _CHUNK)
+        begins = np.arange(0, steps, size)
+        # A region must hold where sub-steps begin; where they go from there is for it to show.
         lo, hi, least = (
-            _over_chunks(view.y, begins, np.minimum)[:, :, on],
-            _over_chunks(view.y, begins, np.maximum)[:, :, on],
-            _over_chunks(flown.values, begins, np.minimum)[:, :, on],
+            np.minimum.reduceat(view.y[:, :-1], begins, axis=1)[:, :, on],
+            np.maximum.reduceat(view.y[:, :-1], begins, axis=1)[:, :, on],
+            _least_of_chunks(flown.values, begins)[:, :, on],
         )
         chunk, which = np.nonzero(np.isfinite(lo).all(axis=0) & np.isfinite(hi).all(axis=0))
-        lane, ends = on[which], np.minimum(begins + _CHUNK, steps)
+        lane, ends = on[which], np.minimum(begins + size, steps)
         t0 = leg.t[lane] + begins[chunk] * h[lane]
         t1 = leg.t[lane] + ends[chunk] * h[lane]
         if self._timeless:
@@ -223,6 +242,7 @@ class EventProof:
                 lo[:, chunk, which], hi[:, chunk, which], view.p_lo[:, lane], view.p_hi[:, lane],
                 np.minimum(t0, t1), np.maximum(t0, t1),
             ),
+            chunk,
             np.abs(h[lane]),
             np.abs((ends - begins)[chunk] * h[lane]),
             least[:, chunk, which],
@@ -285,7 +305,9 @@ class EventProof:
         region = index[pieces.lane]
         length = pieces.end - pieces.begin
         out = np.array(self.slopes(region, pieces.y0, pieces.y1, length))
-        sharp = np.flatnonzero((region < 0) | (np.abs(length) <= _SHARP * np.abs(h[pieces.lane])))
+        # Of whole sub-steps a region has been tried.
+        part = np.abs(length) / np.abs(h[pieces.lane])
+        sharp = np.flatnonzero(((region < 0) & (part < 0.75)) | (part <= _SHARP))
         if len(sharp):
             now = pieces.taken(sharp)
             begin, length = t[now.lane] + now.begin, length[sharp]
@@ -363,20 +385,20 @@ class EventProof:
         """Return bounds of the rates of the states (rows, R) in boxes."""
         equations = self._equations
         assert equations is not None
-        when, held = Bound((boxes.t_lo, boxes.t_hi)), _held(boxes)
-        return arrays(equations.rates(when, boxed(boxes.lo, boxes.hi), held), boxes.lo)
+        when, held = Bound((boxes.t_lo, boxes.t_hi)), _parameter_intervals(boxes)
+        return arrays(equations.rates(when, box_of(boxes.lo, boxes.hi), held), boxes.lo)
 
     def regions(self, boxes: Boxes, low: Array, high: Array) -> Regions:
         """Return regions, from boxes and their rates."""
         equations = self._equations
         assert equations is not None
-        when, held = (boxes.t_lo, boxes.t_hi), _held(boxes)
+        when, held = (boxes.t_lo, boxes.t_hi), _parameter_intervals(boxes)
         whole = np.ones(len(boxes.t_lo), dtype=bool)
         box = Enclosure(boxes.lo, boxes.hi, low, high, whole)
         slopes = np.array(self._slopes(when, box, held, ~whole, equations))
         bends = np.full_like(low, np.inf)
         if any(limit.lipschitz is not None for limit in self._limits):
-            along = boxed(boxes.lo, boxes.hi, low, high)
+            along = box_of(boxes.lo, boxes.hi, low, high)
             for i, part in enumerate(equations.rates(Bound(when, iv.point(1.0)), along, held)):
                 bends[i] = 0.0 if part.rate is None else iv.magnitude(part.rate)
             bends[np.isnan(bends)] = np.inf
@@ -405,13 +427,13 @@ def _side_by_side(parts: Sequence[Any], name: str) -> Array:
     return np.concatenate([getattr(part, name) for part in parts], axis=-1)
 
 
-def _held(boxes: Boxes) -> list[tuple[Array, Array]]:
+def _parameter_intervals(boxes: Boxes) -> list[tuple[Array, Array]]:
     """Return the parameters of boxes as intervals."""
     return list(zip(boxes.p_lo, boxes.p_hi, strict=True))
 
 
-def _over_chunks(values: Array, begins: Integers, by: np.ufunc) -> Array:
+def _least_of_chunks(values: Array, begins: Integers) -> Array:
     """Reduce values at the ends of sub-steps (…, steps + 1, B) to chunks of sub-steps."""
-    left = by.reduceat(values[:, :-1], begins, axis=1)
-    right = by.reduceat(values[:, 1:], begins, axis=1)
-    return np.asarray(by(left, right))
+    left = np.minimum.reduceat(values[:, :-1], begins, axis=1)
+    right = np.minimum.reduceat(values[:, 1:], begins, axis=1)
+    return np.asarray(np.minimum(left, right))

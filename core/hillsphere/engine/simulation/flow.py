@@ -31,7 +31,7 @@ from hillsphere.symbolic.expressions import (
     variable,
 )
 
-__all__ = ["closed_system", "compiled", "compiled_loop", "thrust_vectors", "velocity_rows"]
+__all__ = ["closed_system", "compile_step_map", "compiled_loop", "thrust_vectors", "velocity_rows"]
 
 EFFORT = "loop:effort"
 _T = TypeVar("_T")
@@ -43,7 +43,7 @@ which stay unique as long as the objects are referenced here. Weak references wo
 cleared, since a system refers to its plant."""
 
 
-def _kept(owners: tuple[object, ...], key: tuple[object, ...], make: Callable[[], _T]) -> _T:
+def _remember(owners: tuple[object, ...], key: tuple[object, ...], make: Callable[[], _T]) -> _T:
     """Return the cached result for these objects and key, or make it."""
     name = (*map(id, owners), *key)
     if name not in _KEPT:
@@ -55,7 +55,9 @@ def _kept(owners: tuple[object, ...], key: tuple[object, ...], make: Callable[[]
     return result
 
 
-def compiled(plant: Plant, run_time: Sequence[str], method: str, *, controls: bool) -> StepMap:
+def compile_step_map(
+    plant: Plant, run_time: Sequence[str], method: str, *, controls: bool
+) -> StepMap:
     """Return the step map of a plant, SI, compiled once.
 
     Parameters
@@ -78,7 +80,7 @@ def compiled(plant: Plant, run_time: Sequence[str], method: str, *, controls: bo
     def make() -> StepMap:
         return StepMap(system(plant, run_time=run_time, controls=controls), method, errors=True)
 
-    return _kept((plant,), (tuple(run_time), method, controls), make)
+    return _remember((plant,), (tuple(run_time), method, controls), make)
 
 
 def compiled_loop(
@@ -94,7 +96,7 @@ def compiled_loop(
         closed, command = closed_system(plant, law, run_time)
         return StepMap(closed, method, errors=True), closed.function(*command)
 
-    return _kept((plant, same), (tuple(run_time), method), make)
+    return _remember((plant, same), (tuple(run_time), method), make)
 
 
 def thrust_vectors(rows: int) -> int:
@@ -197,7 +199,7 @@ def closed_system(
         error_scale=np.concatenate([base.scale, law_scale, [1.0]]),
         passing=passing,
         mirrors={},
-        external=_widened(base, len(own) + 1),
+        external=_widen_array_terms(base, len(own) + 1),
         bounded=bounded,
     )
     return closed, tuple(total)
@@ -231,7 +233,7 @@ def _effort(done: Sequence[Expr]) -> Expr:
     )
 
 
-def _widened(base: System, more: int) -> External | None:
+def _widen_array_terms(base: System, more: int) -> External | None:
     """Wrap the plant's array terms for a state vector with `more` rows after the plant's."""
     inner = base.external
     if inner is None:

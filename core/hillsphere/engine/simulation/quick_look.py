@@ -183,7 +183,9 @@ class QuickLook:
         # One length for all parts between two samples.
         duration = np.abs(leg.sample[lanes])
         boxes = Boxes(y, y, p_lo[:, lanes], p_hi[:, lanes], np.minimum(*ends), np.maximum(*ends))
-        columns = Columns(boxes, duration, duration, flight.least[:, lanes])
+        columns = Columns(
+            boxes, np.zeros(len(lanes), dtype=int), duration, duration, flight.least[:, lanes]
+        )
         index = self._store.indices(columns)
         kept, found = self._store.kept, index >= 0
         if kept is None or not found.any():
@@ -209,8 +211,8 @@ class QuickLook:
             fall = need
         need, fall = (each + ROUNDING * (1.0 + each) for each in (need, fall))
         return _Known(
-            duration, *_centred(inner.lo, inner.hi), *_centred(inner.p_lo, inner.p_hi),
-            inner.t_lo, inner.t_hi, need, fall,
+            duration, *_centre_and_half_width(inner.lo, inner.hi),
+            *_centre_and_half_width(inner.p_lo, inner.p_hi), inner.t_lo, inner.t_hi, need, fall,
         )  # fmt: skip
 
     def _inside(self, known: _Known, flight: _Flight) -> Flags:
@@ -307,6 +309,6 @@ def _nothing(like: _Known, lanes: int) -> _Known:
     )  # fmt: skip
 
 
-def _centred(lo: Array, hi: Array) -> tuple[Array, Array]:
+def _centre_and_half_width(lo: Array, hi: Array) -> tuple[Array, Array]:
     """Return middle and half width of boxes, the latter rounded down."""
     return 0.5 * (lo + hi), (0.5 - 1e-12) * (hi - lo)

@@ -34,8 +34,12 @@ _LOOSE = 4.0
 decide nothing by themselves: two more halvings of a piece at a close approach."""
 _ROUNDS = 3
 """Enlargements of a trial region that the sub-steps may leave."""
-_SINGLE_ROUNDS = 6
-"""The same for the region of one column; only those that do not hold theirs yet are tried again."""
+_INFLATIONS = (1.0, 1.0, *[0.3] * 8)
+"""Parts of its width by which the trials of a region for once are widened if they are left. Steps
+with h‖∂f/∂y‖ = 0.7, as formulae of eighth order take, are held after some six trials; with 0.3
+alone after eight, with 0.1 after twelve."""
+_TIGHT = 0.25
+"""Part of a region's width that a group's own may be: without it the region is hardly smaller."""
 _TIMES = 8
 """Fewest columns a time, on average, for which one region for all of a time is tried."""
 _SEEDS = 2
@@ -139,7 +143,9 @@ class Columns:
     Parameters
     ----------
     boxes : Boxes
-        Extent of the ends of the sub-steps of each of K columns.
+        Extent of the beginnings of the sub-steps of each of K columns.
+    chunk : ndarray of int, shape (K,)
+        Number, the same for those of one time.
     h, duration : ndarray, shape (K,)
         Longest sub-step; duration of all.
     least : ndarray, shape (E, K)
@@ -147,6 +153,7 @@ class Columns:
     """
 
     boxes: Boxes
+    chunk: Integers
     h: Array
     duration: Array
     least: Array
@@ -192,8 +199,11 @@ class Store:
         self._moved: Array | None = None
         self._seen: Array | None = None
 
-    def indices(self, columns: Columns) -> Integers:
-        """Return the region of each column (K,), −1 where none could be made; make what lacks."""
+    def indices(self, columns: Columns, alone: bool = True) -> Integers:
+        """Return the region of each column (K,), −1 where none could be made; make what lacks.
+
+        Unless `alone`, columns get none of their own if most of many of a time would need one.
+        """
         count = len(columns.h)
         index = np.full(count, -1)
         missing = np.ones(count, dtype=bool)
@@ -206,20 +216,38 @@ class Store:
             missing = index < 0
         if missing.any():
             self._make_large(columns, index, missing)
-        if missing.any():
-            self._make_by_time(columns, index, missing)
-        if missing.any():
+        many = missing.any() and self._make_by_time(columns, index, missing)
+        if missing.any() and (alone or not many or 2 * np.count_nonzero(missing) < count):
             which = np.flatnonzero(missing)
             self._make_own(columns, index, which, np.arange(len(which)))
         return index
 
-    def _make_by_time(self, columns: Columns, index: Integers, missing: Flags) -> None:
-        """Make one region for all columns of one time; change `index` and `missing`."""
+    def decided(self, index: Integers, columns: Columns) -> Flags:
+        """Say which columns (K,) have a region that decides all events of which one can."""
+        if self.kept is None:
+            return np.zeros(len(index), dtype=bool)
+        h = float(columns.h.max())
+        need = self.kept.need(h)[self._rows][:, np.maximum(index, 0)]
+        return (index >= 0) & self._decides(need, columns.least)
+
+    def _decides(self, need: Array, least: Array) -> Flags:
+        # Of what falls below zero no region says that it does not.
+        least = least[self._rows]
+        found: Flags = ((least > need) | (least <= 0.0)).all(axis=0)
+        return found
+
+    def _make_by_time(self, columns: Columns, index: Integers, missing: Flags) -> bool:
+        """Make one region for all columns of one time; change `index` and `missing`.
+
+        Only if there are many of a time, which it says.
+        """
         which = np.flatnonzero(missing)
-        times, group = np.unique(columns.boxes.t_lo[which], return_inverse=True)
-        if 1 < len(times) <= len(which) // _TIMES:
-            self._make_own(columns, index, which, group)
-            missing &= index < 0
+        times, group = np.unique(columns.chunk[which], return_inverse=True)
+        many = 1 < len(times) <= len(which) // _TIMES
+        if many:
+            alike = self._make_own(columns, index, which, group)
+            missing[which] = (index[which] < 0) & ~alike
+        return many
 
     def _make_large(self, columns: Columns, index: Integers, missing: Flags) -> None:
         """Make large regions for columns that have none; change `index` and `missing`."""
@@ -239,7 +267,7 @@ class Store:
             self._keep(made, index)
             assert self.kept is not None
             last = len(self.kept) - 1
-            holds = missing & _held(self._inner(made, columns), 0, columns)
+            holds = missing & _columns_in_box(self._inner(made, columns), 0, columns)
             index[holds] = last
             missing &= ~holds
             asked &= ~holds
@@ -249,7 +277,7 @@ class Store:
 
     def _make_own(
         self, columns: Columns, index: Integers, which: Integers, group: Integers
-    ) -> None:
+    ) -> Flags:
         """Make regions for groups of some columns, for once; change `index` where they serve.
 
         Parameters
@@ -258,43 +286,54 @@ class Store:
             Columns, and the numbers of their regions.
         which, group : ndarray of int, shape (N,)
             Some columns; the number of the group of each, all from zero on.
+
+        Returns
+        -------
+        ndarray of bool, shape (N,)
+            Which columns need not be tried alone.
         """
         own = _hulls(columns.boxes.taken(which), group)
         h, count = float(columns.h.max()), len(own.t_lo)
-        lo, hi, p_lo, p_hi = _grown(*_spread(own, 1.0), own.p_lo, own.p_hi, 0.0)
+        lo, hi, p_lo, p_hi = _grow(own.lo, own.hi, own.p_lo, own.p_hi, 0.0)
         trials = self._bounds.with_room(Boxes(lo, hi, p_lo, p_hi, own.t_lo, own.t_hi), once=True)
         low, high = np.empty_like(trials.lo), np.empty_like(trials.lo)
+        holds = np.zeros(count, dtype=bool)
         waiting = np.arange(count)
-        for _ in range(_SINGLE_ROUNDS):
+        for inflation in _INFLATIONS:
             now, mine = trials.taken(waiting), own.taken(waiting)
             low[:, waiting], high[:, waiting] = self._bounds.rates(now)
             inner = _inner(now, low[:, waiting], high[:, waiting], h, self._tube)
             # What is not a number, 0 · ∞ in a tube, proves nothing.
-            out = ~((mine.lo >= inner.lo) & (mine.hi <= inner.hi))
+            inside = ((mine.lo >= inner.lo) & (mine.hi <= inner.hi)).all(axis=0)
+            holds[waiting[inside]] = True
             with np.errstate(invalid="ignore"):
-                down, up = now.lo - inner.lo, inner.hi - now.hi
-                lo = np.where(out, np.fmin(now.lo, mine.lo + 2.0 * down), now.lo)
-                hi = np.where(out, np.fmax(now.hi, mine.hi - 2.0 * up), now.hi)
-            left = out.any(axis=0)
+                first, last = mine.lo + (now.lo - inner.lo), mine.hi + (now.hi - inner.hi)
+                wider = inflation * (last - first)
+                lo, hi = np.minimum(now.lo, first - wider), np.maximum(now.hi, last + wider)
+            left = ~inside & np.isfinite(hi - lo).all(axis=0)
             waiting = waiting[left]
             if not len(waiting):
                 break
             trials.lo[:, waiting], trials.hi[:, waiting] = lo[:, left], hi[:, left]
-        holds = np.ones(count, dtype=bool)
-        holds[waiting] = False
+        # Of these groups regions of single columns would hold, and decide, hardly more.
+        width = trials.hi - trials.lo
+        alike: Flags = ((own.hi - own.lo <= _TIGHT * width) | np.isinf(width)).all(axis=0)
         if not holds.any():
-            return
+            return alike[group]
         made = self._bounds.regions(trials.taken(holds), low[:, holds], high[:, holds])
         place = np.cumsum(holds) - 1
         serves = holds[group]
         if count < len(which):
-            # A region that decides no event of a column is left for one of its own.
-            need = made.need(h)[self._rows][:, np.where(serves, place[group], 0)]
-            serves &= (columns.least[self._rows][:, which] > need).all(axis=0)
+            # Other columns are left for regions of their own.
+            need = made.need(h)[self._rows]
+            at, finite = np.where(serves, place[group], 0), np.isfinite(need).all(axis=0)
+            decides = self._decides(need[:, at], columns.least[:, which])
+            serves &= decides | (alike[group] & finite[at])
         first = 0 if self.kept is None else len(self.kept)
         self._append(made)
         self._single += len(made)
         index[which[serves]] = first + place[group[serves]]
+        return alike[group]
 
     def _keep(self, made: Regions, index: Integers) -> None:
         kept = self.kept
@@ -314,7 +353,7 @@ class Store:
             made
             if kept is None
             else Regions(
-                _joined(kept.boxes, made.boxes),
+                _join(kept.boxes, made.boxes),
                 np.concatenate([kept.low, made.low], axis=-1),
                 np.concatenate([kept.high, made.high], axis=-1),
                 np.concatenate([kept.slopes, made.slopes], axis=-1),
@@ -350,7 +389,7 @@ class Store:
         least = columns.least[self._rows]
         reference, best = None, None
         for trial in range(len(found) - 1, -1, -1):
-            holds = missing & _held(inner, trial, columns)
+            holds = missing & _columns_in_box(inner, trial, columns)
             now = need[:, trial]
             if not (holds[seed] and np.isfinite(now).all()):
                 continue
@@ -377,7 +416,7 @@ class Store:
         for which in range(len(regions) - 1, -1, -1):
             if decided.all():
                 break
-            holds = ~decided & _held(inner, which, columns)
+            holds = ~decided & _columns_in_box(inner, which, columns)
             if not holds.any():
                 continue
             far = (least > need[:, which, None]).all(axis=0)
@@ -393,23 +432,23 @@ class Store:
             flock.lo.min(axis=1), flock.hi.max(axis=1),
             flock.p_lo.min(axis=1) - room, flock.p_hi.max(axis=1) + room,
         )  # fmt: skip
-        wide, last = _grown(*hull, _GROWTH), self.kept
+        wide, last = _grow(*hull, _GROWTH), self.kept
         union = wide
         if last is not None:
             box = last.boxes
-            union = _grown(
+            union = _grow(
                 np.minimum(hull[0], box.lo[:, -1]), np.maximum(hull[1], box.hi[:, -1]),
                 np.minimum(hull[2], box.p_lo[:, -1]), np.maximum(hull[3], box.p_hi[:, -1]),
                 0.25 * _GROWTH,
             )  # fmt: skip
-        tight = _grown(*hull, 0.25 * _GROWTH)
+        tight = _grow(*hull, 0.25 * _GROWTH)
         kinds = [union, wide, tight, tight]
         box = columns.boxes
         lo, hi = box.lo[:, seed], box.hi[:, seed]
         p = box.p_lo[:, seed] - room, box.p_hi[:, seed] + room
         for factor in _FACTORS:
             spread = factor * (hi - lo)
-            kinds.append(_grown(lo - spread, hi + spread, *p, 0.0))
+            kinds.append(_grow(lo - spread, hi + spread, *p, 0.0))
         arrays = [np.stack(part, axis=1) for part in zip(*kinds, strict=True)]
         times = [np.full(len(kinds), t) for t in (flock.t_lo.min(), flock.t_hi.max())]
         # Of the boxes about one column the time is its own.
@@ -441,7 +480,7 @@ def _inner(box: Boxes, low: Array, high: Array, h: float, tube: Tube | None) -> 
     return Boxes(box.lo - down, box.hi - up, box.p_lo, box.p_hi, box.t_lo, box.t_hi)
 
 
-def _grown(lo: Array, hi: Array, p_lo: Array, p_hi: Array, part: float) -> tuple[Array, ...]:
+def _grow(lo: Array, hi: Array, p_lo: Array, p_hi: Array, part: float) -> tuple[Array, ...]:
     """Return a box enlarged by a part of its width, and by what rounding needs."""
     out: list[Array] = []
     for a, b in ((lo, hi), (p_lo, p_hi)):
@@ -462,13 +501,7 @@ def _hulls(boxes: Boxes, group: Integers) -> Boxes:
     return Boxes(*sides)
 
 
-def _spread(box: Boxes, factor: float) -> tuple[Array, Array]:
-    """Return the ends of boxes of states, enlarged by a factor of their widths on either side."""
-    more = factor * (box.hi - box.lo)
-    return box.lo - more, box.hi + more
-
-
-def _joined(first: Boxes, second: Boxes) -> Boxes:
+def _join(first: Boxes, second: Boxes) -> Boxes:
     return Boxes(
         *(
             np.concatenate([getattr(first, f.name), getattr(second, f.name)], axis=-1)
@@ -477,7 +510,7 @@ def _joined(first: Boxes, second: Boxes) -> Boxes:
     )
 
 
-def _held(inner: Boxes, which: int, columns: Columns) -> Flags:
+def _columns_in_box(inner: Boxes, which: int, columns: Columns) -> Flags:
     """Say which columns one box holds."""
     box = columns.boxes
     lo, hi = inner.lo[:, which, None], inner.hi[:, which, None]

@@ -10,17 +10,22 @@ import numpy as np
 from hillsphere.base.matching import match_names
 from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
 from hillsphere_campaigns.campaign_comparison.products import CampaignComparison, PairedMetrics
-from hillsphere_campaigns.figures import grid_of, grid_size, labelled
+from hillsphere_campaigns.figures import axis_label, grid_of, grid_size
 from hillsphere_campaigns.result_tables import MOST_ROWS, first_rows, number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
-__all__ = ["chosen", "present_comparison"]
+__all__ = ["present_comparison", "select_shown"]
 
 _PANELS = 6
+"""Panels of the figure of differences: two rows of three fill a page."""
+
 _SENTENCES = 6
+"""Comparisons told in the verdict at most; the tables hold all."""
+
 _BARS = 40
+"""Intervals of failure ratios drawn at most: with more their labels overlap on a page."""
 
 _WHO = (Column("campaign", "", "campaign"), Column("point", "", "point"))
 _FAILURES = (
@@ -76,7 +81,7 @@ def present_comparison(product: CampaignComparison, show: Sequence[str] = ()) ->
     InputError
         If a pattern finds no metric, though there are some.
     """
-    metrics = chosen(product.metrics, show)
+    metrics = select_shown(product.metrics, show)
     level = f"{100 * product.level:g} %"
     note = (
         f"Differences are those of a campaign less {product.baseline!r}, on the same draws; ends "
@@ -129,7 +134,7 @@ def present_comparison(product: CampaignComparison, show: Sequence[str] = ()) ->
     )
 
 
-def chosen(metrics: Sequence[PairedMetrics], show: Sequence[str]) -> Sequence[PairedMetrics]:
+def select_shown(metrics: Sequence[PairedMetrics], show: Sequence[str]) -> Sequence[PairedMetrics]:
     """Return the metrics that are shown, see `present_comparison`."""
     if not show or not metrics:
         return metrics
@@ -240,7 +245,7 @@ def _draw_failures(figure: Canvas, product: CampaignComparison, rows: int) -> No
               label="difference")  # fmt: skip
     axes.axvline(0.0, color=PALETTE["black"], lw=0.8)
     names = [
-        labelled(f"{campaign}, {point}" if point else campaign, "")
+        axis_label(f"{campaign}, {point}" if point else campaign, "")
         for campaign, point in zip(product.campaign[:rows], product.point[:rows], strict=True)
     ]
     axes.set_yticks(places, names, fontsize=8)
@@ -261,7 +266,7 @@ def _draw_differences(figure: Canvas, shown: Sequence[PairedMetrics]) -> None:
         axes.plot(one.mean_interval, [top, top], color=PALETTE["vermillion"], lw=3.0)
         axes.plot([one.mean], [top], "o", color=PALETTE["vermillion"], label="mean")
         axes.set_title(f"{one.campaign}{f', {one.point}' if one.point else ''}"[:44], fontsize=9)
-        axes.set_xlabel(f"difference of {labelled(one.metric, one.unit)}")
+        axes.set_xlabel(f"difference of {axis_label(one.metric, one.unit)}")
         axes.set_ylabel("pairs")
     handles, names = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=2, fontsize=8)

@@ -11,16 +11,16 @@ from scipy.special import ndtri
 from scipy.stats import binomtest, wilcoxon
 
 from hillsphere.base.arrays import Array, Integers
-from hillsphere.cases.case_classes import LEVEL, ended, is_undecided, ratio_interval
+from hillsphere.cases.case_classes import LEVEL, has_ended, is_undecided, ratio_interval
 from hillsphere.errors import InputError
 from hillsphere.interfaces.stages import Context
 from hillsphere.presentation import Presentation
 from hillsphere.products import CaseTable
-from hillsphere_campaigns.campaign_comparison.presentation import chosen, present_comparison
+from hillsphere_campaigns.campaign import Campaign
+from hillsphere_campaigns.campaign_comparison.presentation import present_comparison, select_shown
 from hillsphere_campaigns.campaign_comparison.products import CampaignComparison, PairedMetrics
 from hillsphere_campaigns.campaign_comparison.specs import CampaignComparisonSpec
 from hillsphere_campaigns.pairing import PlannedDraws, pair_cases
-from hillsphere_campaigns.stages import Campaign
 from hillsphere_campaigns.statistics import mean_interval
 
 __all__ = [
@@ -82,7 +82,7 @@ class CampaignComparisonStage:
         """
         names = tuple(ref.name for ref in self.spec.needs.campaigns)
         found = compare(campaigns, names, self.spec.confidence)
-        chosen(found.metrics, self.spec.show)
+        select_shown(found.metrics, self.spec.show)
         return found
 
     def present(
@@ -136,7 +136,7 @@ def compare(
             left = int(np.count_nonzero(first.point == p) + np.count_nonzero(table.point == p))
             left -= 2 * i.size
             rows.append((name, label, left, paired_failures(first, i, table, j, level)))
-            metrics += _paired(first, table, i, j, name, label, level)
+            metrics += _pair_metrics(first, table, i, j, name, label, level)
     found = [row[3] for row in rows]
 
     def number(name: str) -> Integers:
@@ -237,7 +237,7 @@ def paired_failures(
     )
 
 
-def _paired(
+def _pair_metrics(
     a: CaseTable, b: CaseTable, rows_a: Integers, rows_b: Integers, name: str, point: str,
     level: float,
 ) -> list[PairedMetrics]:  # fmt: skip
@@ -250,7 +250,7 @@ def _paired(
                 f"{b.units[of_b]!r} in {name!r}"
             )
         x, y = a.values[of_a, rows_a], b.values[of_b, rows_b]
-        kept = ended(a)[rows_a] & ended(b)[rows_b] & np.isfinite(x) & np.isfinite(y)
+        kept = has_ended(a)[rows_a] & has_ended(b)[rows_b] & np.isfinite(x) & np.isfinite(y)
         d = y[kept] - x[kept]
         less, more = int(np.count_nonzero(d < 0)), int(np.count_nonzero(d > 0))
         made.append(

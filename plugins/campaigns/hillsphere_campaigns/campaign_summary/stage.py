@@ -10,8 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from hillsphere.base.arrays import Array, Integers
+from hillsphere.base.matching import match_names
 from hillsphere.base.problems import did_you_mean
-from hillsphere.cases.case_classes import FailureRatio, ended, failure_ratio, is_undecided, ratio_of
+from hillsphere.cases.case_classes import (
+    FailureRatio,
+    failure_ratio,
+    has_ended,
+    is_undecided,
+    ratio_of,
+)
 from hillsphere.errors import InputError
 from hillsphere.interfaces.stages import Context
 from hillsphere.presentation import Presentation
@@ -28,7 +35,7 @@ from hillsphere_campaigns.campaign_summary.specs import (
 from hillsphere_campaigns.pairing import PlannedDraws, pair_cases
 from hillsphere_campaigns.statistics import mean_interval, metric_statistics
 
-__all__ = ["CampaignSummaryStage", "answered", "summary"]
+__all__ = ["CampaignSummaryStage", "answer_claim", "summary"]
 
 
 class CampaignSummaryStage:
@@ -51,9 +58,9 @@ class CampaignSummaryStage:
         planned = [planned_draws(campaign) for campaign in campaigns]
         if any(draws is None for draws in planned):
             return
-        rows, names = _planned_by_point([draws for draws in planned if draws], labels)
+        rows, names = _plan_by_point([draws for draws in planned if draws], labels)
         if worst and len(worst) != len(rows):
-            raise InputError(_miscounted(len(worst), len(rows)))
+            raise InputError(_format_miscount(len(worst), len(rows)))
         for claim in self.spec.claims:
             if claim.of == "worst":
                 for label in (claim.above_random, claim.less, claim.than):
@@ -137,7 +144,7 @@ def summary(
     """
     tables, labels = _by_point(tables, labels)
     if worst and len(worst) != len(tables):
-        raise InputError(_miscounted(len(worst), len(tables)))
+        raise InputError(_format_miscount(len(worst), len(tables)))
     names = [m for m in tables[0].metrics if all(m in table.metrics for table in tables)]
     units = tuple(tables[0].units[tables[0].metrics.index(m)] for m in names)
     found = [{one.name: one for one in metric_statistics(table, level=level)} for table in tables]
@@ -166,7 +173,7 @@ def summary(
         worst_cases=_number(of_worst, "decided"),
         worst_failures=_number(of_worst, "failures"),
         worst_undecided=_number(of_worst, "undecided"),
-        claims=tuple(answered(claim, tables, worst, labels, level) for claim in claims),
+        claims=tuple(answer_claim(claim, tables, worst, labels, level) for claim in claims),
     )
 
 
@@ -174,14 +181,14 @@ def _number(ratios: Sequence[FailureRatio], which: str) -> Integers:
     return np.array([int(getattr(one, which)) for one in ratios], dtype=np.int64)
 
 
-def _miscounted(worst: int, rows: int) -> str:
+def _format_miscount(worst: int, rows: int) -> str:
     return (
         f"needs.worst: {worst} campaigns of chosen cases for {rows} rows; a sweep has one row per "
         "point"
     )
 
 
-def _planned_by_point(
+def _plan_by_point(
     planned: Sequence[PlannedDraws], labels: Sequence[str]
 ) -> tuple[list[PlannedDraws], list[str]]:
     """Return the same as `_by_point` before anything ran: all points see the same draws."""
@@ -229,7 +236,7 @@ def _by_point(
     return found, names
 
 
-def answered(
+def answer_claim(
     claim: ClaimSpec,
     tables: Sequence[CaseTable],
     worst: Sequence[CaseTable],
@@ -269,8 +276,8 @@ def _pairs(claim: ClaimSpec, labels: Sequence[str]) -> list[ClaimSpec]:
     """Return the claim for each pair of campaigns that it names, one or more."""
     pairs = [
         claim.model_copy(update={"less": less, "than": than})
-        for less in _named(claim.less, labels)
-        for than in _named(claim.than, labels)
+        for less in _matching_labels(claim.less, labels)
+        for than in _matching_labels(claim.than, labels)
         if less != than
     ]
     if not pairs:
@@ -297,7 +304,7 @@ def _of_pair(
             reason += "; no case fails with only one of the two"
         if of.undecided:
             interval = 100.0 * of.sure
-            reason += _left_out(of.undecided, interval, "percentage points")
+            reason += _format_left_out(of.undecided, interval, "percentage points")
         return _claim(claim, difference, interval, "%", of.pairs, reason)
     for table, label in ((tables[i], claim.less), (tables[j], claim.than)):
         if claim.of not in table.metrics:
@@ -306,7 +313,7 @@ def _of_pair(
     x = tables[i].values[tables[i].metrics.index(claim.of), a]
     y = tables[j].values[tables[j].metrics.index(claim.of), b]
     unit = tables[i].units[tables[i].metrics.index(claim.of)]
-    kept = ended(tables[i])[a] & ended(tables[j])[b] & np.isfinite(x) & np.isfinite(y)
+    kept = has_ended(tables[i])[a] & has_ended(tables[j])[b] & np.isfinite(x) & np.isfinite(y)
     d = x[kept] - y[kept]
     if d.size < 2:
         return _claim(
@@ -327,11 +334,11 @@ def _of_pair(
                 mean_interval(np.append(d, np.full(undecided, d.max())), level)[1],
             ]
         )
-        reason += _left_out(undecided, interval, unit)
+        reason += _format_left_out(undecided, interval, unit)
     return _claim(claim, mean, interval, unit, d.size, reason)
 
 
-def _left_out(undecided: int, interval: Array, unit: str) -> str:
+def _format_left_out(undecided: int, interval: Array, unit: str) -> str:
     """Say how many pairs were left out, and how far they could move the difference."""
     return (
         f"; {undecided} pair{'' if undecided == 1 else 's'} with an undecided case left out, which "
@@ -412,7 +419,7 @@ def _claim(
     return Claim(claim.text, answer, float(difference), interval, unit, int(pairs), reason)
 
 
-def _named(pattern: str, labels: Sequence[str]) -> list[str]:
+def _matching_labels(pattern: str, labels: Sequence[str]) -> list[str]:
     """Return the labels that a pattern, or a label, names."""
     if "*" not in pattern:
         return [labels[_place(pattern, labels)]]

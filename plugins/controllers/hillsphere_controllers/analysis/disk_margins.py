@@ -1,4 +1,4 @@
-r"""Disk margins: how much gain and phase may change at once, in all channels at once.
+r"""Disk margins: simultaneous changes of gain and phase, in all channels at once.
 
 A loop stays stable for every factor on it, each channel its own, of the disk
 
@@ -9,8 +9,8 @@ A loop stays stable for every factor on it, each channel its own, of the disk
 
 [1]_, with the structured singular value for diagonal δ. The skew σ = 0 treats rise and fall of the
 gain alike, σ = 1 gives the margin of S, σ = −1 that of T. For full matrices δ, factors that also
-mix the channels, µ is the largest singular value. What is returned is on the safe side: the
-inverse of a bound of µ that holds at all frequencies.
+mix the channels, µ is the largest singular value. The result is conservative: the inverse of a
+bound of µ that holds at all frequencies.
 
 References
 ----------
@@ -30,7 +30,7 @@ from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.mu.blocks import BlockStructure, repeated_complex
 from hillsphere_controllers.mu.certified import certified_peak
-from hillsphere_controllers.systems.algebra import append, fed_back, feedback, gain
+from hillsphere_controllers.systems.algebra import append, close_with_gain, feedback, gain
 
 __all__ = ["DiskMargin", "Factors", "disk_margin", "disk_margin_of_both_ends"]
 
@@ -41,7 +41,7 @@ _GAP = 1e-4
 
 @dataclass(frozen=True)
 class DiskMargin:
-    """A disk of factors that the loop bears.
+    """A disk margin: the factors on the loop for which it stays stable.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def disk_margin(loop: LtiSystem, skew: float = 0.0, *, factors: Factors = "diago
     if not np.isfinite(skew):
         raise InputError(f"a skew must be finite, got {skew}")
     s = feedback(gain(np.eye(p)), loop)
-    return _of_sensitivity(s, skew, factors)
+    return _disk_of_sensitivity(s, skew, factors)
 
 
 def disk_margin_of_both_ends(
@@ -140,13 +140,14 @@ def disk_margin_of_both_ends(
     loop = append(*bare)
     turn = np.zeros((m + p, p + m))
     turn[:m, p:], turn[m:, :p] = np.eye(m), -np.eye(p)
-    closed = fed_back(loop, turn)
+    closed = close_with_gain(loop, turn)
     # the sensitivity at the two ends: from what is added to (u, −y) to the sum
     s = LtiSystem(closed.a, closed.b, turn @ closed.c, np.eye(m + p) + turn @ closed.d, closed.dt_s)
-    return _of_sensitivity(s, skew, factors)
+    return _disk_of_sensitivity(s, skew, factors)
 
 
-def _of_sensitivity(s: LtiSystem, skew: float, factors: Factors) -> DiskMargin:
+def _disk_of_sensitivity(s: LtiSystem, skew: float, factors: Factors) -> DiskMargin:
+    # S + (σ − 1)/2 I, whose µ over δ gives 1/α
     shifted = LtiSystem(s.a, s.b, s.c, s.d + 0.5 * (skew - 1.0) * np.eye(len(s.d)), s.dt_s)
     norm = hinf_norm(shifted)
     if not np.isfinite(norm.value):
@@ -169,6 +170,7 @@ def _gain_and_phase(alpha: float, skew: float) -> tuple[float, float, float]:
     """Return the ends of the real factors around one, and the largest phase."""
     if not np.isfinite(alpha):
         return -np.inf, np.inf, np.pi
+    # f = (1 + u δ)/(1 − v δ); its real ends are at δ = ±1
     u, v = 0.5 * (1.0 - skew) * alpha, 0.5 * (1.0 + skew) * alpha
     low = (1.0 - u) / (1.0 + v) if v > -1.0 else -np.inf
     high = (1.0 + u) / (1.0 - v) if v < 1.0 else np.inf

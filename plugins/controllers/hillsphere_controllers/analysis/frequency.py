@@ -1,4 +1,4 @@
-"""Frequency responses of one system at many frequencies, fast."""
+"""Frequency responses of one system at many frequencies, by its Schur form or its modes."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Response:
 
     @classmethod
     def of_many(cls, a: Array, b: Array, c: Array, d: Array) -> list[Response]:
-        """Return, by modes, those of systems of one size, matrices (J, n, n) to (J, p, m)."""
+        """Return the responses, by modes, of J systems of one size, (J, n, n) to (J, p, m)."""
         made = []
         for j, modes in enumerate(_modes(a)):
             response = cls.__new__(cls)
@@ -81,7 +81,7 @@ class Response:
         if self._t is None:
             made = self._by_modes(1.0 / (s[:, None] - self.poles))
         else:
-            made = self._seen(self._solved(s, self._b[:, None, :]))
+            made = self._apply_output(self._solve_shifted(s, self._b[:, None, :]))
         return np.asarray(made + self._d)
 
     def derivatives(self, omega: Array) -> tuple[Complex, Complex, Complex]:
@@ -100,14 +100,15 @@ class Response:
         s = (1j * omega).astype(complex)
         if self._t is None:
             one = 1.0 / (s[:, None] - self.poles)
+            # derivatives of 1/(jω − λ): −j/(jω − λ)² and −2/(jω − λ)³
             two = one * one
             made = self._by_modes(np.concatenate([one, -1j * two, -2.0 * two * one]))
             g, first, second = made.reshape(3, omega.size, *made.shape[1:])
         else:
-            x = self._solved(s, self._b[:, None, :])
-            y = self._solved(s, x)
-            g, first = self._seen(x), -1j * self._seen(y)
-            second = -2.0 * self._seen(self._solved(s, y))
+            x = self._solve_shifted(s, self._b[:, None, :])
+            y = self._solve_shifted(s, x)
+            g, first = self._apply_output(x), -1j * self._apply_output(y)
+            second = -2.0 * self._apply_output(self._solve_shifted(s, y))
         return g + self._d, first, second
 
     def _by_modes(self, weights: Complex) -> Complex:
@@ -116,18 +117,19 @@ class Response:
         rows = (weights[:, None, :] * self._c).reshape(count * p, n)
         return np.asarray((rows @ self._b).reshape(count, p, self._b.shape[1]))
 
-    def _solved(self, s: Complex, right: Complex) -> Complex:
-        """Return (s I − T)⁻¹ times what stands on the right, (n, K or 1, m), as (n, K, m)."""
+    def _solve_shifted(self, s: Complex, right: Complex) -> Complex:
+        """Return the solution (n, K, m) of (s I − T) x = right side, (n, K or 1, m)."""
         assert self._t is not None
         n, m = self._b.shape
         count = s.size
         x = np.empty((n, count, m), dtype=complex)
+        # back substitution with T, one row for all frequencies and inputs at once
         for i in range(n - 1, -1, -1):
             above = self._t[i, i + 1 :] @ x[i + 1 :].reshape(n - 1 - i, count * m)
             x[i] = (above.reshape(count, m) + right[i]) / (s - self._t[i, i])[:, None]
         return x
 
-    def _seen(self, x: Complex) -> Complex:
+    def _apply_output(self, x: Complex) -> Complex:
         n, count, m = x.shape
         return (self._c @ x.reshape(n, count * m)).reshape(-1, count, m).transpose(1, 0, 2)
 

@@ -34,10 +34,12 @@ def gramian(a: Array, q: Array, *, discrete: bool = False) -> Array:
     """
     n = len(a)
     t, u = schur(np.asarray(a, dtype=float), output="complex")
+    # T X + X Tᴴ + Q̃ = 0 in the coordinates of the Schur form A = U T Uᴴ
     right = u.conj().T @ q @ u
     x: Complex = np.zeros((n, n), dtype=complex)
     one = np.eye(n)
     for k in range(n - 1, -1, -1):
+        # columns behind this one are known: T is upper triangular
         known = x[:, k + 1 :] @ t[k, k + 1 :].conj()
         if discrete:
             matrix, side = t[k, k].conj() * t - one, right[:, k] + t @ known

@@ -21,12 +21,15 @@ import numpy as np
 from hillsphere.errors import ConvergenceError
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.gramians import gramian
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 
 __all__ = ["h2_norm", "h2_rounding"]
 
 _AGREE = 1e-6
+"""Relative difference of the norms from the two Gramians up to which the norm is trusted."""
 _NOTHING = 1e-13
+"""Rounding of the squares relative to the sum of the sizes of their terms: a norm below it is zero
+but for cancellation."""
 
 
 def h2_norm(system: LtiSystem) -> float:
@@ -64,7 +67,7 @@ def h2_norm(system: LtiSystem) -> float:
 
 
 def h2_rounding(system: LtiSystem) -> float:
-    """Return a norm that is nothing but rounding beside the parts that cancel in a stable system.
+    """Return the H2 norm below which a result is rounding, from the parts that cancel.
 
     Parameters
     ----------
@@ -77,8 +80,8 @@ def h2_rounding(system: LtiSystem) -> float:
 
 
 def _squares(system: LtiSystem) -> tuple[float, float, float]:
-    """Return the norm's square by either gramian, and the sum of sizes of which it is the rest."""
-    made, _ = balanced(system)
+    """Return the norm's square by both Gramians, and the sum of the sizes of its terms."""
+    made, _ = balance_states(system)
     direct, discrete = float(np.sum(system.d**2)), system.dt_s is not None
     p = gramian(made.a, made.b @ made.b.T, discrete=discrete)
     q = gramian(made.a.T, made.c.T @ made.c, discrete=discrete)

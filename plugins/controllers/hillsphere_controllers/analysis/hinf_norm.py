@@ -10,11 +10,10 @@ r"""The H∞ norm: the largest singular value of a stable system over all freque
 
 has no imaginary eigenvalue [1]_; where it has some, they are the frequencies at which a singular
 value is γ, and the gain between them is higher [2]_. In floating point an eigenvalue is never quite
-imaginary: all those that are nearly so are looked at through the frequency response, which also has
-the first and the last word. What is returned is a gain that the system has, at a frequency that is
-named, and a bound from above, which allows for what rounding can have changed in the response: the
-solution of P (s I − A) X = L U X = P B is that of a matrix which differs by no more than
-:math:`n ε |L| |U|` [3]_.
+imaginary: the frequency response decides at all eigenvalues that are nearly so. The result is a
+gain that the system has at a named frequency, and an upper bound that allows for rounding of the
+response: the solution of P (s I − A) X = L U X = P B is that of a matrix that differs by no more
+than :math:`n ε |L| |U|` [3]_.
 
 References
 ----------
@@ -38,12 +37,14 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.frequency import Response, largest_gains
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 from hillsphere_controllers.systems.bilinear import continuous
 
 __all__ = ["HinfNorm", "hamiltonian_eigenvalues", "hamiltonians_eigenvalues", "hinf_norm"]
 
 _MOST_LEVELS = 40
+"""Levels at most. The level rises quadratically to the norm: fewer than ten are needed, and the
+limit ends cycles by rounding."""
 _GRID = 40
 """Frequencies of the first look, evenly spaced in their logarithm; besides those of the poles."""
 _NEAR = 1e-2
@@ -93,7 +94,7 @@ class HinfNorm:
 
     @property
     def doubt(self) -> str:
-        """What is to be said against the value; empty if rounding leaves it two digits at least."""
+        """A doubt about the value in words; empty if rounding leaves it at least two digits."""
         if not self.error > _DOUBTFUL:
             return ""
         much = f"by {100.0 * self.error:.2g} %" if np.isfinite(self.error) else "by any amount"
@@ -127,34 +128,34 @@ def hinf_norm(system: LtiSystem, tolerance: float = 1e-9) -> HinfNorm:
     if not size.max(initial=-np.inf) < 0.0:
         return HinfNorm(np.inf, np.nan, np.inf)
     if system.dt_s is not None:
-        made, _ = balanced(system)
+        made, _ = balance_states(system)
         found = hinf_norm(continuous(made), tolerance)
         frequency = 2.0 / system.dt_s * float(np.arctan(0.5 * system.dt_s * found.frequency_rad_s))
         if system.order == 0 or 0 in system.shape:
             return HinfNorm(found.value, frequency, found.upper)
         # the image was rounded as well
-        high, error = _with_rounding(made, frequency)
+        high, error = _gain_with_rounding(made, frequency)
         return HinfNorm(found.value, frequency, max(found.upper, high), max(found.error, error))
     direct = float(largest_gains(system.d[None].astype(complex))[0])
     if system.order == 0 or 0 in system.shape:
         return HinfNorm(direct, 0.0, direct)
     search = _Search(system, poles)
     if search.value > direct:
-        return search.climbed(tolerance)
+        return search.climb(tolerance)
     # The peak is at infinity, where R is singular: s → ω²/s puts it at zero.
     scale = float(np.exp(np.mean(np.log(np.abs(search.response.poles)))))
-    inverse = _inverted(system, scale)
-    found = _Search(inverse, inverse.poles).climbed(tolerance)
+    inverse = _invert_frequency(system, scale)
+    found = _Search(inverse, inverse.poles).climb(tolerance)
     frequency = np.inf if found.frequency_rad_s == 0.0 else scale**2 / found.frequency_rad_s
     return HinfNorm(found.value, float(frequency), found.upper, found.error)
 
 
 class _Search:
-    """The largest gain of a stable system of order ≥ 1 found so far, and where."""
+    """Search for the largest gain of a stable system of order ≥ 1: the best so far, and where."""
 
     def __init__(self, system: LtiSystem, poles: NDArray[np.complex128]) -> None:
         self.given = system
-        self.system, _ = balanced(system)
+        self.system, _ = balance_states(system)
         a, b, c, d = self.system.a, self.system.b, self.system.c, self.system.d
         self.response = Response(a, b, c, d, modes=True)
         self.value, self.frequency = -1.0, 0.0
@@ -162,7 +163,7 @@ class _Search:
         """Largest relative difference of gains by the Schur form and by the system as given."""
         size = np.abs(self.response.poles)
         # rounding may have moved slow poles of badly scaled systems
-        given = _unlike(poles, self.response.poles)
+        given = _new_poles(poles, self.response.poles)
         low, high = np.log10(size.min()) - 1.0, np.log10(size.max()) + 1.0
         first = np.concatenate(
             [
@@ -184,11 +185,13 @@ class _Search:
         inner = np.flatnonzero(
             (gains >= np.append(gains[1:], -1.0)) & (gains >= np.insert(gains[:-1], 0, -1.0))
         )
+        # the four highest local maxima within 10 % of the largest are refined together
         inner = inner[np.argsort(gains[inner])[-4:]]
         inner = inner[gains[inner] >= 0.9 * gains.max()]
         at = points[inner]
         left = points[np.maximum(inner - 1, 0)]
         right = np.append(points, 2.0 * points[-1] + 1e-300)[inner + 1]
+        # each round divides the intervals beside a maximum by six
         share = np.linspace(0.0, 1.0, 7)[1:-1, None]
         highest = gains[inner]
         for _ in range(5):
@@ -225,11 +228,13 @@ class _Search:
                 self.value, self.frequency = float(gains[best]), float(points[best])
             width *= 0.3
 
-    def climbed(self, tolerance: float) -> HinfNorm:
+    def climb(self, tolerance: float) -> HinfNorm:
         """Raise the level until the gain reaches it at no nearly imaginary eigenvalue."""
         if self.value == 0.0:  # at so many frequencies: everywhere
             return HinfNorm(0.0, self.frequency, 0.0)
         for _ in range(_MOST_LEVELS):
+            # Bruinsma and Steinbuch (1990): a level just above the best gain; where it is crossed,
+            # the gain between the crossings is higher
             level = self.value * (1.0 + tolerance)
             values = hamiltonian_eigenvalues(self.system, level)
             near = np.abs(values.real) <= _NEAR * np.abs(values)
@@ -238,28 +243,28 @@ class _Search:
                 self.look(np.concatenate([omega, 0.5 * (omega[1:] + omega[:-1])]))
             if self.value > level:
                 continue
-            found = self._widened(level)
+            found = self._bound_with_rounding(level)
             noise = max(self.noise, found.error)
             if noise <= _NOISE or self.frequency == 0.0 or not np.isfinite(noise):
                 return found
             self.look_beside(noise)
             if self.value <= level:
-                return self._widened(level)
-        return self._widened(np.inf)
+                return self._bound_with_rounding(level)
+        return self._bound_with_rounding(np.inf)
 
-    def _widened(self, level: float) -> HinfNorm:
-        high, error = _with_rounding(self.given, self.frequency)
+    def _bound_with_rounding(self, level: float) -> HinfNorm:
+        high, error = _gain_with_rounding(self.given, self.frequency)
         upper = max(level * (1.0 + max(error, self.noise)), high)
         # another frequency may have a lower gain that is less sure
         others = np.unique(np.append(np.abs(self.response.poles), 0.0))
         others = others[others != self.frequency]
         gains = largest_gains(self.response(1j * others))
         for k in np.argsort(-gains)[:_ROUNDED]:
-            upper = max(upper, _with_rounding(self.given, float(others[k]))[0])
+            upper = max(upper, _gain_with_rounding(self.given, float(others[k]))[0])
         return HinfNorm(self.value, self.frequency, upper, error)
 
 
-def _unlike(
+def _new_poles(
     poles: NDArray[np.complex128], others: NDArray[np.complex128]
 ) -> NDArray[np.complex128]:
     """Return the poles that differ from every one of the others by more than their accuracy."""
@@ -267,7 +272,7 @@ def _unlike(
     return np.asarray(poles[apart > _SAME * np.abs(poles)])
 
 
-def _with_rounding(system: LtiSystem, omega: float) -> tuple[float, float]:
+def _gain_with_rounding(system: LtiSystem, omega: float) -> tuple[float, float]:
     """Return the most that the gain at a frequency can be, and the relative part of rounding."""
     s = 1j * omega if system.dt_s is None else np.exp(1j * omega * system.dt_s)
     n = system.order
@@ -276,6 +281,7 @@ def _with_rounding(system: LtiSystem, omega: float) -> tuple[float, float]:
         return np.inf, np.inf
     inverse, _ = zgetri(factors, swaps)
     size = np.abs(factors)
+    # |L| |U| of the backward error bound, rows in their original order
     changed = (np.tril(size, -1) + np.eye(n)) @ np.triu(size)
     order = list(range(n))
     for k, other in reversed(list(enumerate(swaps.tolist()))):
@@ -290,6 +296,7 @@ def _with_rounding(system: LtiSystem, omega: float) -> tuple[float, float]:
     # (I − R E)⁻¹ R B with |E| no larger than `changed`
     if not np.isfinite(part).all():
         return np.inf, np.inf
+    # the Neumann series of (I − R E)⁻¹ must converge, else rounding may make the matrix singular
     if part.sum(axis=0).max() >= 0.5 and np.abs(np.linalg.eigvals(part)).max() >= 0.5:
         return np.inf, np.inf
     error = float(np.linalg.norm(out @ changed @ np.linalg.solve(np.eye(n) - part, into)))
@@ -327,7 +334,7 @@ def hamiltonians_eigenvalues(
     return np.asarray(np.linalg.eigvals(made), dtype=complex)
 
 
-def _inverted(system: LtiSystem, scale: float) -> LtiSystem:
+def _invert_frequency(system: LtiSystem, scale: float) -> LtiSystem:
     """Return the system at ω²/s: zero frequency and infinity change places."""
     inverse: Array = np.linalg.inv(system.a / scale).astype(float)
     return LtiSystem(

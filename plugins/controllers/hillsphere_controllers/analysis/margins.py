@@ -1,4 +1,4 @@
-r"""Margins of loops that are closed by negative feedback, S = (I + L)⁻¹.
+r"""Gain, phase and delay margins of loops closed by negative feedback, S = (I + L)⁻¹.
 
 Crossings are found exactly: the gain of a scalar L(jω) is one at the imaginary zeros of
 :math:`1 - L(-s) L(s)`, and L(jω) is real at those of :math:`L(s) - L(-s)`; both are eigenvalues of
@@ -20,8 +20,8 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.frequency import Response
-from hillsphere_controllers.systems.algebra import fed_back, feedback, gain
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.algebra import close_with_gain, feedback, gain
+from hillsphere_controllers.systems.balancing import balance_states
 from hillsphere_controllers.systems.bilinear import continuous
 
 __all__ = ["LoopMargins", "loop_margins"]
@@ -32,8 +32,14 @@ Curve = Callable[[Complex], Array]
 _GRID = 200
 """Frequencies that are looked at besides the eigenvalues, should one of these be missed."""
 _BESIDE = 1e-7
+"""Relative distance to both sides of a candidate at which L is evaluated, so that its change of
+sign there is seen."""
 _REAL, _SAME = 1e-6, 1e-5
+"""The first is the deviation of L from the real axis or the unit circle up to which a candidate
+counts as a crossing, the second the relative distance of frequencies up to which two are one."""
 _NEAR = 1e-2
+"""Zeros this near to the imaginary axis, relative to their size, are candidates. A double crossing
+is displaced by the root of rounding; a larger value only costs evaluations."""
 _NOISY = 100.0
 """A real crossing is believed where L is so many times what rounding may change in it: at a pole on
 the axis, or far beyond all poles, its sign is no news."""
@@ -42,7 +48,7 @@ _EPS = float(np.finfo(float).eps)
 
 @dataclass(frozen=True)
 class LoopMargins:
-    """What one loop bears while all others are as they are.
+    """Margins of one loop while all others stay as they are.
 
     Parameters
     ----------
@@ -109,20 +115,20 @@ def loop_margins(loop: LtiSystem) -> tuple[LoopMargins, ...]:
         raise InputError(f"a loop has as many outputs as inputs, got {p} and {m}")
     if not feedback(gain(np.eye(p)), loop).is_stable:
         return (_NONE,) * p
-    return tuple(_of_channel(_alone(loop, i)) for i in range(p))
+    return tuple(_channel_margins(_single_loop(loop, i)) for i in range(p))
 
 
-def _alone(loop: LtiSystem, channel: int) -> LtiSystem:
+def _single_loop(loop: LtiSystem, channel: int) -> LtiSystem:
     """Return the loop of one channel, the others closed."""
     others = -np.eye(loop.shape[0])
     others[channel, channel] = 0.0
-    closed = fed_back(replace(loop, inputs=(), outputs=()), others)
+    closed = close_with_gain(replace(loop, inputs=(), outputs=()), others)
     at = slice(channel, channel + 1)
     return LtiSystem(closed.a, closed.b[:, at], closed.c[at], closed.d[at, at], loop.dt_s)
 
 
-def _of_channel(loop: LtiSystem) -> LoopMargins:
-    image, _ = balanced(loop if loop.dt_s is None else continuous(loop))
+def _channel_margins(loop: LtiSystem) -> LoopMargins:
+    image, _ = balance_states(loop if loop.dt_s is None else continuous(loop))
     curve = _Curve(image)
     gains, phases = curve.real_crossings(), curve.unit_crossings()
     direct = float(image.d[0, 0])
@@ -134,6 +140,7 @@ def _of_channel(loop: LtiSystem) -> LoopMargins:
 
     lower, upper = (0.0, np.nan), (np.inf, np.nan)
     for omega, value in gains:
+        # the factor that brings the crossing to −1
         factor = -1.0 / value.real
         if factor > 1.0:
             upper = min(upper, (factor, omega), key=lambda pair: pair[0])
@@ -141,6 +148,7 @@ def _of_channel(loop: LtiSystem) -> LoopMargins:
             lower = max(lower, (factor, omega), key=lambda pair: pair[0])
     phase, delay = (np.pi, np.nan), (np.inf, np.nan)
     for omega, value in phases:
+        # phase between L and −1, and the delay that uses it up at this frequency
         lag = float(np.angle(-value)) % (2.0 * np.pi)
         phase = min(phase, (min(lag, 2.0 * np.pi - lag), omega), key=lambda pair: pair[0])
         delay = min(delay, (lag / rate(omega), omega), key=lambda pair: pair[0])
@@ -193,7 +201,7 @@ class _Curve:
         return [pair for pair in found if abs(pair[1]) > _NOISY * self._noise(pair[0])]
 
     def _noise(self, omega: float) -> float:
-        """Return what rounding of the entries of A may change in L, to first order.
+        """Return the change of L by rounding of the entries of A, to first order.
 
         Entry by entry: the norms of A and of what stands beside it would let fast poles hide all
         that happens at low frequencies.
@@ -254,6 +262,7 @@ class _Curve:
     def _unit_at(self) -> Array:
         """Return candidates for a gain of one: zeros of 1 − L(−s) L(s)."""
         a, b, c, d = self.loop.a, self.loop.b, self.loop.c, self.loop.d
+        # realisation of 1 − L(−s) L(s)
         both = np.block([[a, np.zeros_like(a)], [c.T @ c, -a.T]])
         into, out = np.vstack([b, c.T @ d]), np.hstack([-d.T @ c, b.T])
         return _axis_zeros(both, into, out, np.eye(1) - d.T @ d)

@@ -1,4 +1,4 @@
-r"""Loops of a plant in continuous time and a controller that sees it at samples, exactly.
+r"""Exact analysis of sampled-data loops: a plant in continuous time, a controller at samples.
 
 Between samples plant, filters and controller move by matrix exponentials; over one period the whole
 is a linear map, the monodromy, and the loop is stable if and only if its eigenvalues lie inside the
@@ -36,7 +36,7 @@ _FAR = 100.0
 
 @dataclass(frozen=True)
 class SampledLoop:
-    r"""A plant G and a controller K that sees its outputs every period, u = K y.
+    r"""A sampled-data loop: a plant G and a controller K of its sampled outputs, u = K y.
 
     K is closed without a change of sign, as a synthesis makes it. In continuous time it runs
     between the samples, on outputs that are held; in discrete time its u is held.
@@ -86,7 +86,7 @@ class SampledLoop:
         return self.plant.shape[1]
 
     def monodromy(self, factors: Array | None = None) -> Array:
-        """Return what becomes of plant, controller and held values over one period.
+        """Return the monodromy: the map of plant, controller and held values over one period.
 
         Parameters
         ----------
@@ -124,24 +124,25 @@ class SampledLoop:
         return LtiSystem(whole[:n, :n], whole[:n, d], whole[total, :n] / h, whole[total, d] / h, h)
 
     @property
-    def _held(self) -> int:
+    def _held_size(self) -> int:
         return self.controller.shape[1 if self.controller.dt_s is None else 0]
 
     @property
     def _size(self) -> int:
-        return self.plant.order + self.controller.order + self._held
+        return self.plant.order + self.controller.order + self._held_size
 
     def _over_a_period(self, factors: Array) -> Array:
         """Return the map (..., s + 2p, s + 2p) of states, disturbance and ∫ of the total."""
         before = self._flow(factors, self.delay_s)
         after = self._flow(factors, self.period_s - self.delay_s)
-        sampled = self._sampled()
+        sampled = self._sample_map()
         if self.delay_s == 0.0:
             return np.asarray(after @ sampled)
         # The old values act first; the new ones are those of the sample all the same, and travel
         # as further rows until the delay is over.
-        s, held = len(sampled), self._held
+        s, held = len(sampled), self._held_size
         rows = slice(self._size - held, self._size)
+        # flow until the delay is over with the old values, the new ones stored as extra rows
         widened = np.zeros((*factors.shape[:-1], s + held, s))
         widened[..., :s, :] = before @ self._only_controller()
         widened[..., s:, :] = sampled[rows]
@@ -151,13 +152,15 @@ class SampledLoop:
         return np.asarray(after @ swap @ widened)
 
     def _flow(self, factors: Array, time_s: float) -> Array:
-        """Return the flow between changes of what is held."""
+        """Return the transition matrix of the loop between changes of the held signals."""
         plant, k, p = self.plant, self.controller, self.controls
-        n, m, held = plant.order, k.order, self._held
+        n, m, held = plant.order, k.order, self._held_size
         x, xk, y = slice(0, n), slice(n, n + m), slice(n + m, n + m + held)
         d, total = slice(y.stop, y.stop + p), slice(y.stop + p, y.stop + 2 * p)
         rate = np.zeros((*factors.shape[:-1], total.stop, total.stop))
         into = plant.b * factors[..., None, :]
+        # generator of the states (plant, controller, held values, disturbance, ∫ of the total
+        # command)
         rate[..., x, x] = plant.a
         rate[..., x, d] = into
         rate[..., total, d] = np.eye(p)
@@ -169,11 +172,11 @@ class SampledLoop:
             rate[..., x, y], rate[..., total, y] = into, np.eye(p)
         return np.asarray(expm(rate * time_s))
 
-    def _sampled(self) -> Array:
-        """Return what a sample does: new values are held, a controller in discrete time steps."""
+    def _sample_map(self) -> Array:
+        """Return the jump at a sample: new values are held, a controller in discrete time steps."""
         plant, k, n, m = self.plant, self.controller, self.plant.order, self.controller.order
         made = self._only_controller()
-        y = slice(n + m, n + m + self._held)
+        y = slice(n + m, n + m + self._held_size)
         made[y] = 0.0
         if k.dt_s is None:
             made[y, :n] = plant.c
@@ -182,7 +185,7 @@ class SampledLoop:
         return made
 
     def _only_controller(self) -> Array:
-        """Return what a sample does but for the values that are held."""
+        """Return the jump at a sample of the controller alone; the held values stay."""
         plant, k, n, m = self.plant, self.controller, self.plant.order, self.controller.order
         made = np.eye(self._size + 2 * self.controls)
         if k.dt_s is not None:
@@ -192,7 +195,7 @@ class SampledLoop:
 
 @dataclass(frozen=True)
 class SampledMargins:
-    """Stability of a sampled loop, and what it bears at the plant's p controls.
+    """Stability and margins of a sampled loop at the plant's p controls.
 
     Parameters
     ----------
@@ -253,6 +256,7 @@ def _gain_margin(loop: SampledLoop, which: Array, sign: Literal[-1, 1]) -> float
     def radius(log_gain: Array | float) -> Array:
         return loop.spectral_radius(np.exp(np.multiply.outer(log_gain, which))) - 1.0
 
+    # the first factor at which the spectral radius reaches one, bracketed on a grid
     logs = np.linspace(0.0, sign * np.log(_FAR), _STEPS + 1)
     found = np.flatnonzero(radius(logs[1:]) >= 0.0)
     if not found.size:

@@ -1,4 +1,4 @@
-"""How far a system's poles are on the stable side."""
+"""Spectral abscissa: the rate of a system's slowest decay."""
 
 from __future__ import annotations
 

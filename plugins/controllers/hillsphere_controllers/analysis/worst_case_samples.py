@@ -1,4 +1,4 @@
-"""The worst of many systems, such as samples of an uncertain one."""
+"""The sample with the largest norm among many systems, such as samples of an uncertain one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-r"""Rational scalings D and G taken into the plant.
+r"""Absorption of rational scalings D and G into the plant.
 
 D = Lᴴ L with L and its inverse stable, by a Riccati equation [1]_; D, G and a level β prove that µ
 is no larger than β at a frequency just if
@@ -40,11 +40,13 @@ from hillsphere_controllers.dk.multipliers import Multiplier
 from hillsphere_controllers.errors import SynthesisFailedError
 from hillsphere_controllers.full_order.riccati import stabilising_solution
 from hillsphere_controllers.systems.algebra import append, gain, series
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 
-__all__ = ["Factors", "absorbed", "factors"]
+__all__ = ["Factors", "absorb_scalings", "factors"]
 
 _NO_G = 1e-9
+"""Size of G's part, relative to R, below which the factor is that of D alone and needs half of the
+states."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ class Factors:
 
 
 def factors(multiplier: Multiplier, beta: float) -> Factors:
-    """Return the factors of one block's D and G for a level.
+    """Return the stable factors of one block's D and G for a level β.
 
     Raises
     ------
@@ -88,6 +90,8 @@ def factors(multiplier: Multiplier, beta: float) -> Factors:
     except np.linalg.LinAlgError:
         raise SynthesisFailedError("a fitted scaling is not positive at infinity") from None
     feed = np.linalg.solve(r, c)
+    # spectral factorisation D = Lᴴ L (Zhou et al. 1996, section 13.4): positive real part, so S +
+    # Sᴴ > 0
     x = stabilising_solution(a - b @ feed, -b @ np.linalg.solve(r, b.T), -c.T @ feed)
     if x is None:
         raise SynthesisFailedError("a fitted scaling is not positive at all frequencies")
@@ -120,7 +124,7 @@ def _coprime(inverse: LtiSystem, c_s: Array, d_s: Array) -> LtiSystem:
     a = np.block([[inverse.a, none], [none, -inverse.a.T]])
     own = np.hstack([inverse.c, np.zeros((r, n))])
     rows = np.vstack([np.hstack([c_s, inverse.b.T]), own])
-    even, _ = balanced(
+    even, _ = balance_states(
         LtiSystem(a, np.vstack([inverse.b, c_s.T]), rows, np.vstack([d_s, inverse.d]))
     )
     a, b, c, own = even.a, even.b, even.c[:r], even.c[r:]
@@ -128,11 +132,13 @@ def _coprime(inverse: LtiSystem, c_s: Array, d_s: Array) -> LtiSystem:
     feed = np.linalg.solve(weight, d_s.T @ c)
     back = np.linalg.solve(weight, b.T)
     q = c.T @ (c - d_s @ feed)
+    # normalised right coprime factors (section 13.7)
     x = stabilising_solution(a - b @ feed, -b @ back, 0.5 * (q + q.T))
     if x is None:
         raise SynthesisFailedError("a fitted scaling G has no coprime factors")
     f = -(feed + back @ x)
     values, vectors = np.linalg.eigh(weight)
+    # inverse symmetric root of I + DᵀD, which normalises the factors
     root = (vectors / np.sqrt(values)) @ vectors.T
     # the states of L⁻¹, driven by V's output, are the first of V's own
     from_v = own + inverse.d @ f
@@ -144,7 +150,7 @@ def _coprime(inverse: LtiSystem, c_s: Array, d_s: Array) -> LtiSystem:
     )
 
 
-def absorbed(plant: LtiSystem, scaled: Sequence[Factors], beta: float) -> LtiSystem:
+def absorb_scalings(plant: LtiSystem, scaled: Sequence[Factors], beta: float) -> LtiSystem:
     """Return the plant whose closed loop is L M L⁻¹V − βN; other inputs and outputs stay.
 
     Parameters

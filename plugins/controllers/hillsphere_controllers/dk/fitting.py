@@ -15,9 +15,9 @@ set of parameters serves all frequencies, and that
     -\log\det F - \log\det D + \operatorname{tr} D_*^{-1} D
 
 is minimised, summed over the set: the last two terms are least where D is D∗, the centre of the
-scalings that prove b at the frequency alone. The sum is convex in what D and G are linear in; the
-poles are moved along by the same steps of Gauss and Newton. What is fitted is so the bound itself,
-not a curve, and phase and repeated blocks are no special case.
+scalings that prove b at the frequency alone. The sum is convex in the matrices in which D and G are
+linear; the poles are moved along by the same Gauss-Newton steps. The bound itself is fitted, not a
+curve, so that phase and repeated blocks are no special case.
 """
 
 from __future__ import annotations
@@ -33,25 +33,46 @@ from scipy.linalg import block_diag, solve_triangular
 from hillsphere.interfaces import Array
 from hillsphere_controllers.dk.multipliers import Multiplier
 
-__all__ = ["Fitted", "Goal", "dips", "fitted", "levels_of", "lifted"]
+__all__ = [
+    "FittedMultipliers",
+    "Goal",
+    "fit_multipliers",
+    "lift_multiplier",
+    "negative_frequencies",
+    "relative_levels",
+]
 
 Complex = NDArray[np.complex128]
 
 _LOWERED = 0.1
+"""Share of the gap between the level and the one reached that the next level keeps, as in
+`mu.upper_bound`."""
 _MOST_LEVELS = 25
+"""Levels at most: each takes off up to nine tenths of the gap, so that about ten reach
+`_STALLED`."""
 _MOST_NEWTON = 25
+"""Damped Newton steps for one centre at most; the problem is not convex in the poles, and an
+unfinished centre is a valid fit."""
 _DECREMENT = 0.3
+"""Newton decrement at which a centre is near enough for the next level."""
 _PRIOR = np.array([0.02, 0.2])
 """Curvature, per frequency of the set, that holds a pole's rate and damping where they are."""
 _STALLED = 1e-3
+"""Relative gap between the level and the one reached at which a lower level gains too little."""
 _DAMPED, _LEAST_DAMPED, _MOST_DAMPED = 1e-4, 1e-13, 1e8
+"""First, least and largest damping of a step (Levenberg and Marquardt), in units in which each
+parameter's curvature is one. If even a step with the largest damping gains nothing, the point is a
+minimum to rounding."""
 _ENOUGH = 0.1
+"""Share of the predicted decrease that a step must reach to be taken (Armijo's rule)."""
 _LOOKED_AT = 400
+"""Frequencies at which D must be positive, over the range of the goal; besides those near its own
+poles, where it dips."""
 
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """What rational scalings are asked to prove.
+    """Goal of a fit: the bounds that rational scalings must prove.
 
     Parameters
     ----------
@@ -84,8 +105,8 @@ class Goal:
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
-    """Rational scalings and what they prove.
+class FittedMultipliers:
+    """Rational scalings and the bound of µ that they prove.
 
     Parameters
     ----------
@@ -99,8 +120,8 @@ class Fitted:
     ratios: Array
 
 
-def fitted(goal: Goal, start: Sequence[Multiplier]) -> Fitted:
-    """Return scalings of the orders of those to begin with, as near to the goal as they come.
+def fit_multipliers(goal: Goal, start: Sequence[Multiplier]) -> FittedMultipliers:
+    """Fit scalings to a goal, of the same orders as the initial ones.
 
     Parameters
     ----------
@@ -110,21 +131,21 @@ def fitted(goal: Goal, start: Sequence[Multiplier]) -> Fitted:
         One per block.
     """
     x = tuple(start)
-    ratios = levels_of(goal, x)
+    ratios = relative_levels(goal, x)
     best, least = x, float(ratios.max())
     t = 1.3 * least
     for _ in range(_MOST_LEVELS):
         x = _centre(goal, x, max(t, 1.0))
-        reached = float(levels_of(goal, x).max())
+        reached = float(relative_levels(goal, x).max())
         if reached < least:
             best, least = x, reached
         if reached <= 1.0 or t - reached <= _STALLED * t:
             break
         t = reached + _LOWERED * (t - reached)
-    return Fitted(best, levels_of(goal, best))
+    return FittedMultipliers(best, relative_levels(goal, best))
 
 
-def levels_of(goal: Goal, multipliers: Sequence[Multiplier]) -> Array:
+def relative_levels(goal: Goal, multipliers: Sequence[Multiplier]) -> Array:
     """Return the squares (K,) of the bounds that scalings prove, relative to those asked for.
 
     Infinite where D is not positive.
@@ -133,27 +154,28 @@ def levels_of(goal: Goal, multipliers: Sequence[Multiplier]) -> Array:
     made = np.full(len(d), np.inf)
     good = np.linalg.eigvalsh(d)[:, 0] > 0.0
     root = np.linalg.inv(np.linalg.cholesky(d[good]))
-    inside = root @ _crossed(goal.matrices[good], d[good], g[good]) @ root.conj().swapaxes(1, 2)
+    # D = K Kᴴ: the bound is the largest eigenvalue of K⁻¹ (MᴴDM + …) K⁻ᴴ
+    inside = root @ _dg_form(goal.matrices[good], d[good], g[good]) @ root.conj().swapaxes(1, 2)
     made[good] = np.linalg.eigvalsh(inside)[:, -1] / goal.levels[good]
     return made
 
 
-def dips(multipliers: Sequence[Multiplier], omega_rad_s: Array) -> Array:
+def negative_frequencies(multipliers: Sequence[Multiplier], omega_rad_s: Array) -> Array:
     """Return frequencies at which D is not positive, one per block, where it is least.
 
     Looked at are many more than those of a set (K,) at which it is positive.
     """
     found = []
     for one in multipliers:
-        omega, least = _least(one, omega_rad_s)
+        omega, least = _sample_least_eigenvalues(one, omega_rad_s)
         if least.min() <= 0.0:
             found.append(float(omega[np.argmin(least)]))
     return np.array(found)
 
 
-def lifted(multiplier: Multiplier, omega_rad_s: Array) -> Multiplier:
-    """Return scalings whose D is positive at those many frequencies, by a constant if need be."""
-    _, least = _least(multiplier, omega_rad_s)
+def lift_multiplier(multiplier: Multiplier, omega_rad_s: Array) -> Multiplier:
+    """Return scalings whose D is positive on a fine grid, by adding a constant if necessary."""
+    _, least = _sample_least_eigenvalues(multiplier, omega_rad_s)
     if least.min() > 0.0:
         return multiplier
     x = multiplier.x.copy()
@@ -161,7 +183,7 @@ def lifted(multiplier: Multiplier, omega_rad_s: Array) -> Multiplier:
     return replace(multiplier, x=x)
 
 
-def _least(one: Multiplier, omega_rad_s: Array) -> tuple[Array, Array]:
+def _sample_least_eigenvalues(one: Multiplier, omega_rad_s: Array) -> tuple[Array, Array]:
     inner = omega_rad_s[(omega_rad_s > 0.0) & np.isfinite(omega_rad_s)]
     own = np.exp(one.pairs[:, 0])
     near = np.outer(own, np.linspace(0.8, 1.25, 19)).ravel()
@@ -183,7 +205,7 @@ def _spans(multipliers: Sequence[Multiplier]) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(ends)]
 
 
-def _crossed(m: Complex, d: Complex, g: Complex) -> Complex:
+def _dg_form(m: Complex, d: Complex, g: Complex) -> Complex:
     """Return Mᴴ D M + jG M + (jG M)ᴴ."""
     gm = g @ m
     return np.asarray(m.conj().swapaxes(1, 2) @ d @ m + gm + gm.conj().swapaxes(1, 2))
@@ -191,7 +213,7 @@ def _crossed(m: Complex, d: Complex, g: Complex) -> Complex:
 
 def _potential(goal: Goal, multipliers: Sequence[Multiplier], t: float) -> float:
     d, g = _values(goal, multipliers)
-    f = (t * goal.levels)[:, None, None] * d - _crossed(goal.matrices, d, g)
+    f = (t * goal.levels)[:, None, None] * d - _dg_form(goal.matrices, d, g)
     try:
         low_f, low_d = np.linalg.cholesky(f), np.linalg.cholesky(d)
     except np.linalg.LinAlgError:
@@ -215,13 +237,15 @@ def _centre(goal: Goal, x: tuple[Multiplier, ...], t: float) -> tuple[Multiplier
         scale = np.maximum(scale, 1e-12 * scale.max())
         r = np.linalg.qr(rows / scale, mode="r")
         while True:
+            # Levenberg-Marquardt: (JᵀJ + damping I) step = −gradient, by the QR factor of [J;
+            # √damping I]
             both = np.vstack([r, np.sqrt(damping) * np.eye(scale.size)])
             damped = np.linalg.qr(both, mode="r")
             step = solve_triangular(damped, -gradient / scale, trans="T", check_finite=False)
             step = solve_triangular(damped, step, check_finite=False) / scale
             decrement = float(-gradient @ step)
             parts = np.split(step, ends)
-            there = tuple(one.moved(part, low, high) for one, part in zip(x, parts, strict=True))
+            there = tuple(one.step(part, low, high) for one, part in zip(x, parts, strict=True))
             new = _potential(goal, there, t)
             if new < value - _ENOUGH * decrement:
                 break
@@ -240,7 +264,7 @@ def _derivatives(goal: Goal, x: Sequence[Multiplier], t: float) -> tuple[Array, 
     d, g = _values(goal, x)
     m, mh = goal.matrices, goal.matrices.conj().swapaxes(1, 2)
     levels = (t * goal.levels)[:, None, None]
-    root = np.linalg.inv(np.linalg.cholesky(levels * d - _crossed(m, d, g)))
+    root = np.linalg.inv(np.linalg.cholesky(levels * d - _dg_form(m, d, g)))
     roots = root[:, None]
     gradient, of_f, of_d, prior = [], [], [], []
     for span, one in zip(_spans(x), x, strict=True):
@@ -248,6 +272,7 @@ def _derivatives(goal: Goal, x: Sequence[Multiplier], t: float) -> tuple[Array, 
             continue
         dd, dg = one.tangents(goal.omega_rad_s)
         inner = m[:, None, span, :]
+        # dF = t b dD − Mᴴ dD M − (jdG M + (jdG M)ᴴ) for each parameter
         lifted = -(mh[:, None, :, span] @ dd @ inner)
         lifted[:, :, span, span] += levels[:, None] * dd
         if one.y is not None:
@@ -257,6 +282,7 @@ def _derivatives(goal: Goal, x: Sequence[Multiplier], t: float) -> tuple[Array, 
         change = roots @ lifted @ roots.conj().swapaxes(2, 3)
         own = np.linalg.inv(np.linalg.cholesky(d[:, span, span]))[:, None]
         change_d = own @ dd @ own.conj().swapaxes(2, 3)
+        # d(−log det F) = −tr F⁻¹ dF, likewise for D
         slope = -np.trace(change, axis1=2, axis2=3).real - np.trace(change_d, axis1=2, axis2=3).real
         slope += np.sum(goal.weights[:, None, span, span].conj() * dd, axis=(2, 3)).real
         gradient.append(slope.sum(axis=0))

@@ -1,4 +1,4 @@
-"""Where scalings are to be fitted, and to what: µ's upper bound at a set of frequencies."""
+"""Goals of the D-step: upper bounds of µ at a set of frequencies, to which scalings are fitted."""
 
 from __future__ import annotations
 
@@ -13,14 +13,19 @@ from hillsphere_controllers.dk.fitting import Goal
 from hillsphere_controllers.mu.blocks import Block, BlockStructure
 from hillsphere_controllers.mu.upper_bound import UpperBound, upper_bound
 
-__all__ = ["Bounds", "bounds_of", "core_size", "reference_block"]
+__all__ = ["Bounds", "core_size", "mu_upper_bounds", "reference_block"]
 
 Complex = NDArray[np.complex128]
 
 _PER_DECADE = 5
+"""Grid points per decade. µ is smooth there, and its peaks are handed over by the caller."""
 _MOST = 80
+"""Grid points at most: each costs an upper bound of µ and a row of the fit."""
 _ROOM = 0.003
+"""Relative room above µ that the fit may use. Without it the set of scalings that meet the goal has
+no interior, and the fit needs too many poles."""
 _TOLERANCE = 1e-3
+"""Relative accuracy of the upper bounds: a third of the room."""
 
 
 def reference_block(structure: BlockStructure) -> int | None:
@@ -56,7 +61,7 @@ class Bounds:
         return np.array([b.value for b in self.found])
 
     def goal(self, floor: float) -> Goal:
-        """Return what scalings should prove.
+        """Return the goal of a fit: slightly more than the bounds.
 
         Parameters
         ----------
@@ -65,7 +70,7 @@ class Bounds:
         """
         values = self.values
         asked = np.maximum(values, floor * values.max()) * (1.0 + _ROOM)
-        square = BlockStructure([b.squared() for b in self.structure.blocks])
+        square = BlockStructure([b.enclosing_square() for b in self.structure.blocks])
         reference = reference_block(self.structure)
         weights = []
         for one, bound, target in zip(self.matrices, self.found, asked, strict=True):
@@ -73,13 +78,14 @@ class Bounds:
             d = centre.scalings.d
             if reference is not None:
                 at = int(self.structure.starts[reference])
+                # a common factor of D does not matter: the reference block has D = 1
                 d = d / d[at, at].real
             weights.append(np.linalg.inv(d))
         return Goal(self.omega_rad_s, self.matrices, asked**2, np.array(weights))
 
 
-def bounds_of(loop: LtiSystem, structure: BlockStructure, more_rad_s: Array) -> Bounds:
-    """Return µ's bounds of a stable loop.
+def mu_upper_bounds(loop: LtiSystem, structure: BlockStructure, more_rad_s: Array) -> Bounds:
+    """Return upper bounds of µ of a stable loop on a grid of frequencies.
 
     Parameters
     ----------
@@ -95,8 +101,8 @@ def bounds_of(loop: LtiSystem, structure: BlockStructure, more_rad_s: Array) -> 
     low, high = np.log10(size.min()) - 0.5, np.log10(size.max()) + 0.5
     count = min(int(_PER_DECADE * (high - low)) + 2, _MOST)
     omega = np.unique(np.concatenate([[0.0, np.inf], np.logspace(low, high, count), more_rad_s]))
-    matrices = structure.squared(loop.response(omega))
-    square = BlockStructure([b.squared() for b in structure.blocks])
+    matrices = structure.pad_to_square(loop.response(omega))
+    square = BlockStructure([b.enclosing_square() for b in structure.blocks])
     found: list[UpperBound] = []
     for one in matrices:
         start = found[-1].scalings if found else None

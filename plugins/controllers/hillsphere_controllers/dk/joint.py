@@ -1,7 +1,7 @@
-r"""Scalings moved together with the controller.
+r"""Joint descent: scalings and controller moved together.
 
-Alternation creeps once µ is about the same at all frequencies: scalings that prove the bound of one
-controller have no reason to suit the next. But the least γ of the K-step is a function of the
+Alternation converges slowly once µ is about the same at all frequencies: scalings that prove the
+bound of one controller need not suit the next. But the least γ of the K-step is a function of the
 scalings' parameters, smooth where the K-step is H∞ synthesis of full order, and its minimum is what
 the alternation looks for. So it is minimised itself, by a quasi-Newton method with differences, in
 coordinates in which steps of one change D by as much as itself (the metric of −log det D).
@@ -18,23 +18,30 @@ from hillsphere.errors import HillsphereError, Interrupted
 from hillsphere.interfaces import Array
 from hillsphere_controllers.dk.multipliers import Multiplier
 
-__all__ = ["descended"]
+__all__ = ["descend_jointly"]
 
 _STEP = 3e-3
+"""Step of the difference quotients, in units in which log D changes by about one. γ is known to
+1e-6, so that the slope has three digits."""
 _LEAST_SHARE = 1e-4
 """Directions in which D hardly changes count as if it changed by that share of the largest."""
 _LONGEST = 0.5
+"""Length of the first step, in the same units; later ones are at most four times as long. The
+linear model of ln γ holds no farther."""
 _ENOUGH = 0.2
+"""Share of the predicted decrease that a step must reach (Armijo's rule)."""
 _GAIN = 5e-4
+"""Decrease of ln γ by one step below which the descent ends: half of what the search counts as
+converged."""
 
 
-def descended(
+def descend_jointly(
     gamma: Callable[[Sequence[Multiplier]], float],
     start: Sequence[Multiplier],
     omega_rad_s: Array,
     steps: int,
 ) -> Sequence[Multiplier]:
-    """Return scalings of a lower γ.
+    """Return scalings for which the K-step reaches a lower γ, by quasi-Newton steps.
 
     Parameters
     ----------
@@ -56,7 +63,7 @@ def descended(
 
     def at(v: Array) -> Sequence[Multiplier]:
         parts = np.split(basis @ v, ends)
-        return [one.moved(part, low, high) for one, part in zip(start, parts, strict=True)]
+        return [one.step(part, low, high) for one, part in zip(start, parts, strict=True)]
 
     def cost(v: Array) -> float:
         try:
@@ -77,13 +84,13 @@ def descended(
         if not gradient @ direction < 0.0:
             direction = -gradient
         direction *= min(1.0, 4.0 * _LONGEST / float(np.linalg.norm(direction)))
-        found = _along(cost, v, value, direction, float(gradient @ direction))
+        found = _search_line(cost, v, value, direction, float(gradient @ direction))
         if found is None:
             break
         there, new = found
         gained = value - new
         slope = _gradient(cost, there, new)
-        inverse = _updated(inverse, there - v, slope - gradient)
+        inverse = _update_inverse_hessian(inverse, there - v, slope - gradient)
         v, value, gradient = there, new, slope
         if gained < _GAIN:
             break
@@ -98,6 +105,8 @@ def _basis(start: Sequence[Multiplier], omega: Array) -> Array:
             continue
         d, _ = one.values(omega)
         dd, dg = one.tangents(omega)
+        # relative change K⁻¹ dD K⁻ᴴ with D = K Kᴴ, stacked over the frequencies; its singular
+        # vectors are the directions
         root = np.linalg.inv(np.linalg.cholesky(d))[:, None]
         both = np.stack([dd, dg], axis=2)
         change = root[:, :, None] @ both @ root[:, :, None].conj().swapaxes(3, 4)
@@ -112,6 +121,7 @@ def _gradient(cost: Callable[[Array], float], v: Array, value: float) -> Array:
     made = np.zeros(v.size)
     for k in range(v.size):
         moved = v.copy()
+        # one-sided difference; backwards where the K-step fails ahead
         for step in (_STEP, -_STEP):
             moved[k] = v[k] + step
             there = cost(moved)
@@ -121,7 +131,7 @@ def _gradient(cost: Callable[[Array], float], v: Array, value: float) -> Array:
     return made
 
 
-def _along(
+def _search_line(
     cost: Callable[[Array], float], v: Array, value: float, direction: Array, slope: float
 ) -> tuple[Array, float] | None:
     """Return the best of some points along a direction, None if none is better."""
@@ -142,8 +152,8 @@ def _along(
     return best
 
 
-def _updated(inverse: Array, step: Array, change: Array) -> Array:
-    """Return the inverse Hessian after a step, by the formula of Broyden and others."""
+def _update_inverse_hessian(inverse: Array, step: Array, change: Array) -> Array:
+    """Return the inverse Hessian after a step, by the BFGS formula."""
     product = float(step @ change)
     if product <= 1e-10 * float(np.linalg.norm(step) * np.linalg.norm(change)):
         return inverse

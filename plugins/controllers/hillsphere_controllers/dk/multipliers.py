@@ -1,4 +1,4 @@
-r"""Scalings D and G of one block as rational functions of frequency.
+r"""Multipliers: scalings D and G of one block as rational functions of frequency.
 
 With a basis of stable functions φ, those of first- and second-order lags, and real matrices X, Y,
 
@@ -90,7 +90,7 @@ class Multiplier:
         single = [] if self.single is None else [self.single]
         return np.concatenate([self.pairs.ravel(), single])
 
-    def moved(self, step: Array, low: float, high: float) -> Multiplier:
+    def step(self, step: Array, low: float, high: float) -> Multiplier:
         """Return the multiplier after a step of its parameters, natural frequencies kept inside.
 
         Parameters
@@ -122,11 +122,11 @@ class Multiplier:
             single = float(np.clip(single + last[-1], low, high))
         return replace(self, pairs=pairs, single=single, x=x, y=y)
 
-    def scaled(self, factor: float) -> Multiplier:
+    def scale(self, factor: float) -> Multiplier:
         """Return D and G times a number."""
         return replace(self, x=factor * self.x, y=None if self.y is None else factor * self.y)
 
-    def raised(self, omega_rad_s: float) -> Multiplier:
+    def add_pole(self, omega_rad_s: float) -> Multiplier:
         """Return the same D and G with a pole more, of that size, that has no effect as yet."""
         new = float(np.log(omega_rad_s))
         none = np.zeros((1, *self.x.shape[1:]))
@@ -134,6 +134,7 @@ class Multiplier:
             y = None if self.y is None else np.concatenate([self.y, none])
             return replace(self, single=new, x=np.concatenate([self.x, none]), y=y)
         # p/(s + p) = (p q + p s)/((s + p)(s + q))
+        # two first-order lags become one second-order lag of the geometric mean frequency
         middle = 0.5 * (self.single + new)
         damping = np.log(np.cosh(0.5 * (self.single - new)))
         pairs = np.vstack([self.pairs, [middle, min(max(damping, _DAMPING[0]), _DAMPING[1])]])
@@ -145,7 +146,9 @@ class Multiplier:
     def values(self, omega: Array) -> tuple[Complex, Complex]:
         """Return D and jG of the squared block (K, n, n) at frequencies (K,)."""
         phi, _ = self._basis(omega)
-        return self._spread(_even(phi, self.x)), self._spread(_odd(phi, self.y, self.x.shape))
+        return self._spread(_hermitian_sum(phi, self.x)), self._spread(
+            _hermitian_difference(phi, self.y, self.x.shape)
+        )
 
     def tangents(self, omega: Array) -> tuple[Complex, Complex]:
         """Return the derivatives (K, size, n, n) of D and jG in the parameters."""
@@ -163,12 +166,12 @@ class Multiplier:
                 d[:, p, i, j] += one
                 d[:, p, j, i] += one.conj()
         for q in range(self.order):
-            d[:, len(free) + q] = _even(more[:, :, q], self.x)
-            g[:, len(free) + q] = _odd(more[:, :, q], self.y, self.x.shape)
+            d[:, len(free) + q] = _hermitian_sum(more[:, :, q], self.x)
+            g[:, len(free) + q] = _hermitian_difference(more[:, :, q], self.y, self.x.shape)
         return self._spread(d), self._spread(g)
 
     def system(self) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """Return A, B of the basis, and C and D of S and of T; those of T are zero without G."""
+        """Return A, B of the basis, and C and D of S and of T; C and D of T are zero without G."""
         r = self.x.shape[1]
         parts: list[Array] = [np.zeros((0, 0))]
         into: list[Array] = [np.zeros((0, 1))]
@@ -201,6 +204,7 @@ class Multiplier:
             for column, above, lift in ((0, w * w + 0.0 * s, 2.0), (1, w * s, 1.0)):
                 at = 1 + 2 * k + column
                 phi[there, at] = above / below
+                # derivatives by ln ω and ln ζ; lift is the power of ω in the numerator
                 turn = 2.0 * z * w * s
                 more[there, at, 2 * k] = (lift - (turn + 2.0 * w * w) / below) * above / below
                 more[there, at, 2 * k + 1] = -turn * above / below**2
@@ -221,12 +225,12 @@ _DAMPING = (float(np.log(0.05)), float(np.log(20.0)))
 """Logarithms of the least and largest: what is too narrow would dip between the frequencies."""
 
 
-def _even(phi: Complex, x: Array) -> Complex:
+def _hermitian_sum(phi: Complex, x: Array) -> Complex:
     half = np.einsum("ok,kij->oij", phi, x)
     return np.asarray(half + half.conj().swapaxes(1, 2))
 
 
-def _odd(phi: Complex, y: Array | None, shape: tuple[int, ...]) -> Complex:
+def _hermitian_difference(phi: Complex, y: Array | None, shape: tuple[int, ...]) -> Complex:
     if y is None:
         return np.zeros((len(phi), *shape[1:]), dtype=complex)
     half = np.einsum("ok,kij->oij", phi, y)

@@ -1,4 +1,4 @@
-"""Controllers of lower order, by balanced truncation, with µ certified for each."""
+"""Order reduction of controllers by balanced truncation, with certified µ."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ def reduced_controller(
     *,
     gap: float = 0.01,
 ) -> ReducedController | None:
-    """Return the controller of the least order found with which µ stays below a limit.
+    """Return the controller of the lowest order found that keeps µ below a limit.
 
-    By bisection: that µ grows as the order falls is likely, but not sure.
+    The order is found by bisection, which assumes that µ grows as the order falls.
 
     Parameters
     ----------
@@ -64,7 +64,9 @@ def reduced_controller(
     low, high = 0, controller.order
     while high > low:
         order = (low + high) // 2
-        found = _tried(plant, balanced_truncation(controller, order), structure, limit, gap)
+        found = _verify_reduced(
+            plant, balanced_truncation(controller, order), structure, limit, gap
+        )
         if found is None:
             low = order + 1
         else:
@@ -73,7 +75,7 @@ def reduced_controller(
     return best if best is not None and best.controller.order < controller.order else None
 
 
-def _tried(
+def _verify_reduced(
     plant: LtiSystem, controller: LtiSystem, structure: BlockStructure, limit: float, gap: float
 ) -> ReducedController | None:
     try:

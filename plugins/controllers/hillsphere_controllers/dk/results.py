@@ -1,4 +1,4 @@
-"""What µ synthesis returns, and its steps."""
+"""Results of µ synthesis: the design and its iterations."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Kind = Literal["start", "alternate", "joint"]
 
 @dataclass(frozen=True)
 class DkIteration:
-    """One step and what came of it.
+    """One iteration of µ synthesis and its certified bound.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class DkIteration:
 
 @dataclass(frozen=True, eq=False)
 class DkDesign:
-    """A controller and what is proved of it.
+    """Result of µ synthesis: a controller with certified bounds of µ.
 
     Parameters
     ----------

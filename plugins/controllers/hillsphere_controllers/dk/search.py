@@ -14,13 +14,20 @@ from hillsphere.lti import LtiSystem
 from hillsphere.products.product_codec import canonical
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.analysis.stability import spectral_abscissa
-from hillsphere_controllers.dk.absorption import absorbed, factors
-from hillsphere_controllers.dk.fitting import Fitted, Goal, dips, fitted, levels_of, lifted
-from hillsphere_controllers.dk.goals import bounds_of
-from hillsphere_controllers.dk.joint import descended
+from hillsphere_controllers.dk.absorption import absorb_scalings, factors
+from hillsphere_controllers.dk.fitting import (
+    FittedMultipliers,
+    Goal,
+    fit_multipliers,
+    lift_multiplier,
+    negative_frequencies,
+    relative_levels,
+)
+from hillsphere_controllers.dk.goals import mu_upper_bounds
+from hillsphere_controllers.dk.initial_scalings import constant_multipliers, constant_scalings
+from hillsphere_controllers.dk.joint import descend_jointly
 from hillsphere_controllers.dk.multipliers import Multiplier
 from hillsphere_controllers.dk.results import DkIteration, Kind
-from hillsphere_controllers.dk.starting import constant_scalings, constants_like
 from hillsphere_controllers.errors import SynthesisFailedError
 from hillsphere_controllers.full_order.hinf import hinf_synthesis
 from hillsphere_controllers.mu.blocks import BlockStructure
@@ -38,13 +45,21 @@ _FLOORS = (0.5, 0.9, 1.0)
 _SLOW = 0.01
 """An alternation that gains less is followed by a joint step."""
 _ENDED = 1e-3
+"""Relative gain of a step below which the search has converged."""
 _REFITTED = 4
+"""Fits of one step at most, each with the frequencies at which the last one fell short."""
 _MISSED = 1.01
+"""A fit whose proved level is within 1 % of the bounds of µ, or a norm within 1 % of the level, is
+good enough: the next H∞ synthesis moves µ by more."""
 _FITTED = 1.004
+"""A fit within 0.4 % of the goal needs no further pole; each pole adds states to the plant."""
 _ABOVE = 1.005
 """G is taken in for a level that the K-step should stay below: above it a large G proves little."""
 _ROUGH = 1e-2
+"""Relative accuracy of γ while constant scalings are compared."""
 _SMOOTH = 1e-6
+"""Relative accuracy of γ in the joint descent. Its difference quotients have steps of 0.3 %, so
+that a rougher γ would hide the slope."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +74,7 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Where a search is between two steps: what goes on from it depends on nothing else.
+    """State of a search between two steps, complete for its continuation.
 
     Parameters
     ----------
@@ -94,7 +109,7 @@ class State:
 class Search:
     """The best controller so far, and the steps towards it.
 
-    `progress` is told of each step, `keep` of the state after it.
+    `progress` is called with each step, `keep` with the state after it.
     """
 
     def __init__(
@@ -145,14 +160,16 @@ class Search:
                     "sign (u = K y, without a change of sign)"
                 )
             peak = certified_peak(loop, self.structure, gap=self._gap)
-            goal = bounds_of(loop, self.structure, peak.looked_at_rad_s).goal(_FLOORS[0])
-            self._judge("start", controller, constants_like(self.structure, goal.sizes), np.nan)
-            self._settled()
+            goal = mu_upper_bounds(loop, self.structure, peak.looked_at_rad_s).goal(_FLOORS[0])
+            self._judge(
+                "start", controller, constant_multipliers(self.structure, goal.sizes), np.nan
+            )
+            self._store_step()
             return
         scalings = constant_scalings(self.structure, lambda x: self._gamma(x, 1.0, _ROUGH))
-        found, gamma = self._made(scalings, 1.0)
+        found, gamma = self._synthesise(scalings, 1.0)
         self._judge("start", found, scalings, gamma)
-        self._settled()
+        self._store_step()
 
     def run(self, iterations: int, highest: int, joint_steps: int, target: float) -> str:
         """Go on until nothing is gained; return why it ended."""
@@ -166,10 +183,12 @@ class Search:
             if before.peak.upper <= target:
                 return f"the target {target:.6g} is met"
             if joint:
-                start = self._raised(before, highest) if raised else before.multipliers
+                start = self._add_poles(before, highest) if raised else before.multipliers
                 self._joint(start, before.peak.upper, joint_steps)
             else:
-                self._step("alternate", *self._fitted(before, highest))
+                self._step("alternate", *self._fit_scalings(before, highest))
+            # an alternation that gains little is followed by a joint step, that by one of higher
+            # order
             gained = 1.0 - self.best.peak.upper / before.peak.upper
             if joint:
                 if gained < _ENDED and (
@@ -182,7 +201,7 @@ class Search:
                     self._reason = f"alternation gains less than {_ENDED:.0e}"
                 joint = joint_steps > 0
             self._done, self._is_joint, self._is_raised = self._done + 1, joint, raised
-            self._settled()
+            self._store_step()
         assert self.best is not None
         if self._reason:
             return self._reason
@@ -190,8 +209,8 @@ class Search:
             return f"the target {target:.6g} is met"
         return f"{iterations} iterations are done"
 
-    def _settled(self) -> None:
-        """Keep the state after a step, and tell of the step."""
+    def _store_step(self) -> None:
+        """Store the state after a step, and report the step."""
         best = self.best
         if self._keep is not None and best is not None:
             state = canonical(
@@ -211,36 +230,39 @@ class Search:
         def gamma(multipliers: Sequence[Multiplier]) -> float:
             return self._gamma(multipliers, beta, _SMOOTH)
 
-        self._step("joint", tuple(descended(gamma, start, self._omega, steps)), beta)
+        self._step("joint", tuple(descend_jointly(gamma, start, self._omega, steps)), beta)
 
-    def _raised(self, point: Point, highest: int) -> tuple[Multiplier, ...]:
+    def _add_poles(self, point: Point, highest: int) -> tuple[Multiplier, ...]:
         omega = self._omega[(self._omega > 0.0) & np.isfinite(self._omega)]
         place = float(np.clip(point.peak.frequency_rad_s, omega.min(), omega.max()))
         return tuple(
-            one if one.fixed or one.order >= highest else one.raised(place)
+            one if one.fixed or one.order >= highest else one.add_pole(place)
             for one in point.multipliers
         )
 
-    def _fitted(self, point: Point, highest: int) -> tuple[tuple[Multiplier, ...], float]:
+    def _fit_scalings(self, point: Point, highest: int) -> tuple[tuple[Multiplier, ...], float]:
         """Return scalings that prove nearly µ's bound of a loop, and a level above it."""
         more = point.peak.looked_at_rad_s
         start, beta = point.multipliers, np.inf
         for _ in range(_REFITTED):
-            bounds = bounds_of(point.loop, self.structure, more)
+            bounds = mu_upper_bounds(point.loop, self.structure, more)
             self._omega = bounds.omega_rad_s
+            # fit the whole curve first; if it misses, only the frequencies near the peak
             for floor in _FLOORS:
                 goal = bounds.goal(floor)
-                if not np.isfinite(levels_of(goal, start)).all():
-                    start = constants_like(self.structure, goal.sizes)
-                found = _of_rising_order(goal, start, highest)
+                if not np.isfinite(relative_levels(goal, start)).all():
+                    start = constant_multipliers(self.structure, goal.sizes)
+                found = _fit_by_rising_order(goal, start, highest)
                 beta = float(np.sqrt((found.ratios * goal.levels).max()))
                 if beta <= _MISSED * bounds.values.max():
                     break
             start = found.multipliers
-            missed = dips(start, bounds.omega_rad_s)
+            # between the frequencies D may be negative, or the scaled norm exceed the level: such a
+            # frequency joins the set
+            missed = negative_frequencies(start, bounds.omega_rad_s)
             if not missed.size:
                 try:
-                    scaled = self._scaled(start, beta)
+                    scaled = self._absorb(start, beta)
                 except SynthesisFailedError:
                     break
                 norm = hinf_norm(lower_lft(scaled, point.controller), 1e-6)
@@ -248,14 +270,14 @@ class Search:
                     break
                 missed = np.array([norm.frequency_rad_s])
             more = np.append(more, missed)
-        return tuple(lifted(one, self._omega) for one in start), _ABOVE * beta
+        return tuple(lift_multiplier(one, self._omega) for one in start), _ABOVE * beta
 
-    def _scaled(self, multipliers: Sequence[Multiplier], beta: float) -> LtiSystem:
-        return absorbed(self.plant, [factors(one, beta) for one in multipliers], beta)
+    def _absorb(self, multipliers: Sequence[Multiplier], beta: float) -> LtiSystem:
+        return absorb_scalings(self.plant, [factors(one, beta) for one in multipliers], beta)
 
     def _gamma(self, multipliers: Sequence[Multiplier], beta: float, tolerance: float) -> float:
-        """Return what the K-step reaches with scalings."""
-        scaled = self._scaled(multipliers, beta)
+        """Return the γ that the K-step reaches with scalings."""
+        scaled = self._absorb(multipliers, beta)
         if self._given is not None:
             return hinf_norm(lower_lft(scaled, self._given(scaled)), 1e-6).value
         return hinf_synthesis(
@@ -263,8 +285,10 @@ class Search:
             regularisation=self._regularisation,
         ).solvable  # fmt: skip
 
-    def _made(self, multipliers: Sequence[Multiplier], beta: float) -> tuple[LtiSystem, float]:
-        scaled = self._scaled(multipliers, beta)
+    def _synthesise(
+        self, multipliers: Sequence[Multiplier], beta: float
+    ) -> tuple[LtiSystem, float]:
+        scaled = self._absorb(multipliers, beta)
         if self._given is not None:
             controller = self._given(scaled)
             return controller, hinf_norm(lower_lft(scaled, controller), 1e-6).value
@@ -275,7 +299,7 @@ class Search:
 
     def _step(self, kind: Kind, multipliers: tuple[Multiplier, ...], beta: float) -> None:
         try:
-            controller, gamma = self._made(multipliers, beta)
+            controller, gamma = self._synthesise(multipliers, beta)
         except Interrupted:
             raise
         except HillsphereError as error:
@@ -335,17 +359,19 @@ def _orders(multipliers: Sequence[Multiplier]) -> tuple[int, ...]:
     return tuple(one.order for one in multipliers)
 
 
-def _of_rising_order(goal: Goal, start: Sequence[Multiplier], highest: int) -> Fitted:
+def _fit_by_rising_order(
+    goal: Goal, start: Sequence[Multiplier], highest: int
+) -> FittedMultipliers:
     """Return the fit of the least order that meets the goal nearly, or of the highest one."""
-    best = fitted(goal, start)
+    best = fit_multipliers(goal, start)
     while best.ratios.max() > _FITTED**2:
         worst = goal.omega_rad_s[int(np.argmax(best.ratios))]
         place = float(np.clip(worst, *np.exp(goal.range)))
         raised = [
-            one if one.fixed or one.order >= highest else one.raised(place)
+            one if one.fixed or one.order >= highest else one.add_pole(place)
             for one in best.multipliers
         ]
         if all(a is b for a, b in zip(raised, best.multipliers, strict=True)):
             break
-        best = fitted(goal, raised)
+        best = fit_multipliers(goal, raised)
     return best

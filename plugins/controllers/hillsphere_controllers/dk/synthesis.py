@@ -6,8 +6,8 @@ A controller is sought that keeps µ of its closed loop below β at all frequenc
 or performance, for all Δ smaller than 1/β. From the best one known:
 
 1. D-step: µ's upper bound at a set of frequencies; rational D, for real blocks D and G, of rising
-   order, that prove nearly the same bounds. Where they miss it between the frequencies, as the norm
-   of the scaled loop tells, that frequency joins the set.
+   order, that prove nearly the same bounds. Where the norm of the scaled loop shows that they miss
+   the bound between the frequencies, that frequency joins the set.
 2. K-step: H∞ synthesis for the plant with the scalings in it.
 3. Where that gains little, scalings and controller are moved together (`joint`).
 
@@ -30,7 +30,7 @@ from pathlib import Path
 
 from hillsphere.errors import InputError, Interrupted
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.dk.kept import KeptState
+from hillsphere_controllers.dk.checkpoint import CheckpointFile
 from hillsphere_controllers.dk.reduction import reduced_controller
 from hillsphere_controllers.dk.results import DkDesign, DkIteration
 from hillsphere_controllers.dk.search import KStep, Search
@@ -142,7 +142,7 @@ def dk_synthesis(
         regularisation,
     )
     given = (image,) if controller is None else (image, controller)
-    kept = None if checkpoint is None else KeptState(checkpoint, given, structure, options)
+    kept = None if checkpoint is None else CheckpointFile(checkpoint, given, structure, options)
     search = Search(
         image, structure, (controls, measurements), k_step, back_off, gap, progress,
         None if kept is None else kept.keep, "" if kept is None else kept.key, regularisation,

@@ -1,4 +1,4 @@
-"""Both Riccati equations of H∞ synthesis at a given γ, and the central controller."""
+"""The two Riccati equations of H∞ synthesis at a given γ, and the central controller."""
 
 from __future__ import annotations
 
@@ -11,27 +11,35 @@ from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.errors import SingularProblemError
 from hillsphere_controllers.full_order.modes import check_modes
+from hillsphere_controllers.full_order.response_bounds import response_bound, solution_error
 from hillsphere_controllers.full_order.riccati import (
     axis_frequencies,
     solution_by_pencil,
     stabilising_solution,
 )
-from hillsphere_controllers.full_order.unreachable import response_bound, solution_error
-from hillsphere_controllers.systems.algebra import fed_back
+from hillsphere_controllers.systems.algebra import close_with_gain
 
 __all__ = ["GammaProblem"]
 
 _RANK = 1e-9
 """Of D12 and D21, beside columns [B2; D12] and rows [C2 D21] of norm one."""
 _ROUNDING = 1e-13
+"""Relative rounding of computed norms and weights: proofs are made with this margin, and entries
+that cancel to less count as zero."""
 _HIGHEST = 1e12
+"""Largest γ tried, relative to the size of the problem. From γ² above the inverse of rounding
+(1e16) on w has no effect on the equations; the rest is room for a poor estimate of the size."""
 _ZERO = 1e-13
+"""Smallest singular value of the equilibrated pencil at which it has a zero there: rounding, since
+rows and columns have norm one."""
 _FLOORS = (1e-15, 1e-10, 1e-6, 1e-2)
+"""Floors of the eigenvalues of X in the error bound: a low floor is sharp for a well conditioned X,
+a high one alone proves anything for a nearly singular X. Each proof that succeeds is valid."""
 _EPS = float(np.finfo(float).eps)
 
 
 class GammaProblem:
-    """The plant with D12 = [0; I], D21 = [0 I], D22 = 0, and how to come back."""
+    """H∞ problem with D12 = [0; I], D21 = [0 I], D22 = 0, and the transformation back."""
 
     def __init__(self, plant: LtiSystem, k: int, q: int) -> None:
         p, m = plant.shape
@@ -77,9 +85,10 @@ class GammaProblem:
         self.size = max(np.abs(plant.c).max(initial=0.0), np.abs(plant.d).max(initial=0.0), 1e-300)
 
     def bracket(self) -> tuple[float, float | None]:
-        """Return a γ without and one with a solution, None if none with one was found."""
+        """Return a γ without and a γ with a solution; None for the latter if none was found."""
         k, q = self._k, self._q
         p1, m1 = self._d11.shape
+        # Parrott: no controller changes the parts of D11 that u does not reach or y does not show
         low = max(
             np.linalg.norm(self._d11[: p1 - k], 2) if p1 > k else 0.0,
             np.linalg.norm(self._d11[:, : m1 - q], 2) if m1 > q else 0.0,
@@ -98,7 +107,7 @@ class GammaProblem:
         for what, b, c, d in (
             ("u to z", self._b2, self._c1, self._d12), ("w to y", self._b1, self._c2, self._d21),
         ):  # fmt: skip
-            at = _zero_on_axis(self._a, b, c, d)
+            at = _find_axis_zero(self._a, b, c, d)
             if at is not None:
                 return SingularProblemError(
                     f"the transfer from {what} has a zero on the imaginary axis at {at:.6g} rad/s "
@@ -108,10 +117,10 @@ class GammaProblem:
         return None
 
     def solve(self, gamma: float, *, checked: bool = True) -> tuple[Array, Array] | None:
-        """Return X and Y for a γ, None if it is too small or rounding hides them.
+        """Return X and Y for a γ; None if γ is too small or rounding hides the solutions.
 
-        Where it is too small beyond the errors of X and Y, `proved` is raised. Without checks, X
-        and Y are what is found; what a controller made from them does must be seen.
+        If γ is too small by more than the errors of X and Y, `proved` is raised. Without checks X
+        and Y are returned as found; the closed loop of their controller must then be checked.
         """
         r, rt = self._weights(gamma)
         sides = (
@@ -127,7 +136,7 @@ class GammaProblem:
                 return None
             matrices, rounding = posed
             if self.by_pencil:
-                x = solution_by_pencil(_weighted(*side), matrices, checked=checked)
+                x = solution_by_pencil(_normalise_inputs(*side), matrices, checked=checked)
             else:
                 x = stabilising_solution(*matrices, checked=checked)
             if x is None:
@@ -137,6 +146,7 @@ class GammaProblem:
                     self.proved = max(self.proved, bound)
                 return None
             least = float(np.linalg.eigvalsh(x)[0]) if len(x) else 0.0
+            # X ≥ 0 is the second condition of Glover and Doyle (1988)
             if checked and least < -1e-9 * max(float(np.abs(x).max(initial=0.0)), 1e-300):
                 if gamma > self.proved and any(
                     solution_error(matrices, rounding, x, floor)[0] < 1.0 for floor in _FLOORS
@@ -148,6 +158,7 @@ class GammaProblem:
         if not checked:
             return x, y
         g2 = gamma * gamma
+        # ρ(X Y) < γ² is the third
         largest = _radius(x, y)
         if largest < g2 * (1.0 - 1e-12):
             return x, y
@@ -167,6 +178,7 @@ class GammaProblem:
         d1 = np.hstack([self._d11, self._d12])
         d2 = np.vstack([self._d11, self._d21])
         r, rt = d1.T @ d1, d2 @ d2.T
+        # R = D1ᵀ D1 − diag(γ² I, 0) and its dual (Zhou et al. 1996, section 17.1)
         r[:m1, :m1] -= gamma**2 * np.eye(m1)
         rt[:p1, :p1] -= gamma**2 * np.eye(p1)
         return r, rt
@@ -179,6 +191,7 @@ class GammaProblem:
         c = np.vstack([self._c1, self._c2])
         d1 = np.hstack([self._d11, self._d12])
         d2 = np.vstack([self._d11, self._d21])
+        # gains F and H of state feedback and output injection, in the partition of w and z
         f = -np.linalg.solve(r, d1.T @ self._c1 + b.T @ x)
         h = -np.linalg.solve(rt, (self._b1 @ d2.T + y @ c.T).T).T
         f12, f2 = f[m1 - q : m1], f[m1:]
@@ -187,12 +200,14 @@ class GammaProblem:
         d1121, d1122 = self._d11[p1 - k :, : m1 - q], self._d11[p1 - k :, m1 - q :]
         left = g2 * np.eye(p1 - k) - d1111 @ d1111.T
         right = g2 * np.eye(m1 - q) - d1111.T @ d1111
+        # direct term and factors of the central controller (Zhou et al. 1996, theorem 17.1)
         through = -d1121 @ d1111.T @ np.linalg.solve(left, d1112) - d1122
         try:
             d12 = np.linalg.cholesky(np.eye(k) - d1121 @ np.linalg.solve(right, d1121.T))
             d21 = np.linalg.cholesky(np.eye(q) - d1112.T @ np.linalg.solve(left, d1112)).T
         except np.linalg.LinAlgError:
             return None
+        # Z = (I − Y X/γ²)⁻¹ couples the estimate to the worst disturbance
         z = np.linalg.inv(np.eye(len(x)) - y @ x / g2)
         b2 = z @ (self._b2 + h12) @ d12
         c2 = -d21 @ (self._c2 + f12)
@@ -204,20 +219,20 @@ class GammaProblem:
         if not all(np.isfinite(matrix).all() for matrix in found):
             return None
         # y − D22 u is what the controller was made for
-        return _behind(LtiSystem(*found), self._d22)
+        return _shift_direct_term(LtiSystem(*found), self._d22)
 
 
-def _behind(controller: LtiSystem, d22: Array) -> LtiSystem:
-    """Return the controller for measurements that contain the controls, y = y₀ + D22 u."""
+def _shift_direct_term(controller: LtiSystem, d22: Array) -> LtiSystem:
+    """Return the controller for measurements y = y₀ + D22 u, given the one for y₀."""
     if not d22.any():
         return controller
     k, q = controller.shape
-    turned = fed_back(replace(controller, inputs=(), outputs=()), -d22)
+    turned = close_with_gain(replace(controller, inputs=(), outputs=()), -d22)
     assert turned.shape == (k, q)
     return turned
 
 
-def _zero_on_axis(a: Array, b: Array, c: Array, d: Array) -> float | None:
+def _find_axis_zero(a: Array, b: Array, c: Array, d: Array) -> float | None:
     """Return the frequency at which a system with a zero on the axis loses rank, None without."""
     n, back = len(a), np.linalg.pinv(d)
     # zeros of the part that d inverts are among these, all if d is square
@@ -241,7 +256,7 @@ def _radius(one: Array, other: Array) -> float:
 _Matrices = tuple[Array, Array, Array]
 
 
-def _weighted(
+def _normalise_inputs(
     a: Array, b: Array, c: Array, d: Array, r: Array
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Return A, B, Cᵀ C, R and Cᵀ D for w and u in units in which R has a diagonal of size one."""
@@ -254,7 +269,7 @@ def _equation(
     a: Array, b: Array, c: Array, d: Array, r: Array
 ) -> tuple[_Matrices, _Matrices] | None:
     """Return A, S, Q for the weight R (indefinite) and the cross term Dᵀ C, and their errors."""
-    _, b, whole, r, cross = _weighted(a, b, c, d, r)
+    _, b, whole, r, cross = _normalise_inputs(a, b, c, d, r)
     cross = cross.T
     try:
         feed = np.linalg.solve(r, cross)
@@ -267,6 +282,7 @@ def _equation(
     rest = np.abs(q)
     rest[rest > _ROUNDING * np.abs(whole).max(initial=0.0)] = 0.0
     q[rest > 0.0] = 0.0
+    # first-order error of the solution with R, by its condition number
     small = _EPS * len(r) * float(np.linalg.cond(r))
     size = [np.abs(one) for one in (b, feed, back, cross, c, a)]
     rounding = (

@@ -37,24 +37,35 @@ from hillsphere_controllers.full_order.gamma_problem import GammaProblem
 from hillsphere_controllers.full_order.scaling import Units
 from hillsphere_controllers.slicot import hinf_guess
 from hillsphere_controllers.systems.algebra import lower_lft
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 from hillsphere_controllers.systems.bilinear import continuous, discrete
 
 __all__ = ["HinfDesign", "hinf_synthesis"]
 
 _BACK_OFFS = (1.0, 1.5, 3.0, 10.0, 30.0)
+"""Multiples of the back-off that are tried until the closed loop has the norm it should. Near the
+least γ the central controller has very fast poles; a larger back-off slows them."""
 _TRIED, _ROUNDS = 12, 4
 """Values of γ tried where rounding, not proof, ended the bisection, ever nearer to the best."""
 _DECADES = 8.0
+"""Decades about the size of the problem that are scanned if the bisection has no upper end."""
 _LOWER = 0.97
+"""In a scan over rising γ a controller counts as better only if its norm is 3 % lower: at a larger
+γ nearly the same controller results, with other rounding."""
 _NEARLY = 0.99
+"""A gap of 1 % between γ and its proved lower bound, or an improvement of less, does not justify a
+scan."""
 _SHARES = (0.98, 0.9, 0.5)
+"""Shares of the best γ at which a controller is tried before a scan, which takes up to 96
+attempts."""
 _STEPS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.2, 0.4)
+"""Relative steps below the bisection's lower end at which a proof of the lower bound is tried. Just
+below it X or Y is nearly infinite, and its rounding error exceeds what the proof needs."""
 
 
 @dataclass(frozen=True)
 class HinfDesign:
-    """A controller and what it does.
+    """An H∞ controller, its closed loop and bounds of γ.
 
     Parameters
     ----------
@@ -146,16 +157,16 @@ def hinf_synthesis(
         if not 0.0 <= value < np.inf:
             raise InputError(f"a {what} must be ≥ 0 and finite, got {value}")
     units = Units.of(plant, k, q)
-    scaled = units.scaled(plant)
+    scaled = units.scale(plant)
     if plant.dt_s is None:
         made = _continuous(scaled, units, tolerance, back_off, regularisation, slicot)
     else:
         image = continuous(scaled)
         made = _continuous(image, units, tolerance, back_off, regularisation, slicot)
-        made = _proved(
-            _checked(scaled, discrete(made.controller, plant.dt_s), made.solvable), made.least
+        made = _attach_lower_bound(
+            _verify_design(scaled, discrete(made.controller, plant.dt_s), made.solvable), made.least
         )
-    return replace(made, controller=units.restored(made.controller))
+    return replace(made, controller=units.restore(made.controller))
 
 
 def _continuous(
@@ -167,15 +178,16 @@ def _continuous(
     slicot: bool,
 ) -> HinfDesign:
     """Return the design for a plant in continuous time, its controls in these units."""
-    posed = _regularised(plant, units, regularisation) if regularisation else plant
-    posed = balanced(posed)[0]
+    posed = _regularise(plant, units, regularisation) if regularisation else plant
+    # the Riccati equations are solved for the balanced states; the controller is the same
+    posed = balance_states(posed)[0]
     problem = GammaProblem(posed, units.controls.size, units.measurements.size)
     low, high = problem.bracket()
     if problem.by_pencil and (singular := problem.singular()) is not None:
         raise singular
     best = None
     if high is None:
-        best = _tried(
+        best = _scan_gamma(
             plant, problem, (problem.size / 10.0**_DECADES, 10.0**_DECADES * problem.size)
         )
         if best is None:
@@ -190,8 +202,9 @@ def _continuous(
             guess = hinf_guess(
                 posed, units.controls.size, units.measurements.size, high, 0.1 * tolerance
             )
-            low, high = _beside(problem, guess, low, high, tolerance)
+            low, high = _bracket_guess(problem, guess, low, high, tolerance)
         while high > low * (1.0 + tolerance):
+            # bisection in ln γ
             middle = np.sqrt(low * high) if low > 0.0 else 0.1 * high
             if middle <= 1e-12 * problem.size:
                 break
@@ -203,22 +216,22 @@ def _continuous(
         for step in _STEPS:
             if problem.proved < low * (1.0 - step):
                 problem.solve(low * (1.0 - step))
-        best = _backed_off(plant, problem, high, back_off)
+        best = _back_off(plant, problem, high, back_off)
         below = max(problem.proved, high / 10.0**_DECADES)
         if best is None or (
-            problem.proved < _NEARLY * low and _goes_lower(plant, problem, best, below)
+            problem.proved < _NEARLY * low and _improves_below(plant, problem, best, below)
         ):
-            best = _better(best, _tried(plant, problem, (below, 10.0 * high)))
+            best = _better(best, _scan_gamma(plant, problem, (below, 10.0 * high)))
         if best is None:
             raise SynthesisFailedError(
                 f"the Riccati equations are solvable for γ = {high:.6g}, but no controller near it "
                 "makes a stable closed loop in floating point; scale inputs and outputs to order "
                 "one, or use a larger back_off"
             )
-    return _proved(best, 0.0 if regularisation else problem.proved)
+    return _attach_lower_bound(best, 0.0 if regularisation else problem.proved)
 
 
-def _proved(design: HinfDesign, least: float) -> HinfDesign:
+def _attach_lower_bound(design: HinfDesign, least: float) -> HinfDesign:
     """Return the design with a lower bound, none if the design itself refutes it."""
     if least > design.gamma * (1.0 + 1e-9):
         least = 0.0
@@ -231,10 +244,10 @@ def _better(one: HinfDesign | None, other: HinfDesign | None) -> HinfDesign | No
     return other if other.norm.upper < one.norm.upper else one
 
 
-def _beside(
+def _bracket_guess(
     problem: GammaProblem, guess: float, low: float, high: float, tolerance: float
 ) -> tuple[float, float]:
-    """Return a γ without and one with a solution, near a guess if it is right."""
+    """Return a bracket of γ around a guess, as far as the guess is right."""
     for gamma in (guess * (1.0 + 0.4 * tolerance), guess * (1.0 - 0.4 * tolerance)):
         if low < gamma < high:  # not if the guess is NaN
             if problem.solve(gamma) is None:
@@ -244,20 +257,24 @@ def _beside(
     return low, high
 
 
-def _goes_lower(plant: LtiSystem, problem: GammaProblem, best: HinfDesign, below: float) -> bool:
-    """Whether a controller for a γ that the bisection has refused does better."""
+def _improves_below(
+    plant: LtiSystem, problem: GammaProblem, best: HinfDesign, below: float
+) -> bool:
+    """Return whether a γ that the bisection has refused gives a better controller."""
     bisected = problem.by_pencil
     tried = [share * best.gamma for share in _SHARES if share * best.gamma > below]
     found = []
     for problem.by_pencil in (False, True):
-        found += [_made(plant, problem, gamma, checked=False) for gamma in tried]
+        found += [_design_at(plant, problem, gamma, checked=False) for gamma in tried]
     problem.by_pencil = bisected
     limit = _NEARLY * best.norm.upper
     return any(made is not None and made.norm.upper < limit for made in found)
 
 
-def _tried(plant: LtiSystem, problem: GammaProblem, span: tuple[float, float]) -> HinfDesign | None:
-    """Return the best controller of many γ, whether X and Y look right or not: the loop decides."""
+def _scan_gamma(
+    plant: LtiSystem, problem: GammaProblem, span: tuple[float, float]
+) -> HinfDesign | None:
+    """Return the best controller over a grid of γ, judged by its closed loop alone."""
     best: HinfDesign | None = None
     for problem.by_pencil in (False, True):
         own: HinfDesign | None = None
@@ -265,7 +282,7 @@ def _tried(plant: LtiSystem, problem: GammaProblem, span: tuple[float, float]) -
         for _ in range(_ROUNDS):  # after the first beside the best
             lowest = np.inf
             for gamma in np.geomspace(at / width, at * width, _TRIED):
-                made = _made(plant, problem, float(gamma), checked=False)
+                made = _design_at(plant, problem, float(gamma), checked=False)
                 if made is None:
                     continue
                 own = _better(own, replace(made, solvable=made.gamma))
@@ -279,32 +296,32 @@ def _tried(plant: LtiSystem, problem: GammaProblem, span: tuple[float, float]) -
     return best
 
 
-def _made(
+def _design_at(
     plant: LtiSystem, problem: GammaProblem, gamma: float, *, checked: bool = True
 ) -> HinfDesign | None:
     """Return the central controller's design at a γ, None if there is none that works."""
     try:
         solved = problem.solve(gamma, checked=checked)
         controller = None if solved is None else problem.controller(gamma, *solved)
-        return None if controller is None else _checked(plant, controller, gamma)
+        return None if controller is None else _verify_design(plant, controller, gamma)
     except (SynthesisFailedError, InputError, np.linalg.LinAlgError):
         return None
 
 
-def _backed_off(
+def _back_off(
     plant: LtiSystem, problem: GammaProblem, least: float, back_off: float
 ) -> HinfDesign | None:
-    """Return the best controller whose closed loop is what it should be."""
+    """Return the controller of the least back-off whose closed loop has the norm it should."""
     best: HinfDesign | None = None
     for factor in _BACK_OFFS:
         gamma = least * (1.0 + back_off * factor)
-        best = _better(best, _made(plant, problem, gamma))
+        best = _better(best, _design_at(plant, problem, gamma))
         if best is not None and best.gamma <= gamma * (1.0 + 1e-6):
             break
     return None if best is None else replace(best, solvable=least)
 
 
-def _checked(plant: LtiSystem, controller: LtiSystem, solvable: float) -> HinfDesign:
+def _verify_design(plant: LtiSystem, controller: LtiSystem, solvable: float) -> HinfDesign:
     loop = lower_lft(plant, controller)
     if not loop.is_stable:
         raise SynthesisFailedError("the closed loop is not stable")
@@ -314,8 +331,8 @@ def _checked(plant: LtiSystem, controller: LtiSystem, solvable: float) -> HinfDe
     return HinfDesign(controller, norm.value, loop, norm, 0.0, solvable)
 
 
-def _regularised(plant: LtiSystem, units: Units, size: float) -> LtiSystem:
-    """Return the plant with the controls among z and noise on the measurements, of one size."""
+def _regularise(plant: LtiSystem, units: Units, size: float) -> LtiSystem:
+    """Return the plant with extra outputs for the controls and extra noise on the measurements."""
     (p, m), n = plant.shape, plant.order
     k, q = units.controls.size, units.measurements.size
     b1, b2 = plant.b[:, : m - k], plant.b[:, m - k :]

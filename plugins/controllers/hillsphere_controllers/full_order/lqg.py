@@ -1,4 +1,4 @@
-r"""Linear-quadratic regulator, Kalman filter in steady state, and the two together.
+r"""Linear-quadratic regulator (LQR), stationary Kalman filter, and their combination (LQG).
 
 In continuous time the regulator minimises :math:`\int (x^\mathsf{T} Q x + 2 x^\mathsf{T} N u +
 u^\mathsf{T} R u) dt`, in discrete time the sum of the same, so that :math:`u = -K x` with
@@ -29,7 +29,7 @@ from hillsphere.lti import LtiSystem, real_matrix
 from hillsphere_controllers.errors import SynthesisFailedError
 from hillsphere_controllers.full_order.h2 import optimal_cost
 from hillsphere_controllers.full_order.modes import check_modes
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 
 __all__ = ["KalmanFilter", "Lqg", "Regulator", "kalman", "lqg", "lqr"]
 
@@ -57,7 +57,7 @@ class Regulator:
 
 @dataclass(frozen=True)
 class KalmanFilter:
-    """The estimator of the states in steady state.
+    """The stationary Kalman filter.
 
     Parameters
     ----------
@@ -131,9 +131,10 @@ def lqr(
     n, m = plant.b.shape
     discrete = plant.dt_s is not None
     c, d = _square_root(state_weight, control_weight, cross_weight, n, m, "weight of the controls")
-    made, scale = balanced(LtiSystem(plant.a, plant.b, c, d))
+    made, scale = balance_states(LtiSystem(plant.a, plant.b, c, d))
     check_modes(made.a, made.b, np.zeros((0, n)), discrete=discrete)
     x, f = optimal_cost(made.a, made.b, made.c, d, discrete=discrete)
+    # back from the balanced states x/scale
     x, f = x / np.outer(scale, scale), f / scale
     return Regulator(-f, x, np.linalg.eigvals(plant.a + plant.b @ f).astype(complex))
 
@@ -183,13 +184,14 @@ def kalman(
         process_noise, measurement_noise, cross_noise, g.shape[1], p, "noise of the measurements"
     )
     # the regulator of the transposed matrices
-    made, scale = balanced(LtiSystem(plant.a.T, plant.c.T, c @ g.T, d))
+    made, scale = balance_states(LtiSystem(plant.a.T, plant.c.T, c @ g.T, d))
     check_modes(made.a.T, np.zeros((n, 0)), made.b.T, discrete=discrete)
     y, f = optimal_cost(made.a, made.b, made.c, d, discrete=discrete)
     y, f = y / np.outer(scale, scale), f / scale
     update = np.zeros((n, p))
     if discrete:
         noise = plant.c @ y @ plant.c.T + d.T @ d
+        # M = Y Cᵀ (C Y Cᵀ + R)⁻¹
         update = np.asarray(np.linalg.solve(noise, plant.c @ y).T, dtype=float)
     poles = np.linalg.eigvals(plant.a + f.T @ plant.c).astype(complex)
     return KalmanFilter(-f.T, y, update, poles)
@@ -204,7 +206,7 @@ def lqg(
     *,
     through: Array | None = None,
 ) -> Lqg:
-    """Return the regulator on the filter's estimate.
+    """Return the LQG controller: the regulator acting on the filter's estimate.
 
     Parameters
     ----------
@@ -236,6 +238,7 @@ def lqg(
     controller = LtiSystem(
         a, gain, -k, np.zeros((len(k), len(plant.c))), plant.dt_s, plant.outputs, plant.inputs
     )
+    # states of the plant and of the controller together
     whole = np.block([[plant.a, -plant.b @ k], [gain @ plant.c, a - gain @ plant.d @ k]])
     none = np.zeros((len(whole), 0))
     if not LtiSystem(whole, none, none.T, np.zeros((0, 0)), plant.dt_s).is_stable:

@@ -1,4 +1,4 @@
-"""Whether what is not stable can be reached and seen."""
+"""Stabilisability and detectability by the Popov-Belevitch-Hautus (PBH) test."""
 
 from __future__ import annotations
 
@@ -10,14 +10,24 @@ from hillsphere_controllers.errors import NotStabilisableError
 __all__ = ["axis_mode", "check_modes"]
 
 _MODE = 1e-9
+"""Smallest singular value of [A − λ I, B], relative to the largest, below which the controls do not
+reach the mode. A larger value refuses weakly controllable plants that can be stabilised."""
 _NEAR = 1e-6
+"""Distance of an eigenvalue from the stability boundary, relative to the largest, below which
+rounding may have moved it off the boundary."""
 _UNSEEN = 1e-13
+"""Smallest singular value of the equilibrated matrix below which C does not show the mode:
+rounding, since rows and columns have norm one."""
 _CANCELLED = 1e-15
+"""Entries of the diagonal of A − λ I below this share of the largest are what rounding leaves of
+zero."""
 _ROUNDS = 3
+"""Rounds of scaling rows and columns to norm one, each of which disturbs the other; three bring
+both close to one."""
 
 
 def check_modes(a: Array, b: Array, c: Array, *, discrete: bool = False) -> None:
-    """Check that controls reach and measurements show every mode that is not stable.
+    """Check that the plant is stabilisable and detectable (PBH test).
 
     Parameters
     ----------
@@ -42,7 +52,8 @@ def check_modes(a: Array, b: Array, c: Array, *, discrete: bool = False) -> None
         ):
             if matrix.shape[1] == len(a):
                 continue
-            if _lacks_rank(matrix) and _lacks_rank(_even(matrix)):
+            # both tests: units alone can make the first fail, and rounding alone the second
+            if _lacks_rank(matrix) and _lacks_rank(_equilibrate(matrix)):
                 raise NotStabilisableError(
                     f"{what} the mode at {'z' if discrete else 's'} = {value:.6g}, which is not "
                     f"stable; add {remedy}, or take weights with poles on the "
@@ -71,7 +82,7 @@ def axis_mode(a: Array, c: Array, *, discrete: bool = False) -> complex | None:
             continue
         else:
             at = 1j * float(value.imag)
-        matrix = _even(np.vstack([a - at * np.eye(len(a)), c]).T)
+        matrix = _equilibrate(np.vstack([a - at * np.eye(len(a)), c]).T)
         if np.linalg.svd(matrix, compute_uv=False)[-1] <= _UNSEEN:
             return at
     return None
@@ -82,7 +93,7 @@ def _lacks_rank(matrix: Array) -> bool:
     return bool(values[-1] <= _MODE * max(values[0], 1e-300))
 
 
-def _even(matrix: Array) -> Array:
+def _equilibrate(matrix: Array) -> Array:
     """Return [A − λ I, B] with rows and columns of norm one: of a slow mode the row is small."""
     n = len(matrix)
     even = matrix.copy()

@@ -1,4 +1,4 @@
-r"""The state feedback of least cost, from a Riccati equation with a definite quadratic term.
+r"""Linear-quadratic state feedback, from a Riccati equation with a definite quadratic term.
 
 The energy of :math:`C x + D u` is brought to that of :math:`C_\perp x` and of a control of unit
 weight, by the QR factorisation of D, in which nothing is squared: what cancels, cancels to zero.
@@ -34,9 +34,15 @@ from hillsphere_controllers.full_order.riccati import stabilising_solution
 __all__ = ["optimal_cost"]
 
 _RESIDUAL = 1e-9
+"""Largest residual, relative to the largest term of the equation, of an accepted X."""
 _CANCELLED = 1e-14
+"""Entries below this share of the sums that they are the difference of are rounding; kept, they
+would show modes to the cost that it does not contain."""
 _MOST = 60
+"""Steps of Newton's method at most. From a far stabilising start each step halves the error first;
+sixty reach the quadratic range over 18 decades."""
 _SETTLED = 1e-15
+"""Residual of rounding size, at which no step can gain any more."""
 _QUADRATIC = 1e-6
 """Below that, a step that gains nothing is the last."""
 
@@ -84,7 +90,7 @@ def optimal_cost(
             "shift it off"
         )
     for start in _starts(away, back, seen, discrete):
-        x = _refined(away, back, seen, start, discrete)
+        x = _refine_by_newton(away, back, seen, start, discrete)
         if x is not None:
             f = _feedback(away, back, x, discrete)
             return x, np.asarray(solve_triangular(unit, f - feed))
@@ -96,7 +102,7 @@ def optimal_cost(
 
 
 def _starts(a: Array, b: Array, c: Array, discrete: bool) -> Iterator[Array]:
-    """Yield feedbacks' costs to begin with, from the fastest method to the most robust one."""
+    """Yield initial solutions of the Riccati equation, the fastest method first."""
     q, one = c.T @ c, np.eye(b.shape[1])
     if not discrete:
         found = stabilising_solution(a, -b @ b.T, q, checked=False)
@@ -121,8 +127,8 @@ def _feedback(a: Array, b: Array, x: Array, discrete: bool) -> Array:
     return np.asarray(-np.linalg.solve(np.eye(b.shape[1]) + b.T @ x @ b, b.T @ x @ a))
 
 
-def _refined(a: Array, b: Array, c: Array, x: Array, discrete: bool) -> Array | None:
-    """Return X after steps of Newton's method; None if it stabilises not, or solves not."""
+def _refine_by_newton(a: Array, b: Array, c: Array, x: Array, discrete: bool) -> Array | None:
+    """Refine X by Newton's method (Kleinman); None if X does not stabilise or solve."""
     error = np.inf
     best = x
     for _ in range(_MOST):
@@ -134,6 +140,7 @@ def _refined(a: Array, b: Array, c: Array, x: Array, discrete: bool) -> Array | 
         if not (np.abs(poles).max() < 1.0 if discrete else poles.real.max() < 0.0):
             break
         if discrete:
+            # residual in its factors: squares do not cancel against each other
             terms = closed.T @ x @ closed, -x, f.T @ f, c.T @ c
         else:
             flow = a.T @ x
@@ -147,5 +154,6 @@ def _refined(a: Array, b: Array, c: Array, x: Array, discrete: bool) -> Array | 
             best, error = x, reached
         if error <= _SETTLED:
             break
+        # Newton step: the Lyapunov equation of the closed loop for the residual
         x = x + gramian(closed.T, rest, discrete=discrete)
     return best if error <= _RESIDUAL else None

@@ -27,11 +27,23 @@ from hillsphere.interfaces import Array
 __all__ = ["axis_frequencies", "solution_by_pencil", "stabilising_solution"]
 
 _ON_AXIS = 1e-11
+"""Real part of a Hamiltonian eigenvalue, relative to the largest, below which it counts as on the
+imaginary axis: no stabilising solution exists then."""
 _NEAR_AXIS = 1e-3
+"""Eigenvalues this near to the axis, relative to their size, may be imaginary ones that rounding
+has displaced. A larger value only costs evaluations of the response."""
 _RESIDUAL = 1e-6
+"""Largest residual, relative to the terms of the equation, of an accepted solution. Near the least
+γ X grows without bound, and rounding leaves residuals far above 1e-9; the closed loop is checked in
+any case."""
 _SMALL = 1e-9
+"""Residual at which Newton's method ends: further steps change no digit that the closed loop
+shows."""
 _NEWTON = 5
+"""Steps of Newton's method at most. It converges quadratically from the Schur solution: two or
+three steps suffice, or none helps."""
 _SINGULAR = 1e-13
+"""Smallest singular value of the orthonormal basis' upper block below which X is infinite."""
 
 
 def stabilising_solution(a: Array, s: Array, q: Array, *, checked: bool = True) -> Array | None:
@@ -57,6 +69,7 @@ def stabilising_solution(a: Array, s: Array, q: Array, *, checked: bool = True) 
         return np.zeros((0, 0))
     hamiltonian, t = _hamiltonian(a, s, q)
     try:
+        # ordered real Schur form: the first n columns span the stable invariant subspace
         found, vectors, stable = schur(hamiltonian, sort="lhp")
     except np.linalg.LinAlgError:  # eigenvalues too near the axis to be put in order
         return None
@@ -68,8 +81,9 @@ def stabilising_solution(a: Array, s: Array, q: Array, *, checked: bool = True) 
     upper, lower = vectors[:n, :n], vectors[n:, :n]
     if np.linalg.svd(upper, compute_uv=False)[-1] <= (_SINGULAR if checked else 0.0):
         return None
+    # X = t X₂ X₁⁻¹
     x = t * np.linalg.solve(upper.T, lower.T).T
-    x = _refined(a, s, q, 0.5 * (x + x.T))
+    x = _refine_by_newton(a, s, q, 0.5 * (x + x.T))
     return x if not checked or _solves(a, s, q, x) else None
 
 
@@ -79,7 +93,7 @@ def solution_by_pencil(
     *,
     checked: bool = True,
 ) -> Array | None:
-    """Return the stabilising solution X (n, n), symmetric, by another way, or None.
+    """Return the stabilising solution X (n, n), symmetric, from the extended pencil, or None.
 
     From the pencil [2]_ in which the weight R is not inverted. It takes some times as long, and
     finds solutions where R, or the units of the states, are so uneven that the Hamiltonian matrix
@@ -106,14 +120,15 @@ def solution_by_pencil(
         return None
     if not np.isfinite(x).all():
         return None
-    x = _refined(*formed, 0.5 * (x + x.T))
+    x = _refine_by_newton(*formed, 0.5 * (x + x.T))
     return x if not checked or _solves(*formed, x) else None
 
 
 def axis_frequencies(a: Array, s: Array, q: Array) -> Array:
-    """Return the frequencies at which eigenvalues of the Hamiltonian matrix may be imaginary.
+    """Return frequencies at which eigenvalues of the Hamiltonian matrix may be imaginary.
 
-    And those between them, where the level it belongs to is exceeded if they are.
+    The midpoints between them are included: if the eigenvalues are imaginary, the gain exceeds the
+    level there.
     """
     values = np.linalg.eigvals(_hamiltonian(a, s, q)[0]) if len(a) else np.zeros(0)
     near = np.abs(values.real) <= _NEAR_AXIS * np.abs(values)
@@ -122,9 +137,9 @@ def axis_frequencies(a: Array, s: Array, q: Array) -> Array:
 
 
 def _hamiltonian(a: Array, s: Array, q: Array) -> tuple[Array, float]:
-    """Return the matrix for t⁻¹ X, and t, which brings S and Q to the same size.
+    """Return the Hamiltonian matrix of the scaled solution X/t, and the scale t.
 
-    The subspace is then well conditioned.
+    The scale gives S and Q the same size, which makes the subspace well conditioned.
     """
     size_s, size_q = np.abs(s).max(), np.abs(q).max()
     t = float(np.sqrt(size_q / size_s)) if size_s > 0.0 and size_q > 0.0 else 1.0
@@ -137,12 +152,13 @@ def _solves(a: Array, s: Array, q: Array, x: Array) -> bool:
     return bool(np.linalg.eigvals(a + s @ x).real.max() < 0.0)
 
 
-def _refined(a: Array, s: Array, q: Array, x: Array) -> Array:
-    """Return X after steps of Newton's method, as long as they bring it nearer and it is far."""
+def _refine_by_newton(a: Array, s: Array, q: Array, x: Array) -> Array:
+    """Refine X by Newton's method while the residual falls and is not yet small."""
     rest = _largest_residual(a, s, q, x)
     for _ in range(_NEWTON):
         closed = a + s @ x
-        # where this is nearly singular, the step is none that helps, and not taken
+        # the Newton step solves (A + S X)ᵀ Δ + Δ (A + S X) = −residual; if the equation is nearly
+        # singular, the step does not lower the residual and is not taken
         step = solve_sylvester(closed.T, closed, -_residual(a, s, q, x))
         better = np.asarray(x + 0.5 * (step + step.T))
         left = _largest_residual(a, s, q, better)
@@ -155,7 +171,7 @@ def _refined(a: Array, s: Array, q: Array, x: Array) -> Array:
 
 
 def _largest_residual(a: Array, s: Array, q: Array, x: Array) -> float:
-    """Return it relative to the largest of the equation's terms."""
+    """Return the largest entry of the residual, relative to the equation's largest term."""
     size = max(np.abs(q).max(), np.abs(a.T @ x).max(), np.abs(x @ s @ x).max(), 1e-300)
     return float(np.abs(_residual(a, s, q, x)).max() / size)
 

@@ -1,4 +1,4 @@
-r"""Costs and noises of continuous time, exact for what a computer does: samples and a hold.
+r"""Exact sampling of quadratic costs and white noise, with held inputs (sampled-data LQG).
 
 Over a period h with x(0) = x and u held,
 
@@ -33,6 +33,8 @@ from hillsphere.lti import real_matrix
 __all__ = ["sampled_cost", "sampled_noise"]
 
 _LARGEST_STEP = 0.5
+"""Largest ‖M‖₁ h of the exponential before doubling. Below one half exp(−Mᵀ h) and exp(M h) have
+one size, so that neither loses digits beside the other (Van Loan 1978)."""
 
 
 def sampled_cost(
@@ -70,7 +72,7 @@ def sampled_cost(
     whole[:states, :states], whole[:states, states:] = a, b
     weight = np.zeros_like(whole)
     weight[:states, :states], weight[states:, states:] = q, r
-    over, cost = _integrated(whole, weight, h)
+    over, cost = _integrate_weight(whole, weight, h)
     return (
         over[:states, :states], over[:states, states:],
         cost[:states, :states], cost[states:, states:], cost[:states, states:],
@@ -97,7 +99,7 @@ def sampled_noise(a: Array, density: Array, h: float) -> Array:
     a, density = real_matrix(a, "A"), real_matrix(density, "the density")
     _check_square("A", a, len(a))
     _check_square("the density", density, len(a))
-    return _integrated(a.T, density, h)[1]
+    return _integrate_weight(a.T, density, h)[1]
 
 
 def _check_square(name: str, matrix: Array, size: int) -> None:
@@ -105,7 +107,7 @@ def _check_square(name: str, matrix: Array, size: int) -> None:
         raise InputError(f"{name} must be {size} × {size}, got {matrix.shape}")
 
 
-def _integrated(m: Array, weight: Array, h: float) -> tuple[Array, Array]:
+def _integrate_weight(m: Array, weight: Array, h: float) -> tuple[Array, Array]:
     """Return exp(M h) and ∫ exp(Mᵀ t) W exp(M t) dt."""
     if not (np.isfinite(h) and h > 0.0):
         raise InputError(f"a period must be > 0 s, got {h}")
@@ -113,11 +115,13 @@ def _integrated(m: Array, weight: Array, h: float) -> tuple[Array, Array]:
     # the exponential holds exp(−Mᵀ h) too: over short steps, then doubled, no mode drowns another
     doublings = max(0, int(np.ceil(np.log2(max(np.abs(m).sum(axis=0).max() * h, 1e-300)
                                            / _LARGEST_STEP))))  # fmt: skip
+    # Van Loan (1978): exp([[−Mᵀ, W], [0, M]] h) has the integral in its upper right block
     both = np.block([[-m.T, weight], [np.zeros((n, n)), m]])
     found = expm(both * (h / 2.0**doublings))
     over = found[n:, n:]
     total = over.T @ found[:n, n:]
     for _ in range(doublings):
+        # doubling: ∫₀²ʰ = ∫₀ʰ + exp(Mᵀ h) (∫₀ʰ) exp(M h)
         total = total + over.T @ total @ over
         over = over @ over
     return over, 0.5 * (total + total.T)

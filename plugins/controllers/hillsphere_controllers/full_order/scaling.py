@@ -1,4 +1,4 @@
-"""Controls and measurements in units of their own size, so that no unit decides what is solved."""
+"""Scaling of controls and measurements to norm one, so that units do not decide solvability."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ import numpy as np
 
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 
 __all__ = ["Units"]
 
 _ROUNDS = 3
+"""Rounds of choosing units and balancing states in turn: units and scales are powers of two, so
+that they settle exactly."""
 
 
 @dataclass(frozen=True)
@@ -37,23 +39,23 @@ class Units:
         (p, m), made = plant.shape, plant
         units = cls(np.ones(k), np.ones(q))
         for _ in range(_ROUNDS):  # units and scales of the states depend on each other
-            made, _ = balanced(made)
+            made, _ = balance_states(made)
             columns = np.vstack([made.b[:, m - k :], made.d[: p - q, m - k :]])
             rows = np.hstack([made.c[p - q :], made.d[p - q :, : m - k]])
             one = cls(_power(columns), _power(rows.T))
-            made = one.scaled(made)
+            made = one.scale(made)
             units = cls(units.controls * one.controls, units.measurements * one.measurements)
         return units
 
-    def scaled(self, plant: LtiSystem) -> LtiSystem:
-        """Return a plant in these units; the closed loop from w to z stays what it is."""
+    def scale(self, plant: LtiSystem) -> LtiSystem:
+        """Return a plant in these units; the closed loop from w to z does not change."""
         (p, m), k, q = plant.shape, self.controls.size, self.measurements.size
         columns = np.concatenate([np.ones(m - k), self.controls])
         rows = np.concatenate([np.ones(p - q), self.measurements])[:, None]
         return replace(plant, b=plant.b / columns, c=plant.c / rows, d=plant.d / columns / rows)
 
-    def restored(self, controller: LtiSystem) -> LtiSystem:
-        """Return a controller of the plant in these units in those of the plant as given."""
+    def restore(self, controller: LtiSystem) -> LtiSystem:
+        """Return the controller for the plant in its original units."""
         rows = self.controls[:, None]
         return replace(
             controller,

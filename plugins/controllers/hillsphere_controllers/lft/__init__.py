@@ -1,1 +1,1 @@
-"""Uncertain systems as linear fractional transformations of a fixed system and what is unknown."""
+"""Uncertain systems as linear fractional transformations (LFTs) of a fixed system and Δ."""

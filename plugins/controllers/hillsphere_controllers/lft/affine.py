@@ -1,4 +1,4 @@
-r"""Matrices that are affine in real parameters, as LFTs of which weak directions may be left out.
+r"""LFTs of matrices that are affine in real parameters, with truncation of weak directions.
 
 .. math::
 
@@ -37,6 +37,8 @@ _ROUNDING = 1e-14
 _UNCHANGED = 1e-10
 """Changes of an entry, relative to the entry, that are not looked at: rounding."""
 _SAMPLES = 500
+"""Random corners at which the part left out is measured beside its bound; the bound itself does not
+depend on them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +74,7 @@ class AffineFit:
 
 @dataclass(frozen=True, eq=False)
 class AffineLft:
-    """An affine matrix as an LFT, and what was left out of it.
+    """An affine matrix as an LFT, and the error of its truncation.
 
     Parameters
     ----------
@@ -128,6 +130,7 @@ def affine_fit(points: Array, samples: Array, *, tolerance: float = 1e-9) -> Aff
             f"{len(y)} samples do not tell the effects of {len(p)} parameters apart; take one more "
             "sample than there are parameters, or more"
         )
+    # slopes of all entries at once, by least squares over the samples
     found = np.linalg.lstsq(scaled, change.reshape(len(change), -1), rcond=None)[0]
     rest = np.abs(change.reshape(len(change), -1) - scaled @ found)
     wide = np.abs(change.reshape(len(change), -1)).max(axis=0, initial=0.0)
@@ -176,6 +179,7 @@ def affine_lft(
     changes = np.abs(fit.slopes * reach[:, None, None]).max(axis=0, initial=0.0)
     changed = changes > _ROUNDING * np.maximum(np.abs(middle), changes.max(initial=0.0))
     rows, columns = np.flatnonzero(changed.any(axis=1)), np.flatnonzero(changed.any(axis=0))
+    # each slope times the largest distance of its parameter from nominal: the size of its effect
     moved = fit.slopes[:, rows[:, None], columns] * reach[:, None, None]
     left, values, right = np.linalg.svd(moved, full_matrices=False)
     nominal = float(np.linalg.norm(middle[np.ix_(rows, columns)]))
@@ -186,7 +190,7 @@ def affine_lft(
     left_out = left * np.where(lost, values, 0.0)[:, None] @ right
     bound, sampled = _error(moved, left_out, seed)
     return AffineLft(
-        lft=_realised(middle, rows, columns, left, values, right, kept, uncertainties, reach),
+        lft=_realise(middle, rows, columns, left, values, right, kept, uncertainties, reach),
         before=there.sum(axis=1),
         after=kept.sum(axis=1),
         dropped=float(np.sqrt((values[lost] ** 2).sum())) / nominal if lost.any() else 0.0,
@@ -196,13 +200,13 @@ def affine_lft(
 
 
 def _threshold(values: Array, allowed: float) -> float:
-    """Return below which the root of the sum of squares stays within what is allowed."""
+    """Return the largest value that may be dropped, the root sum of squares staying allowed."""
     ascending = np.sort(values)
     count = int(np.searchsorted(np.sqrt(np.cumsum(ascending**2)), allowed, side="right"))
     return float(ascending[count - 1]) if count else 0.0
 
 
-def _realised(
+def _realise(
     middle: Array,
     rows: Integers,
     columns: Integers,

@@ -1,4 +1,4 @@
-r"""Uncertain systems: elements, and what is made of them."""
+r"""Algebra of uncertain systems: uncertain elements, and their interconnections."""
 
 from __future__ import annotations
 
@@ -10,16 +10,27 @@ from scipy.linalg import block_diag
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.lft.transformation import Lft, connected, constant
+from hillsphere_controllers.lft.transformation import Lft, connect_lfts, constant
 from hillsphere_controllers.lft.uncertainties import Uncertainty
 from hillsphere_controllers.systems.algebra import gain
 
 __all__ = [
-    "beside", "diagonal", "dynamics", "feedback", "inverse", "matrix_block", "number", "parameter",
-    "stacked", "star", "state_space",
+    "diagonal",
+    "dynamics",
+    "feedback",
+    "inverse",
+    "join_inputs",
+    "matrix_block",
+    "number",
+    "parameter",
+    "stack_outputs",
+    "star",
+    "state_space",
 ]  # fmt: skip
 
 _SINGULAR = 1e-13
+"""Smallest singular value of the direct term, relative to the largest, below which its inverse is
+rounding alone."""
 
 
 def parameter(uncertainty: Uncertainty) -> Lft:
@@ -84,33 +95,36 @@ def dynamics(name: str, rows: int = 1, columns: int = 1, weight: LtiSystem | Non
 
 def _block(uncertainty: Uncertainty) -> Lft:
     p, m = uncertainty.rows, uncertainty.columns
+    # F_u(M, Δ) = Δ for M = [0 I; I 0]
     matrix = np.block([[np.zeros((m, p)), np.eye(m)], [np.eye(p), np.zeros((p, m))]])
     return Lft(gain(matrix), (uncertainty,), (1,))
 
 
-def beside(*parts: Lft | LtiSystem | Array) -> Lft:
-    """Return [G₁ G₂ …]: the sum of what each makes of its own inputs."""
+def join_inputs(*parts: Lft | LtiSystem | Array) -> Lft:
+    """Return [G₁ G₂ …]: the inputs side by side, the outputs added."""
     found = [constant(part) for part in parts]
-    _same({part.shape[0] for part in found}, "outputs")
+    _require_equal({part.shape[0] for part in found}, "outputs")
     count = len(found)
-    return connected(found, *_apart(found), np.hstack(count * [np.eye(found[0].shape[0])]))
+    return connect_lfts(
+        found, *_unconnected_matrices(found), np.hstack(count * [np.eye(found[0].shape[0])])
+    )
 
 
-def stacked(*parts: Lft | LtiSystem | Array) -> Lft:
-    """Return [G₁; G₂; …]: all outputs for one input."""
+def stack_outputs(*parts: Lft | LtiSystem | Array) -> Lft:
+    """Return [G₁; G₂; …]: one common input, the outputs stacked."""
     found = [constant(part) for part in parts]
-    _same({part.shape[1] for part in found}, "inputs")
-    feed, _ = _apart(found)
+    _require_equal({part.shape[1] for part in found}, "inputs")
+    feed, _ = _unconnected_matrices(found)
     into = np.vstack(len(found) * [np.eye(found[0].shape[1])])
-    return connected(found, feed, into, np.eye(feed.shape[1]))
+    return connect_lfts(found, feed, into, np.eye(feed.shape[1]))
 
 
 def diagonal(*parts: Lft | LtiSystem | Array) -> Lft:
     """Return diag(G₁, G₂, …)."""
     found = [constant(part) for part in parts]
-    _same({1 for _ in found}, "systems")
-    feed, into = _apart(found)
-    return connected(found, feed, into, np.eye(feed.shape[1]))
+    _require_equal({1 for _ in found}, "systems")
+    feed, into = _unconnected_matrices(found)
+    return connect_lfts(found, feed, into, np.eye(feed.shape[1]))
 
 
 def inverse(of: Lft) -> Lft:
@@ -159,7 +173,7 @@ def feedback(forward: Lft, back: Lft | LtiSystem | Array, sign: int = -1) -> Lft
         raise InputError(f"sign must be -1 or 1, got {sign}")
     feed = np.block([[np.zeros((m, p)), sign * np.eye(m)], [np.eye(p), np.zeros((p, m))]])
     into = np.vstack([np.eye(m), np.zeros((p, m))])
-    return connected((forward, behind), feed, into, np.hstack([np.eye(p), np.zeros((p, m))]))
+    return connect_lfts((forward, behind), feed, into, np.hstack([np.eye(p), np.zeros((p, m))]))
 
 
 def star(upper: Lft, lower: Lft | LtiSystem | Array, controls: int, measurements: int) -> Lft:
@@ -185,7 +199,7 @@ def star(upper: Lft, lower: Lft | LtiSystem | Array, controls: int, measurements
     feed[m1 : m1 + measurements, p1 - measurements : p1] = np.eye(measurements)
     rows = [*range(p1 - measurements), *range(p1 + controls, p1 + p2)]
     columns = [*range(m1 - controls), *range(m1 + measurements, m1 + m2)]
-    return connected((upper, low), feed, np.eye(m1 + m2)[:, columns], np.eye(p1 + p2)[rows])
+    return connect_lfts((upper, low), feed, np.eye(m1 + m2)[:, columns], np.eye(p1 + p2)[rows])
 
 
 def state_space(matrix: Lft, order: int, dt_s: float | None = None) -> Lft:
@@ -223,12 +237,12 @@ def state_space(matrix: Lft, order: int, dt_s: float | None = None) -> Lft:
     return Lft(system, matrix.uncertainties, matrix.times)
 
 
-def _apart(parts: Sequence[Lft]) -> tuple[Array, Array]:
+def _unconnected_matrices(parts: Sequence[Lft]) -> tuple[Array, Array]:
     """Return F of parts that are not connected, and N of one input each."""
     p, m = sum(part.shape[0] for part in parts), sum(part.shape[1] for part in parts)
     return np.zeros((m, p)), np.asarray(block_diag(*(np.eye(part.shape[1]) for part in parts)))
 
 
-def _same(counts: set[int], what: str) -> None:
+def _require_equal(counts: set[int], what: str) -> None:
     if len(counts) != 1:
         raise InputError(f"systems of one number of {what} are needed, got {sorted(counts)}")

@@ -22,18 +22,20 @@ from numpy.typing import NDArray
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere_controllers.lft.polynomials import Terms, evaluated, scaled_polynomial
+from hillsphere_controllers.lft.polynomials import Terms, evaluate_polynomial, scaled_polynomial
 from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import Uncertainty
 
-__all__ = ["PolynomialFit", "fitted"]
+__all__ = ["PolynomialFit", "fit_polynomial"]
 
 _DEPENDENT = 1e-10
+"""A monomial of unit length counts as dependent on the chosen ones if less than this remains beside
+them; its coefficient would amplify rounding by the inverse."""
 
 
 @dataclass(frozen=True, eq=False)
 class PolynomialFit:
-    """A polynomial of q = (p − p₀)/g near sampled matrices.
+    """A polynomial of q = (p − p₀)/g fitted to sampled matrices.
 
     Parameters
     ----------
@@ -64,14 +66,16 @@ class PolynomialFit:
 
     def __call__(self, points: Array) -> Array:
         """Return the polynomial's values (N, p, m) at parameters (k, N), in their units."""
-        return evaluated(self.terms, _scaled(np.asarray(points, dtype=float), self.uncertainties))
+        return evaluate_polynomial(
+            self.terms, _normalise_points(np.asarray(points, dtype=float), self.uncertainties)
+        )
 
     def lft(self) -> Lft:
         """Return the polynomial as an LFT."""
         return scaled_polynomial(self.terms, self.uncertainties)
 
 
-def fitted(
+def fit_polynomial(
     points: Array,
     samples: Array,
     uncertainties: Sequence[Uncertainty],
@@ -129,7 +133,7 @@ def fitted(
     weight = _weights(y) if weights is None else np.asarray(weights, dtype=float)
     if weight.shape != y.shape[1:]:
         raise InputError(f"weights must have the shape {y.shape[1:]}, got {weight.shape}")
-    q = _scaled(p, uncertainties)
+    q = _normalise_points(p, uncertainties)
     exponents = [
         tuple(factors.count(v) for v in range(count))
         for size in range(degree + 1)
@@ -138,7 +142,7 @@ def fitted(
     monomials = np.array([np.prod(q ** np.array(e)[:, None], axis=0) for e in exponents]).T
     target = (y * weight).reshape(len(y), -1)
     limit = min(len(exponents), len(y), most_terms or len(exponents))
-    chosen, shares, errors, basis = _chosen(monomials, target, limit, tolerance)
+    chosen, shares, errors, basis = _select_terms(monomials, target, limit, tolerance)
     if errors[-1] > tolerance and len(chosen) < (most_terms or np.inf):
         raise InputError(
             f"{len(chosen)} terms of a degree up to {degree} leave an error of {errors[-1]:.3g}, "
@@ -146,7 +150,7 @@ def fitted(
         )
     coefficients = np.linalg.lstsq(monomials[:, chosen], y.reshape(len(y), -1), rcond=None)[0]
     # rounding in entries that never change would look like copies
-    same = ~_changing(y).ravel()
+    same = ~_varying_entries(y).ravel()
     coefficients[:, same] = 0.0
     coefficients[chosen.index(0), same] = y[0].ravel()[same]
     terms = {
@@ -155,6 +159,7 @@ def fitted(
     rest = target - basis @ (basis.T @ target)
     leverage = np.sum(basis**2, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
+        # leave-one-out residual of a linear fit, rest/(1 − leverage), without fitting again
         without = np.abs(rest) / (1.0 - leverage)[:, None]
     alone = leverage > 1.0 - 1e-9  # a sample that fixes a term by itself tells nothing about it
     return PolynomialFit(
@@ -163,7 +168,7 @@ def fitted(
     )  # fmt: skip
 
 
-def _chosen(
+def _select_terms(
     monomials: Array, target: Array, limit: int, tolerance: float
 ) -> tuple[list[int], list[float], list[float], Array]:
     """Return terms, their shares, errors up to each, and an orthonormal basis (N, T) of them."""
@@ -182,9 +187,12 @@ def _chosen(
         if not free.any():
             break
         explained = np.zeros(len(sizes))
+        # error reduction of each candidate: the squared projection on its part orthogonal to the
+        # chosen
         explained[free] = np.sum((left[:, free].T @ rest) ** 2, axis=1) / sizes[free] ** 2
         best = int(np.argmax(np.where(free, explained, -1.0))) if chosen else 0
         column = left[:, best] / sizes[best]
+        # once more against the basis (Gram-Schmidt twice), so that it stays orthogonal to rounding
         column = column - basis @ (basis.T @ column)
         column /= np.linalg.norm(column)
         before = float(np.sum(rest**2))
@@ -199,16 +207,16 @@ def _chosen(
     return chosen, shares, errors, basis
 
 
-def _scaled(points: Array, uncertainties: Sequence[Uncertainty]) -> Array:
+def _normalise_points(points: Array, uncertainties: Sequence[Uncertainty]) -> Array:
     nominal = np.array([u.nominal for u in uncertainties])[:, None]
     return np.asarray((points - nominal) / np.array([u.slope for u in uncertainties])[:, None])
 
 
 def _weights(samples: Array) -> Array:
-    spread, there = np.ptp(samples, axis=0), _changing(samples)
+    spread, there = np.ptp(samples, axis=0), _varying_entries(samples)
     return np.asarray(np.where(there, 1.0 / np.where(there, spread, 1.0), 0.0))
 
 
-def _changing(samples: Array) -> NDArray[np.bool_]:
+def _varying_entries(samples: Array) -> NDArray[np.bool_]:
     """Return which entries (p, m) differ between samples by more than rounding."""
     return np.asarray(np.ptp(samples, axis=0) > 1e-14 * np.abs(samples).max(axis=0))

@@ -4,12 +4,12 @@ r"""Matrices that are polynomials of real parameters, as LFTs with as few copies
 
     P(p) = \sum_e P_e\, p_1^{e_1} p_2^{e_2} \cdots
 
-A parameter is drawn out of all terms that contain it, with as many copies as the coefficients left
-have independent columns (or rows), by singular values; what is left and what it was drawn out of
-are stacked and dealt with likewise, so that common factors are common. Then states that are not
-reached or not seen are taken out [1]_. Of what different orders of the parameters give the smallest
-is returned. For affine matrices that is the least possible size (rank of each coefficient [2]_), as
-it is for one parameter; in general `least_copies` bounds it from below.
+One parameter is factored out of all terms that contain it, with as many copies as the remaining
+coefficients have independent columns (or rows), by singular values. The quotient and the terms
+without the parameter are stacked and factored likewise, so that common factors need copies once.
+Then unreachable and unobservable copies are removed [1]_. The smallest result over different orders
+of the parameters is returned. For affine matrices that is the least possible size (rank of each
+coefficient [2]_), as it is for one parameter; in general `copies_lower_bound` bounds it from below.
 
 References
 ----------
@@ -36,18 +36,29 @@ from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import Uncertainty
 from hillsphere_controllers.systems.algebra import gain
 
-__all__ = ["Terms", "affine", "evaluated", "least_copies", "polynomial", "scaled_polynomial"]
+__all__ = [
+    "Terms",
+    "affine",
+    "copies_lower_bound",
+    "evaluate_polynomial",
+    "polynomial",
+    "scaled_polynomial",
+]
 
 Terms = Mapping[tuple[int, ...], Array]
 """Exponents, one for each parameter, → coefficient matrix (p, m)."""
 
 _RANK = 1e-12
+"""Singular values of the equilibrated coefficients below this share of the largest count as zero. A
+larger value drops terms; a smaller one adds copies that exist only by rounding."""
 _NEGLIGIBLE = 1e-3
 """A term of as little, relative to `_RANK`, is rounding."""
 _MOST_ORDERS = 24
+"""Orders of factoring tried for more than four parameters, where all permutations would be 120 and
+more: 4! = 24, the number for four parameters."""
 
 
-def evaluated(terms: Terms, points: Array) -> Array:
+def evaluate_polynomial(terms: Terms, points: Array) -> Array:
     """Return values (N, p, m) of a polynomial at points (k, N)."""
     return np.asarray(
         sum(
@@ -105,7 +116,7 @@ def polynomial(terms: Terms, uncertainties: Sequence[Uncertainty]) -> Lft:
     InputError
         If exponents or coefficients do not fit.
     """
-    checked = _checked(terms, uncertainties)
+    checked = _check_terms(terms, uncertainties)
     # p = p₀ + g q with q = δ/(1 + c δ)
     shifted: dict[tuple[int, ...], Array] = {}
     for e, matrix in checked.items():
@@ -132,14 +143,14 @@ def scaled_polynomial(terms: Terms, uncertainties: Sequence[Uncertainty]) -> Lft
     InputError
         If exponents or coefficients do not fit.
     """
-    checked = _checked(terms, uncertainties)
+    checked = _check_terms(terms, uncertainties)
     # ranks are told by singular values: first bring rows and columns to one size
     rows, columns = _sizes(checked)
     even = {e: matrix / rows[:, None] / columns for e, matrix in checked.items()}
     kept = {e: m for e, m in even.items() if np.abs(m).max(initial=0.0) > _RANK * _NEGLIGIBLE}
     zero = (0,) * len(uncertainties)
     kept.setdefault(zero, np.zeros_like(next(iter(checked.values()))))
-    best = _smallest(kept, uncertainties)
+    best = _smallest_lft(kept, uncertainties)
     m11, m12, m21, m22 = best.parts()
     # q = δ/(1 + c δ): what goes into δ is less by c times what comes out
     curvature = [
@@ -151,13 +162,13 @@ def scaled_polynomial(terms: Terms, uncertainties: Sequence[Uncertainty]) -> Lft
     return Lft(gain(matrix), best.uncertainties, best.times)
 
 
-def _smallest(terms: Terms, uncertainties: Sequence[Uncertainty]) -> Lft:
+def _smallest_lft(terms: Terms, uncertainties: Sequence[Uncertainty]) -> Lft:
     """Return the smallest LFT in q that some orders of the parameters give."""
-    least = sum(least_copies(terms))
+    least = sum(copies_lower_bound(terms))
     best: Lft | None = None
     for order in _orders(terms, len(uncertainties)):
         for side in ("fewer", "left", "right"):
-            found = minimal(_lft(_realised(terms, order, side), uncertainties))
+            found = minimal(_lft(_realise(terms, order, side), uncertainties))
             if best is None or found.size < best.size:
                 best = found
             if best.size <= least:
@@ -166,7 +177,7 @@ def _smallest(terms: Terms, uncertainties: Sequence[Uncertainty]) -> Lft:
     return best
 
 
-def least_copies(terms: Terms, *, seed: int = 0) -> tuple[int, ...]:
+def copies_lower_bound(terms: Terms, *, seed: int = 0) -> tuple[int, ...]:
     """Return numbers of copies that no LFT of a polynomial can go below, one for each parameter.
 
     With the others fixed, here at random, it is a polynomial of one parameter, whose least size is
@@ -193,6 +204,7 @@ def least_copies(terms: Terms, *, seed: int = 0) -> tuple[int, ...]:
         hankel = np.block(
             [[rest.get(i + j + 1, none) for j in range(degree)] for i in range(degree)]
         )
+        # Ho and Kalman: the rank of the Hankel matrix is the order of a minimal realisation
         made.append(_rank(np.linalg.svd(hankel, compute_uv=False), _RANK))
     return tuple(made)
 
@@ -208,7 +220,7 @@ class _Form:
     owners: tuple[int, ...]
 
 
-def _realised(terms: Terms, order: Sequence[int], side: str) -> _Form:
+def _realise(terms: Terms, order: Sequence[int], side: str) -> _Form:
     chosen = next((v for v in order if any(e[v] for e in terms)), None)
     if chosen is None:
         (m22,) = terms.values()
@@ -217,6 +229,7 @@ def _realised(terms: Terms, order: Sequence[int], side: str) -> _Form:
     v = chosen
     zero = next(iter(terms.values()))
     p, m = zero.shape
+    # P = rest + p_v · drawn; the rank of drawn is the number of copies of p_v
     rest = {e: matrix for e, matrix in terms.items() if e[v] == 0}
     drawn = {(*e[:v], e[v] - 1, *e[v + 1 :]): matrix for e, matrix in terms.items() if e[v]}
     columns, s1, _ = np.linalg.svd(np.hstack(list(drawn.values())), full_matrices=False)
@@ -230,7 +243,7 @@ def _realised(terms: Terms, order: Sequence[int], side: str) -> _Form:
             e: np.vstack([rest.get(e, np.zeros((p, m))), factor.T @ drawn.get(e, np.zeros((p, m)))])
             for e in both
         }
-        f = _realised(joined, order, side)
+        f = _realise(joined, order, side)
         n = len(f.owners)
         return _Form(
             np.block([[f.m11, np.zeros((n, r1))], [f.m21[p:], np.zeros((r1, r1))]]),
@@ -244,7 +257,7 @@ def _realised(terms: Terms, order: Sequence[int], side: str) -> _Form:
         e: np.hstack([rest.get(e, np.zeros((p, m))), drawn.get(e, np.zeros((p, m))) @ factor.T])
         for e in both
     }
-    f = _realised(joined, order, side)
+    f = _realise(joined, order, side)
     n = len(f.owners)
     return _Form(
         np.block([[f.m11, f.m12[:, m:]], [np.zeros((r2, n)), np.zeros((r2, r2))]]),
@@ -270,7 +283,7 @@ def _lft(form: _Form, uncertainties: Sequence[Uncertainty]) -> Lft:
 
 
 def _orders(terms: Terms, count: int) -> Iterator[tuple[int, ...]]:
-    """Give orders of the parameters: all of few, else some, those of high degree first."""
+    """Yield orders of the parameters: all of few parameters, else some, high degrees first."""
     degree = [max(e[v] for e in terms) for v in range(count)]
     there = sorted((v for v in range(count) if degree[v]), key=lambda v: -degree[v])
     rest = tuple(v for v in range(count) if not degree[v])
@@ -315,7 +328,9 @@ def _rank(values: Array, relative: float) -> int:
     return int(np.sum(values > relative * values[0])) if values.size and values[0] > 0.0 else 0
 
 
-def _checked(terms: Terms, uncertainties: Sequence[Uncertainty]) -> dict[tuple[int, ...], Array]:
+def _check_terms(
+    terms: Terms, uncertainties: Sequence[Uncertainty]
+) -> dict[tuple[int, ...], Array]:
     if not terms:
         raise InputError("a polynomial needs at least one term")
     names = [u.name for u in uncertainties]

@@ -1,8 +1,9 @@
-r"""Fewer copies of uncertainties: exactly, or within an error that is proved.
+r"""Reduction of LFTs: fewer copies of uncertainties, exactly or within a proved error.
 
 A copy is a state of an LFT as an integrator is one of a system: Δ takes its outputs z and returns
-its inputs w. Copies that no input reaches through any word of blocks, or that no output sees, go
-without any error [1]_. Others go after balancing, uncertainty by uncertainty, with the Gramians
+its inputs w. Copies that no input reaches through any product of blocks, or that no output shows,
+are removed without any error [1]_. Others are removed after balancing, uncertainty by uncertainty,
+with the Gramians
 
 .. math::
 
@@ -26,30 +27,41 @@ from scipy.linalg import block_diag
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Integers
-from hillsphere_controllers.lft.transformation import Lft, closed
+from hillsphere_controllers.lft.transformation import Lft, evaluate_upper_lft
 from hillsphere_controllers.lft.uncertainties import random_values
 from hillsphere_controllers.mu.blocks import BlockStructure, full
 from hillsphere_controllers.mu.upper_bound import upper_bound
 from hillsphere_controllers.systems.algebra import gain
 
-__all__ = ["Reduced", "gain_bound", "minimal", "reduced"]
+__all__ = ["ReducedLft", "gain_bound", "minimal", "reduce_lft"]
 
 _RANK = 1e-12
+"""Singular values below this share of the matrix's largest entry count as zero when reachable
+subspaces are built. A larger value removes copies that act; a smaller one keeps copies that exist
+only by rounding."""
 _EVEN = 5
+"""Rounds of equilibration: scales of outer rows, outer columns and copies depend on each other and
+settle to a factor near one in a few rounds."""
 _NOTHING = 1e-14
 """Of what a number does, in even units: rounding."""
 _GROWTH_STEPS = 100
+"""Steps of the power iteration for the growth of the words of blocks. The growth only chooses the
+shrink factor, so a few digits of it suffice."""
 _MOST_STEPS = 300
+"""Words of blocks that are summed at most. With the shrink factor of 0.95 the remainder is below
+1e-6 of the sum after 300 steps; it affects only which balance is tried, not the proved bound."""
 _FADING = 0.95
 """Factor by which words of blocks count less with their length, at most."""
 _SAMPLES = 500
+"""Random Δ at which the proved bound is compared with the true error: half of them with real
+parameters at their bounds, where the error is usually largest."""
 _FLOOR = 1e-6
 """Of scalings that prove existence: relative to what the outputs weigh."""
 
 
 @dataclass(frozen=True)
-class Reduced:
-    """An LFT with fewer copies and what that costs.
+class ReducedLft:
+    """An LFT with fewer copies, and the error of the reduction.
 
     Parameters
     ----------
@@ -75,10 +87,10 @@ def minimal(of: Lft) -> Lft:
     their size, where coefficients lie many decades apart.
     """
     for turned in (False, True):
-        scales, a, b, c, counts = _evened(of)
-        bases = _reached(a.T, c.T, counts) if turned else _reached(a, b, counts)
+        scales, a, b, c, counts = _equilibrate(of)
+        bases = _reachable_bases(a.T, c.T, counts) if turned else _reachable_bases(a, b, counts)
         if any(basis.shape[1] < len(basis) for basis in bases):
-            of = _projected(
+            of = _project(
                 of,
                 [basis / scale for basis, scale in zip(bases, scales, strict=True)],
                 [basis * scale for basis, scale in zip(bases, scales, strict=True)],
@@ -86,8 +98,8 @@ def minimal(of: Lft) -> Lft:
     return of
 
 
-def reduced(of: Lft, tolerance: float, *, seed: int = 0) -> Reduced:
-    """Take out as many copies of numbers as an error allows.
+def reduce_lft(of: Lft, tolerance: float, *, seed: int = 0) -> ReducedLft:
+    """Remove as many copies of scalar uncertainties as a tolerance allows.
 
     The error is that of the matrix [A B; C D], in the units of its entries: scale states, inputs
     and outputs first.
@@ -103,7 +115,7 @@ def reduced(of: Lft, tolerance: float, *, seed: int = 0) -> Reduced:
 
     Returns
     -------
-    Reduced
+    ReducedLft
         The least of those tried whose bound, proved by µ, is no larger than the tolerance.
 
     Raises
@@ -114,26 +126,27 @@ def reduced(of: Lft, tolerance: float, *, seed: int = 0) -> Reduced:
     if not tolerance >= 0.0:
         raise InputError(f"a tolerance must be ≥ 0, got {tolerance}")
     least = minimal(of)
-    best = Reduced(least, 0.0, _sampled(_error(of, least), seed))
+    best = ReducedLft(least, 0.0, _sample_gain(_error(of, least), seed))
     if tolerance == 0.0:
         return best
     left, right, values = _balancing(least)
+    # bisection of the number of copies removed, in the order of their singular values
     ranked = np.sort(np.concatenate([*values, np.empty(0)]))
     low, high = 0, len(ranked)
     while low < high:
         count = (low + high + 1) // 2
         # those of equal values go or stay together
         kept = [int(np.sum(v > ranked[count - 1])) for v in values]
-        found = _projected(
+        found = _project(
             least,
             [matrix[:, :k] for matrix, k in zip(left, kept, strict=True)],
             [matrix[:, :k] for matrix, k in zip(right, kept, strict=True)],
         )
         error = _error(least, found)
-        sampled = _sampled(error, seed)
+        sampled = _sample_gain(error, seed)
         bound = gain_bound(error, enough=tolerance) if sampled <= tolerance else np.inf
         if bound <= tolerance:
-            low, best = count, Reduced(found, bound, sampled)
+            low, best = count, ReducedLft(found, bound, sampled)
         else:
             high = count - 1
     if best.lft is least:
@@ -158,7 +171,7 @@ def gain_bound(of: Lft, *, enough: float | None = None) -> float:
         exists for all Δ.
     """
     least = minimal(of)
-    found = _gain_bound(_contracting(least), enough)
+    found = _gain_bound(_contract(least), enough)
     return found if np.isfinite(found) else _gain_bound(least, enough)
 
 
@@ -167,7 +180,7 @@ def _gain_bound(of: Lft, enough: float | None) -> float:
     if not of.uncertainties or not m22.size:
         return float(np.linalg.norm(m22, 2)) if m22.size else 0.0
     p, m = m22.shape
-    size = _sampled(of, 0) or float(max(np.abs(m21).max(), np.abs(m12).max()))
+    size = _sample_gain(of, 0) or float(max(np.abs(m21).max(), np.abs(m12).max()))
     # performance is a full block from the outputs to the inputs
     root = np.sqrt(size)
     matrix = np.block([[m11, m12 / root], [m21 / root, m22 / size]]).astype(complex)
@@ -215,8 +228,8 @@ def _places(of: Lft) -> tuple[Integers, Integers]:
     return np.array(rows, dtype=np.int64), np.array(columns, dtype=np.int64)
 
 
-def _reached(a: Array, b: Array, counts: list[int]) -> list[Array]:
-    """Return orthonormal bases (nᵢ, kᵢ) of what any word of blocks reaches."""
+def _reachable_bases(a: Array, b: Array, counts: list[int]) -> list[Array]:
+    """Return orthonormal bases (nᵢ, kᵢ) of the subspaces that words of blocks reach."""
     spans = _spans(counts)
     bases = [np.zeros((count, 0)) for count in counts]
     fresh, scale = b, float(np.abs(b).max(initial=0.0))
@@ -232,10 +245,11 @@ def _reached(a: Array, b: Array, counts: list[int]) -> list[Array]:
             added.append(new)
         if not any(new.shape[1] for new in added):
             return bases
+        # longer words: what the newly reached directions reach in turn
         fresh, scale = a @ np.asarray(block_diag(*added)), float(np.abs(a).max(initial=0.0))
 
 
-def _evened(of: Lft) -> tuple[list[float], Array, Array, Array, list[int]]:
+def _equilibrate(of: Lft) -> tuple[list[float], Array, Array, Array, list[int]]:
     """Return T, one number for each number, and T⁻¹ A T, T⁻¹ B, C T in even units, and the counts.
 
     All other rows and columns of M are brought to one, so that what is small in its own unit alone
@@ -250,8 +264,8 @@ def _evened(of: Lft) -> tuple[list[float], Array, Array, Array, list[int]]:
     scales = np.ones(len(counts))
     sizes = np.zeros(len(counts))
     for _ in range(_EVEN):
-        matrix[outer_rows] /= _largest(matrix[outer_rows], 1)[:, None]
-        matrix[:, outer_columns] /= _largest(matrix[:, outer_columns], 0)
+        matrix[outer_rows] /= _largest_norms(matrix[outer_rows], 1)[:, None]
+        matrix[:, outer_columns] /= _largest_norms(matrix[:, outer_columns], 0)
         for i, span in enumerate(spans):
             into = float(
                 np.abs(np.delete(matrix[rows[span]], columns[span], axis=1)).max(initial=0)
@@ -261,6 +275,7 @@ def _evened(of: Lft) -> tuple[list[float], Array, Array, Array, list[int]]:
             )
             sizes[i] = np.sqrt(into * out)
             if sizes[i] > 0.0:
+                # a power of two that makes rows and columns of the copies equally large
                 step = float(np.exp2(np.round(0.5 * np.log2(into / out))))
                 scales[i] *= step
                 matrix[rows[span]] /= step
@@ -272,12 +287,12 @@ def _evened(of: Lft) -> tuple[list[float], Array, Array, Array, list[int]]:
     return [float(scale) for scale in scales], *_split(of, matrix), counts
 
 
-def _largest(matrix: Array, axis: int) -> Array:
+def _largest_norms(matrix: Array, axis: int) -> Array:
     size = np.abs(matrix).max(axis=axis, initial=0.0)
     return np.asarray(np.where(size > 0.0, size, 1.0))
 
 
-def _projected(of: Lft, left: list[Array], right: list[Array]) -> Lft:
+def _project(of: Lft, left: list[Array], right: list[Array]) -> Lft:
     """Return the LFT whose numbers have the states x̃ᵢ = Lᵢᵀ xᵢ, xᵢ ≈ Rᵢ x̃ᵢ."""
     m11, m12, m21, _ = of.parts()
     out: list[Array] = []
@@ -308,6 +323,7 @@ def _balancing(of: Lft) -> tuple[list[Array], list[Array], list[Array]]:
     left, right, values = [], [], []
     for span in spans:
         root_y, root_z = _root(y[span, span]), _root(z[span, span])
+        # square-root balancing: Z = Rz Rzᵀ, Y = Ry Ryᵀ, singular values of Rzᵀ Ry
         u, s, vt = np.linalg.svd(root_z.T @ root_y)
         safe = np.maximum(s, 1e-300)
         left.append(root_z @ u / np.sqrt(safe))
@@ -341,7 +357,7 @@ def _gramian(a: Array, b: Array, spans: list[slice]) -> Array:
     return total
 
 
-def _contracting(of: Lft) -> Lft:
+def _contract(of: Lft) -> Lft:
     """Return the LFT in coordinates that make M₁₁ contract, where words of blocks fade away.
 
     With k blocks, D of the Gramians of √k M has M₁₁ᵀ D M₁₁ < D: a first scaling that proves that
@@ -359,7 +375,7 @@ def _contracting(of: Lft) -> Lft:
         root = np.sqrt(np.maximum(values, floor**2))
         left.append(vectors * root)
         right.append(vectors / root)
-    return _projected(of, left, right)
+    return _project(of, left, right)
 
 
 def _root(y: Array) -> Array:
@@ -377,7 +393,7 @@ def _matrix(of: Lft) -> Lft:
     return Lft(gain(np.block([[m11, m12], [m21, m22]])), of.uncertainties, of.times)
 
 
-def _sampled(of: Lft, seed: int) -> float:
+def _sample_gain(of: Lft, seed: int) -> float:
     """Return the largest singular value of a matrix at random Δ, those at the bounds as well."""
     values = random_values(of.uncertainties, _SAMPLES, seed=seed)
     random = np.random.default_rng(seed + 1)
@@ -386,5 +402,5 @@ def _sampled(of: Lft, seed: int) -> float:
             ends = random.choice([one.lower, one.upper], _SAMPLES // 2)
             values[one.name][: _SAMPLES // 2] = ends
     m11, m12, m21, m22 = (part.astype(complex) for part in of.parts())
-    found = closed(m11, m12, m21, m22, of.deltas(values))
+    found = evaluate_upper_lft(m11, m12, m21, m22, of.deltas(values))
     return float(np.linalg.norm(found, 2, axis=(1, 2)).max()) if found.size else 0.0

@@ -1,12 +1,12 @@
-r"""Linear fractional transformations: a system M closed by what is uncertain.
+r"""Linear fractional transformations (LFTs): a system M closed by an uncertainty Δ.
 
 .. math::
 
     F_u(M, \Delta) = M_{22} + M_{21} \Delta (I - M_{11} \Delta)^{-1} M_{12},
     \qquad \lVert \Delta \rVert \le 1
 
-[1]_. Sums, products, feedback and so on of such are such again: their M are put beside each other,
-connected, and the copies of one uncertainty gathered.
+[1]_. Sums, products and feedback of LFTs are LFTs: their M are put side by side and connected, and
+the copies of one uncertainty are gathered.
 
 References
 ----------
@@ -28,11 +28,13 @@ from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.lft.uncertainties import Uncertainty
 from hillsphere_controllers.mu.blocks import Block, BlockStructure
-from hillsphere_controllers.systems.algebra import append, fed_back, gain, upper_lft
+from hillsphere_controllers.systems.algebra import append, close_with_gain, gain, upper_lft
 
-__all__ = ["Lft", "connected", "constant"]
+__all__ = ["Lft", "connect_lfts", "constant"]
 
 _SINGULAR = 1e13
+"""Factor by which the inverse of I − M₁₁ Δ may amplify M₁₂. Beyond it fewer than three of the
+sixteen digits of the result are left."""
 Complex = NDArray[np.complex128]
 Number = TypeVar("Number", np.float64, np.complex128)
 Values = Mapping[str, ArrayLike | LtiSystem]
@@ -96,7 +98,7 @@ class Lft:
 
     @property
     def blocks(self) -> tuple[Block, ...]:
-        """Normalised blocks of Δ; several copies of a full one stand as so many blocks."""
+        """Normalised blocks of Δ; every copy of a full block is a block of its own."""
         made: list[Block] = []
         for one, times in zip(self.uncertainties, self.times, strict=True):
             if one.kind == "full":
@@ -129,7 +131,7 @@ class Lft:
 
     def deltas(self, values: Values) -> Complex:
         """Return Δ (N, rows, columns) for N values each, see `matrices`; complex."""
-        given = self._checked(values)
+        given = self._check_values(values)
         stacks = []
         for one, value in given:
             if isinstance(value, LtiSystem):
@@ -149,7 +151,7 @@ class Lft:
             if one.kind == "full":
                 block = stack
             else:
-                scalar = one.normalised(stack) if one.kind == "real" else stack
+                scalar = one.normalise(stack) if one.kind == "real" else stack
                 block = scalar[:, None, None]
             if block.shape[1:] != (one.rows, one.columns) or len(block) not in (1, count):
                 raise InputError(
@@ -185,7 +187,7 @@ class Lft:
         if delta.imag.any():
             raise InputError("complex values make no real matrices; ask for the response instead")
         m11, m12, m21, m22 = self.parts()
-        made = closed(m11, m12, m21, m22, delta.real)
+        made = evaluate_upper_lft(m11, m12, m21, m22, delta.real)
         n = self.system.order
         return made[:, :n, :n], made[:, :n, n:], made[:, n:, :n], made[:, n:, n:]
 
@@ -206,7 +208,7 @@ class Lft:
                 a[0], b[0], c[0], d[0], self.system.dt_s, plain.inputs, plain.outputs, plain.states
             )
         blocks: list[LtiSystem] = []
-        for (one, value), times in zip(self._checked(values), self.times, strict=True):
+        for (one, value), times in zip(self._check_values(values), self.times, strict=True):
             if isinstance(value, LtiSystem):
                 if value.shape != (one.rows, one.columns) or not one.dynamic:
                     raise InputError(
@@ -230,8 +232,9 @@ class Lft:
         out, into = self.closed_channels
         m = self.system.response(omega_rad_s)
         delta = self.deltas(values)[:, None]
-        return closed(m[:, :out, :into], m[:, :out, into:], m[:, out:, :into], m[:, out:, into:],
-                      delta)  # fmt: skip
+        return evaluate_upper_lft(
+            m[:, :out, :into], m[:, :out, into:], m[:, out:, :into], m[:, out:, into:], delta
+        )
 
     def parts(self) -> tuple[Array, Array, Array, Array]:
         """Return M₁₁ … M₂₂ of the matrix [A B; C D], which Δ closes as it closes the system."""
@@ -244,7 +247,7 @@ class Lft:
         )
 
     def with_parts(self, m11: Array, m12: Array, m21: Array, times: Mapping[str, int]) -> Lft:
-        """Return the same nominal system with other M₁₁, M₁₂, M₂₁ and so many copies.
+        """Return the same nominal system with other M₁₁, M₁₂, M₂₁ and numbers of copies.
 
         An uncertainty without copies is left out.
         """
@@ -256,7 +259,7 @@ class Lft:
         kept = tuple(u for u in self.uncertainties if times[u.name])
         return Lft(system, kept, tuple(times[u.name] for u in kept))
 
-    def _checked(self, values: Values) -> list[tuple[Uncertainty, ArrayLike | LtiSystem]]:
+    def _check_values(self, values: Values) -> list[tuple[Uncertainty, ArrayLike | LtiSystem]]:
         names = [u.name for u in self.uncertainties]
         for name in values:
             if name not in names:
@@ -278,7 +281,7 @@ class Lft:
             raise InputError(f"a sum needs systems of one shape, got {self.shape}, {right.shape}")
         (p, m), zero = self.shape, np.zeros((2 * self.shape[1], 2 * self.shape[0]))
         one, both = np.eye(p), np.eye(m)
-        return connected((self, right), zero, np.vstack([both, both]), np.hstack([one, one]))
+        return connect_lfts((self, right), zero, np.vstack([both, both]), np.hstack([one, one]))
 
     def __radd__(self, other: LtiSystem | Array) -> Lft:
         """Return the sum."""
@@ -301,12 +304,12 @@ class Lft:
         if np.ndim(number) or isinstance(number, Lft | LtiSystem):
             raise InputError("* is by a number; the product with a system or a matrix is a @ b")
         (p, m) = self.shape
-        return connected((self,), np.zeros((m, p)), np.eye(m), float(number) * np.eye(p))
+        return connect_lfts((self,), np.zeros((m, p)), np.eye(m), float(number) * np.eye(p))
 
     __rmul__ = __mul__
 
     def __matmul__(self, other: Lft | LtiSystem | Array) -> Lft:
-        """Return the product: what the right one gives goes into the left one."""
+        """Return the product: the outputs of the right LFT are the inputs of the left one."""
         right = constant(other)
         (p, m), (q, k) = self.shape, right.shape
         if m != q:
@@ -314,7 +317,7 @@ class Lft:
         feed = np.zeros((m + k, p + q))
         feed[:m, p:] = np.eye(m)
         into = np.vstack([np.zeros((m, k)), np.eye(k)])
-        return connected((self, right), feed, into, np.hstack([np.eye(p), np.zeros((p, q))]))
+        return connect_lfts((self, right), feed, into, np.hstack([np.eye(p), np.zeros((p, q))]))
 
     def __rmatmul__(self, other: LtiSystem | Array) -> Lft:
         """Return the product."""
@@ -328,14 +331,14 @@ def constant(given: Lft | LtiSystem | Array) -> Lft:
     return Lft(given if isinstance(given, LtiSystem) else gain(given))
 
 
-def closed(
+def evaluate_upper_lft(
     m11: NDArray[Number],
     m12: NDArray[Number],
     m21: NDArray[Number],
     m22: NDArray[Number],
     delta: NDArray[Number],
 ) -> NDArray[Number]:
-    """Return F_u(M, Δ) for stacks of Δ.
+    """Return the upper LFT F_u(M, Δ) for stacks of Δ.
 
     Raises
     ------
@@ -354,8 +357,8 @@ def closed(
     return np.asarray(m22 + m21 @ delta @ inside)
 
 
-def connected(parts: Sequence[Lft], feed: Array, into: Array, out: Array) -> Lft:
-    """Return what uncertain systems make when connected.
+def connect_lfts(parts: Sequence[Lft], feed: Array, into: Array, out: Array) -> Lft:
+    """Return the interconnection of uncertain systems.
 
     With u and y all their inputs and outputs one after the other, the result takes v and gives r:
     u = F y + N v, r = E y. All operations are of this kind.
@@ -402,7 +405,9 @@ def connected(parts: Sequence[Lft], feed: Array, into: Array, out: Array) -> Lft
     plain = [LtiSystem(s.a, s.b, s.c, s.d, s.dt_s) for s in (part.system for part in parts)]
     whole = np.zeros((column, row))
     whole[np.ix_(inputs, outputs)] = feed
-    made = fed_back(append(*plain), whole)
+    # close the connections first; Δ stays outside as inputs and outputs
+    made = close_with_gain(append(*plain), whole)
+    # then bring the copies of each uncertainty together
     first = [i for name in known for i in columns[name]]
     last = [i for name in known for i in rows[name]]
     b = np.hstack([made.b[:, first], made.b[:, inputs] @ into])

@@ -1,4 +1,4 @@
-r"""What is uncertain, and the normalised block that stands for it."""
+r"""Uncertain parameters and blocks, normalised to a norm of at most one."""
 
 from __future__ import annotations
 
@@ -14,7 +14,12 @@ from hillsphere.interfaces import Array, Dispersion
 from hillsphere_controllers.uncertain import Parametric, uncertain
 
 __all__ = [
-    "Uncertainty", "corners", "dispersed", "physical_values", "random_values", "real_parameter",
+    "Uncertainty",
+    "bound_dispersion",
+    "corners",
+    "physical_values",
+    "random_values",
+    "real_parameter",
 ]  # fmt: skip
 
 
@@ -86,7 +91,7 @@ class Uncertainty:
         """Return g, in the unit of the parameter."""
         return (self.upper - self.nominal) * (1.0 + self.curvature)
 
-    def normalised(self, values: Array) -> Array:
+    def normalise(self, values: Array) -> Array:
         """Return δ for values of a real parameter."""
         away = np.asarray(values, dtype=float) - self.nominal
         return np.asarray(away / (self.slope - self.curvature * away))
@@ -100,7 +105,7 @@ class Uncertainty:
 def real_parameter(
     name: str, lower: float, upper: float, nominal: float | None = None
 ) -> Uncertainty:
-    """Return an uncertain real parameter, nominally in the middle unless told.
+    """Return an uncertain real parameter; its nominal value is the middle by default.
 
     Raises
     ------
@@ -111,22 +116,22 @@ def real_parameter(
     return Uncertainty(name, "real", lower=lower, nominal=middle, upper=upper)
 
 
-def dispersed(
+def bound_dispersion(
     model: Parametric, dispersion: Dispersion, *, sigmas: float = 3.0
 ) -> tuple[Uncertainty, ...]:
-    """Return the parameters of a model that a dispersion stands for, as uncertain ones.
+    """Return uncertain parameters with bounds from a dispersion.
 
-    Their correlation is left out: the box of the bounds contains what is correlated, too.
+    Correlations are ignored: the box of the bounds contains every correlated sample within them.
 
     Parameters
     ----------
     model : Parametric
-        What the dispersion's table makes.
+        Model whose parameters the dispersion varies.
     dispersion : Dispersion
         How its parameters are distributed.
     sigmas : float
-        How many standard deviations the bounds are away from the mean; never beyond what is
-        possible.
+        Distance of the bounds from the mean in standard deviations; cut off at the bounds of the
+        distribution.
 
     Returns
     -------
@@ -156,7 +161,7 @@ def dispersed(
 def physical_values(
     uncertainties: Sequence[Uncertainty], normalised: Mapping[str, float]
 ) -> dict[str, float]:
-    """Return normalised values of real parameters, such as those of a worst case, in their units.
+    """Return normalised values of real parameters, such as a worst case, in their units.
 
     Parameters
     ----------
@@ -233,6 +238,7 @@ def random_values(
             made[one.name] = random.uniform(one.lower, one.upper, count)
         elif one.kind == "complex":
             angle = random.uniform(0.0, 2.0 * np.pi, count)
+            # the root makes the points uniform in area
             made[one.name] = np.sqrt(random.uniform(size=count)) * np.exp(1j * angle)
         else:
             block = random.normal(size=(count, one.rows, one.columns))

@@ -1,1 +1,1 @@
-"""Synthesis and analysis by linear matrix inequalities."""
+"""Synthesis and analysis by linear matrix inequalities (LMIs)."""

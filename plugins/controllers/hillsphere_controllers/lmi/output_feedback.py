@@ -25,26 +25,31 @@ from hillsphere.lti import LtiSystem
 from hillsphere_controllers.errors import InfeasibleError, SynthesisFailedError
 from hillsphere_controllers.full_order.modes import check_modes
 from hillsphere_controllers.full_order.scaling import Units
-from hillsphere_controllers.lmi.coordinates import of_output_feedback
+from hillsphere_controllers.lmi.coordinates import output_feedback_coordinates
 from hillsphere_controllers.lmi.requirements import (
-    Achieved,
-    achieved,
+    VerifiedNorm,
     check_direct,
-    in_units,
     indices,
     norm_inequalities,
     region_inequalities,
+    scale_limit,
+    verify_norms,
 )
-from hillsphere_controllers.lmi.solving import check_order, cp, minimised
+from hillsphere_controllers.lmi.solving import check_order, cp, minimise
 from hillsphere_controllers.structured.requirements import Channel, PoleRegion
-from hillsphere_controllers.systems.algebra import fed_back, lower_lft
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.algebra import close_with_gain, lower_lft
+from hillsphere_controllers.systems.balancing import balance_states
 from hillsphere_controllers.systems.bilinear import continuous, discrete
 
 __all__ = ["OutputFeedback", "output_feedback"]
 
 _BACK_OFFS = (1.01, 1.03, 1.1, 1.3)
+"""Factors on the least bound, tried in this order. At the least bound itself I − X Y is singular
+and the controller's gains infinite; a larger factor gives smaller gains, at the cost of the
+norm."""
 _ROOM = 10.0
+"""Upper limit of X and Y in the second optimisation, relative to their sizes at the least bound. It
+keeps the search for the best conditioned I − X Y bounded."""
 _LARGEST = (1e5, 1e7, 1e4, 1e3)
 """Sizes of X and Y, in coordinates in which those of a linear-quadratic design are one."""
 _SLOWEST = 1e-6
@@ -53,7 +58,7 @@ _SLOWEST = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class OutputFeedback:
-    """A controller and what it does.
+    """An output feedback controller and the verified norms of its channels.
 
     Parameters
     ----------
@@ -61,7 +66,7 @@ class OutputFeedback:
         From y to u, of the order of the plant.
     closed_loop : LtiSystem
         From w to z.
-    channels : tuple of Achieved
+    channels : tuple of VerifiedNorm
         Norms, computed from the closed loop.
     least : float
         The least bound that the inequalities allow, with X and Y of limited size, for the largest
@@ -72,7 +77,7 @@ class OutputFeedback:
 
     controller: LtiSystem
     closed_loop: LtiSystem
-    channels: tuple[Achieved, ...]
+    channels: tuple[VerifiedNorm, ...]
     least: float
 
 
@@ -132,23 +137,24 @@ def output_feedback(
         loop = lower_lft(plant, controller)
         bounds = [found.bound for found in made.channels]
         return OutputFeedback(
-            controller, loop, achieved([loop], channels, bounds, wanted), made.least
+            controller, loop, verify_norms([loop], channels, bounds, wanted), made.least
         )
     units = Units.of(plant, k, q)
-    even, _ = balanced(units.scaled(plant))
+    even, _ = balance_states(units.scale(plant))
     check_modes(even.a, even.b[:, m - k :], even.c[p - q :])
-    coordinates = of_output_feedback(even, k, q)
-    asked = tuple(in_units(channel, coordinates.unit) for channel in channels)
-    problem, least = _with_least(coordinates.of(even, q), k, q, asked, wanted)
+    coordinates = output_feedback_coordinates(even, k, q)
+    asked = tuple(scale_limit(channel, coordinates.unit) for channel in channels)
+    problem, least = _build_problem(coordinates.of(even, q), k, q, asked, wanted)
     least *= coordinates.unit
     reason: SynthesisFailedError | None = None
     for factor in _BACK_OFFS:
         try:
-            controller = units.restored(problem.controller(factor))
-            controller = fed_back(controller, -plant.d[p - q :, m - k :])
+            controller = units.restore(problem.controller(factor))
+            # the design is for D22 = 0: y − D22 u
+            controller = close_with_gain(controller, -plant.d[p - q :, m - k :])
             loop = lower_lft(plant, controller)
             bounds = [factor * least if c.limit is None else c.limit for c in channels]
-            norms = achieved([loop], channels, bounds, wanted)
+            norms = verify_norms([loop], channels, bounds, wanted)
         except (SynthesisFailedError, InputError) as error:
             reason = SynthesisFailedError(str(error))
             continue
@@ -157,7 +163,7 @@ def output_feedback(
     raise reason
 
 
-def _with_least(
+def _build_problem(
     plant: LtiSystem,
     controls: int,
     measurements: int,
@@ -204,6 +210,8 @@ class _Problem:
         limit = largest * np.eye(n)
         self._dh = self._direct(channels, k, q)
         a, b2, c2, one = self._a, self._b2, self._c2, np.eye(n)
+        # closed-loop A under the congruence of Scherer, Gahinet and Chilali (1997), linear in the
+        # new variables
         moved = cp.bmat(
             [
                 [a @ self._x + b2 @ self._ch, a + b2 @ self._dh @ c2],
@@ -248,7 +256,7 @@ class _Problem:
 
     def least(self) -> float:
         """Find the least bound."""
-        self._least = minimised(
+        self._least = minimise(
             self._square, [*self._inequalities, self._lyapunov >> 0], "output feedback"
         )
         self._sizes = [float(np.linalg.norm(v.value, 2)) for v in (self._x, self._y)]
@@ -259,7 +267,7 @@ class _Problem:
         n = len(self._a)
         apart = cp.Variable()
         one = np.eye(n)
-        minimised(
+        minimise(
             -apart,
             [
                 *self._inequalities,
@@ -274,6 +282,7 @@ class _Problem:
         )
         x, y = self._x.value, self._y.value
         dk = self._dh.value
+        # back to K: M Nᵀ = I − X Y, then D, C, B and A in turn
         u, values, vt = np.linalg.svd(one - x @ y)
         if not values[-1] > 1e-10 * values[0]:
             raise SynthesisFailedError("output feedback: I − X Y is singular")

@@ -1,4 +1,4 @@
-r"""Guarantees for all plants in a convex hull, by Lyapunov functions.
+r"""Gain and stability of all plants in a convex hull (a polytope), by Lyapunov functions.
 
 With :math:`\dot x = A x + B w`, z = C x + D w and a multiplier F that all plants share,
 
@@ -36,20 +36,29 @@ from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.errors import InfeasibleError, SynthesisFailedError
 from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import corners, random_values
-from hillsphere_controllers.lmi.solving import check_order, cp, minimised
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.lmi.solving import check_order, cp, minimise
+from hillsphere_controllers.systems.balancing import balance_states
 
 __all__ = ["HullGain", "corner_systems", "hull_gain", "hull_stability"]
 
 _MARGINS = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4)
+"""Amounts, relative to the unit coordinates, by which the inequalities must hold, smallest first.
+The first whose solution passes the check with rounding taken off is used; a larger margin costs
+more of the bound."""
 _LINEAR = 1e-9
+"""Matrices count as linear in a parameter if the middle of its range differs by less than this from
+the mean of the ends: rounding of a few operations, far below an actual curvature."""
 _SMALL = 1e-6
+"""Share of the trace of CᵀC that is added to it, so that states that C does not show keep a
+positive definite Gramian and the coordinates exist."""
 _ROUNDING = 1e-14
+"""Error of an eigenvalue per row of a matrix, relative to its largest entry: about 45 units of
+rounding, taken off before an inequality counts as proved."""
 
 
 @dataclass(frozen=True, eq=False)
 class HullGain:
-    """A gain that no plant of a hull exceeds, and what proves it.
+    """A gain that no plant of a hull exceeds, and the Lyapunov matrix that proves it.
 
     Parameters
     ----------
@@ -131,14 +140,14 @@ def hull_gain(systems: Sequence[LtiSystem], *, common: bool = False) -> HullGain
     SynthesisFailedError
         If a corner is not stable, or the solver found nothing to rely on.
     """
-    given = _checked(systems)
+    given = _check_corners(systems)
     norms = [hinf_norm(system).value for system in given]
     unit = max(norms)
     if not np.isfinite(unit):
         raise SynthesisFailedError(f"corner {int(np.argmax(norms))} of the hull is not stable")
     unit = unit or 1.0
     t = _coordinates(given)
-    hull = _Hull([_even(system, t, unit) for system in given], common)
+    hull = _Hull([_scale_system(system, t, unit) for system in given], common)
     reason = SynthesisFailedError(
         "the gain of the hull is not proved: the matrices found do not pass their check; scale "
         "states, inputs and outputs to order one"
@@ -152,7 +161,7 @@ def hull_gain(systems: Sequence[LtiSystem], *, common: bool = False) -> HullGain
             reason = error
             continue
         if found > 0.0:
-            made = tuple(_back(p.value, t) * unit**2 for p in hull.lyapunov)
+            made = tuple(_restore_lyapunov(p.value, t) * unit**2 for p in hull.lyapunov)
             return HullGain(bound * unit, max(norms), made, found)
     raise reason
 
@@ -182,7 +191,7 @@ def hull_stability(
     SynthesisFailedError
         If the solver found nothing to rely on.
     """
-    given = _checked(systems)
+    given = _check_corners(systems)
     if not all(system.is_stable for system in given):
         return None
     t = _coordinates(given)
@@ -190,10 +199,10 @@ def hull_stability(
     bare = [
         LtiSystem(s.a, np.zeros((n, 0)), np.zeros((0, n)), np.zeros((0, 0)), s.dt_s) for s in given
     ]
-    hull = _Hull([_even(system, t, 1.0) for system in bare], common)
+    hull = _Hull([_scale_system(system, t, 1.0) for system in bare], common)
     if hull.widest() <= 0.0:
         return None
-    return tuple(_back(p.value, t) for p in hull.lyapunov)
+    return tuple(_restore_lyapunov(p.value, t) for p in hull.lyapunov)
 
 
 class _Hull:
@@ -211,6 +220,7 @@ class _Hull:
         """Return the matrix of corner i, which is to be negative."""
         s, lyapunov = self._systems[i], self.lyapunov[i]
         n, (p, m) = s.order, s.shape
+        # [A −I B], with zero columns for the rows of z in the Schur complement
         across = np.hstack([s.a, -np.eye(n), s.b, np.zeros((n, p))])
         none, zero = np.zeros((n, n)), np.zeros
         upper = (none, lyapunov, lyapunov, none)
@@ -239,7 +249,7 @@ class _Hull:
         return cp.bmat(energy) + term + term.T
 
     def inequalities(self, square: Any, margin: Any) -> list[Any]:
-        """Return what is to hold, each by a margin."""
+        """Return the inequalities of all corners, each with a margin."""
         made = []
         for i, lyapunov in enumerate(self.lyapunov):
             whole = self._whole(i, square)
@@ -250,7 +260,7 @@ class _Hull:
     def least(self, margin: float) -> tuple[float, float]:
         """Find the least gain for which all holds by a margin, and the margin that there is."""
         square = cp.Variable(nonneg=True)
-        minimised(square, self.inequalities(square, margin), "gain of a hull")
+        minimise(square, self.inequalities(square, margin), "gain of a hull")
         bound = float(np.sqrt(square.value * (1.0 + margin)))
         return bound, self._found(bound**2)
 
@@ -259,11 +269,11 @@ class _Hull:
         margin = cp.Variable()
         whole = sum(cp.trace(p) for p in self.lyapunov)
         count = len(self.lyapunov) * self._systems[0].order
-        minimised(-margin, [*self.inequalities(0.0, margin), whole == count], "stability of a hull")
+        minimise(-margin, [*self.inequalities(0.0, margin), whole == count], "stability of a hull")
         return self._found(0.0)
 
     def _found(self, square: float) -> float:
-        """Return by how much the inequalities hold, rounding taken off."""
+        """Return the margin of the inequalities, less rounding."""
         found = np.inf
         for i, lyapunov in enumerate(self.lyapunov):
             whole = np.asarray(self._whole(i, square).value)
@@ -273,7 +283,7 @@ class _Hull:
         return found
 
 
-def _checked(systems: Sequence[LtiSystem]) -> tuple[LtiSystem, ...]:
+def _check_corners(systems: Sequence[LtiSystem]) -> tuple[LtiSystem, ...]:
     given = tuple(systems)
     if not given:
         raise InputError("a hull needs at least one system")
@@ -285,7 +295,7 @@ def _checked(systems: Sequence[LtiSystem]) -> tuple[LtiSystem, ...]:
 
 def _coordinates(systems: Sequence[LtiSystem]) -> Array:
     """Return T, x = T x̃, in which the corners' mean observability Gramian is the identity."""
-    scale = balanced(systems[0])[1]
+    scale = balance_states(systems[0])[1]
     total = np.zeros((len(scale), len(scale)))
     for system in systems:
         a, c = system.a / scale[:, None] * scale, system.c * scale
@@ -300,7 +310,7 @@ def _coordinates(systems: Sequence[LtiSystem]) -> Array:
     return np.asarray(scale[:, None] * vectors / np.sqrt(values) / np.sqrt(np.trace(total)))
 
 
-def _even(system: LtiSystem, t: Array, unit: float) -> LtiSystem:
+def _scale_system(system: LtiSystem, t: Array, unit: float) -> LtiSystem:
     inside: Array = np.linalg.solve(t, np.hstack([system.a @ t, system.b])).astype(float)
     n = system.order
     return LtiSystem(
@@ -308,7 +318,7 @@ def _even(system: LtiSystem, t: Array, unit: float) -> LtiSystem:
     )
 
 
-def _back(lyapunov: Array, t: Array) -> Array:
+def _restore_lyapunov(lyapunov: Array, t: Array) -> Array:
     """Return P for x of P̃ for x̃."""
     half = np.linalg.solve(t.T, lyapunov)
     return np.asarray(np.linalg.solve(t.T, half.T))

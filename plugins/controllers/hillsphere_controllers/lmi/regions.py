@@ -1,4 +1,4 @@
-r"""Regions of the complex plane that a matrix inequality describes.
+r"""LMI regions: parts of the complex plane that a matrix inequality describes.
 
 .. math::
 

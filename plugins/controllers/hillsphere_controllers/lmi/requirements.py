@@ -1,4 +1,4 @@
-"""What is asked of a closed loop, as inequalities, and whether the loop does it."""
+"""Requirements on a closed loop as matrix inequalities, and their verification on the loop."""
 
 from __future__ import annotations
 
@@ -19,26 +19,36 @@ from hillsphere_controllers.lmi.solving import cp
 from hillsphere_controllers.structured.requirements import Channel, PoleRegion
 
 __all__ = [
-    "Achieved", "achieved", "check_direct", "in_units", "indices", "norm_inequalities",
+    "VerifiedNorm",
+    "check_direct",
+    "indices",
+    "norm_inequalities",
     "region_inequalities",
+    "scale_limit",
+    "verify_norms",
 ]  # fmt: skip
 
 _BEYOND = 1e-4
+"""Relative excess at which a norm or a pole contradicts the inequalities. Clarabel keeps
+constraints to about 1e-8, and the change of variables amplifies that; 1e-4 is still below what a
+design notices."""
 _ROUNDING = 1e-9
+"""A direct term below this share of max |C| · max |B| is what rounding leaves of D11 + D12 D_K D21
+= 0; it would make the H2 norm infinite."""
 
 
 @dataclass(frozen=True)
-class Achieved:
-    """A norm of a closed loop.
+class VerifiedNorm:
+    """A norm of a closed loop, verified against the bound of the inequalities.
 
     Parameters
     ----------
     channel : Channel
-        Which part.
+        Part of the transfer from w to z.
     norm : float
         Its weighted norm, computed from the closed loop; the largest if there are several loops.
     bound : float
-        What the inequalities promise.
+        Bound by the inequalities.
     """
 
     channel: Channel
@@ -66,7 +76,7 @@ def indices(channel: Channel, outputs: int, inputs: int) -> tuple[Integers, Inte
 
 
 def check_direct(d11: Array, channel: Channel) -> None:
-    """Refuse an H2 norm of what has a direct term.
+    """Check that a channel with an H2 norm has no direct term.
 
     Raises
     ------
@@ -80,7 +90,7 @@ def check_direct(d11: Array, channel: Channel) -> None:
         )
 
 
-def in_units(channel: Channel, unit: float) -> Channel:
+def scale_limit(channel: Channel, unit: float) -> Channel:
     """Return a channel whose limit is in units of a gain."""
     return channel if channel.limit is None else replace(channel, limit=channel.limit / unit)
 
@@ -102,10 +112,12 @@ def norm_inequalities(
     limit = square / channel.weight**2
     (p, m) = d.shape
     if channel.norm == "hinf":
+        # bounded real lemma, with γ² in the last block
         whole = cp.bmat([[a + a.T, b, c.T], [b.T, -np.eye(m), d.T], [c, d, -limit * np.eye(p)]])
         return [whole << 0]
     power = cp.Variable((p, p), symmetric=True)
     return [
+        # controllability Gramian below X, and tr(C X Cᵀ) below the limit by a slack matrix
         cp.bmat([[a + a.T, b], [b.T, -np.eye(m)]]) << 0,
         cp.bmat([[power, c], [c.T, x]]) >> 0,
         cp.trace(power) <= limit,
@@ -121,13 +133,13 @@ def region_inequalities(region: PoleRegion, a: Any, x: Any) -> list[Any]:
     return made
 
 
-def achieved(
+def verify_norms(
     loops: Sequence[LtiSystem],
     channels: Sequence[Channel],
     bounds: Sequence[float],
     region: PoleRegion,
-) -> tuple[Achieved, ...]:
-    """Compute the norms of closed loops from w to z anew, by other methods.
+) -> tuple[VerifiedNorm, ...]:
+    """Verify poles and norms of closed loops by methods other than the inequalities.
 
     Raises
     ------
@@ -149,7 +161,7 @@ def achieved(
                 f"the closed loop has a norm of {max(norms):.6g} where the inequalities promise "
                 f"{bound:.6g}"
             )
-        made.append(Achieved(channel, max(norms), bound))
+        made.append(VerifiedNorm(channel, max(norms), bound))
     return tuple(made)
 
 

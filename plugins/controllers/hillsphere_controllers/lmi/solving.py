@@ -1,4 +1,4 @@
-"""Semidefinite programs: solved, or a named error; nothing doubtful passes for a solution."""
+"""Solution of semidefinite programs by Clarabel, with named errors for doubtful results."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import cvxpy
 from hillsphere.errors import InputError
 from hillsphere_controllers.errors import InfeasibleError, SynthesisFailedError
 
-__all__ = ["MOST_STATES", "check_order", "cp", "minimised"]
+__all__ = ["MOST_STATES", "check_order", "cp", "minimise"]
 
 # cvxpy overloads its operators beyond what its annotations tell
 cp: Any = cvxpy
@@ -25,7 +25,7 @@ MOST_STATES = 20
 
 
 def check_order(order: int) -> None:
-    """Refuse plants of an order for which the inequalities are not reliable.
+    """Check that the order is one for which the inequalities are solved reliably.
 
     Raises
     ------
@@ -40,7 +40,7 @@ def check_order(order: int) -> None:
         )
 
 
-def minimised(
+def minimise(
     objective: Any, constraints: Sequence[Any], what: str, *, checked: bool = False
 ) -> float:
     """Minimise an expression by Clarabel; the variables then have their values.
@@ -50,12 +50,12 @@ def minimised(
     objective : expression
         Of variables of cvxpy.
     constraints : sequence of constraint
-        What is to hold.
+        Constraints of cvxpy.
     what : str
         For messages.
     checked : bool
-        The caller computes by other means what the solution does, so that one that meets its
-        constraints not quite may serve.
+        Whether the caller verifies the solution by other means, so that an inaccurate one may
+        serve.
 
     Raises
     ------

@@ -1,9 +1,9 @@
 r"""State feedback u = K x by linear matrix inequalities, for one plant or a polytope of plants.
 
 With X ≻ 0 and W = K X all requirements are linear in X and W: norms of channels through the bounded
-real lemma and its H2 counterpart, poles in a region [1]_. One X serves them all, and all plants;
-that makes the result hold for every plant in their convex hull, even where it changes with time,
-and somewhat larger than need be.
+real lemma and its H2 counterpart, poles in a region [1]_. One X serves all requirements and plants.
+The result therefore holds for every plant in their convex hull, even one that changes with time; it
+is somewhat conservative.
 
 References
 ----------
@@ -26,24 +26,29 @@ from hillsphere.lti import LtiSystem
 from hillsphere_controllers.errors import SynthesisFailedError
 from hillsphere_controllers.full_order.modes import check_modes
 from hillsphere_controllers.full_order.scaling import Units
-from hillsphere_controllers.lmi.coordinates import of_state_feedback
+from hillsphere_controllers.lmi.coordinates import state_feedback_coordinates
 from hillsphere_controllers.lmi.requirements import (
-    Achieved,
-    achieved,
+    VerifiedNorm,
     check_direct,
-    in_units,
     indices,
     norm_inequalities,
     region_inequalities,
+    scale_limit,
+    verify_norms,
 )
-from hillsphere_controllers.lmi.solving import check_order, cp, minimised
+from hillsphere_controllers.lmi.solving import check_order, cp, minimise
 from hillsphere_controllers.structured.requirements import Channel, PoleRegion
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 
 __all__ = ["StateFeedback", "state_feedback"]
 
 _BACK_OFFS = (1.01, 1.03, 1.1, 1.3)
+"""Factors on the least bound, tried in this order. At the least bound itself X is singular and K
+infinite; a larger factor gives smaller gains and more accurate inequalities, at the cost of the
+norm."""
 _ROOM = 10.0
+"""Upper limit of X in the second kind of solution, relative to the X of the least bound. Without a
+limit the largest smallest eigenvalue of X would be unbounded."""
 _SMALLEST = 1e-4
 """Eigenvalue of X that is asked for at least, relative to the largest of the least bound."""
 _SLOWEST = 1e-6
@@ -52,7 +57,7 @@ _SLOWEST = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class StateFeedback:
-    """A gain and what it does.
+    """A state feedback gain and the verified norms of its channels.
 
     Parameters
     ----------
@@ -60,7 +65,7 @@ class StateFeedback:
         K of u = K x.
     closed_loops : tuple of LtiSystem
         From w to z, one for each plant.
-    channels : tuple of Achieved
+    channels : tuple of VerifiedNorm
         Norms, computed from the closed loops.
     least : float
         The least bound that the inequalities allow for the largest norm to be minimised; zero if
@@ -69,7 +74,7 @@ class StateFeedback:
 
     gain: Array
     closed_loops: tuple[LtiSystem, ...]
-    channels: tuple[Achieved, ...]
+    channels: tuple[VerifiedNorm, ...]
     least: float
 
 
@@ -115,11 +120,11 @@ def state_feedback(
     wanted = PoleRegion() if region is None else region
     _check(given, controls)
     units = Units.of(given[0], controls, 0)
-    balanced_one, scale = balanced(units.scaled(given[0]))
-    even = of_state_feedback(balanced_one, controls)
+    balanced_one, scale = balance_states(units.scale(given[0]))
+    even = state_feedback_coordinates(balanced_one, controls)
     even = replace(even, t=scale[:, None] * even.t)
-    asked = tuple(in_units(channel, even.unit) for channel in channels)
-    problem = _Problem([even.of(units.scaled(plant)) for plant in given], controls, asked, wanted)
+    asked = tuple(scale_limit(channel, even.unit) for channel in channels)
+    problem = _Problem([even.of(units.scale(plant)) for plant in given], controls, asked, wanted)
     least = problem.least() * even.unit
     reason: SynthesisFailedError | None = None
     for factor, small in product(_BACK_OFFS, (True, False)):
@@ -127,9 +132,9 @@ def state_feedback(
             found = problem.gain(factor, small=small)
             gain: Array = np.asarray(np.linalg.solve(even.t.T, found.T).T, float)
             gain = gain / units.controls[:, None]
-            loops = tuple(_closed(plant, gain) for plant in given)
+            loops = tuple(_close_loop(plant, gain) for plant in given)
             bounds = [factor * least if c.limit is None else c.limit for c in channels]
-            norms = achieved(loops, channels, bounds, wanted)
+            norms = verify_norms(loops, channels, bounds, wanted)
         except SynthesisFailedError as error:
             reason = error
             continue
@@ -156,6 +161,7 @@ class _Problem:
         self._inequalities: list[Any] = []
         for plant in plants:
             m = plant.shape[1] - k
+            # (A + B K) X = A X + B W with W = K X
             a = plant.a @ self._x + plant.b[:, m:] @ self._w
             for channel in channels:
                 rows, columns = indices(channel, plant.shape[0], m)
@@ -175,7 +181,7 @@ class _Problem:
 
     def least(self) -> float:
         """Find the least bound."""
-        self._least = minimised(self._square, [*self._inequalities, self._x >> 0], "state feedback")
+        self._least = minimise(self._square, [*self._inequalities, self._x >> 0], "state feedback")
         if self._channels:  # else any multiple of X does
             self._size = float(np.linalg.norm(self._x.value, 2))
         return float(np.sqrt(max(self._least, 0.0)))
@@ -193,14 +199,14 @@ class _Problem:
                 self._x >> _SMALLEST * self._size * np.eye(n),
                 cp.bmat([[power * np.eye(k), self._w], [self._w.T, self._x]]) >> 0,
             ]
-            minimised(power, kept, "state feedback", checked=True)
+            minimise(power, kept, "state feedback", checked=True)
         else:
             smallest = cp.Variable()
             kept += [
                 self._x >> smallest * self._size * np.eye(n),
                 self._x << _ROOM * self._size * np.eye(n),
             ]
-            minimised(-smallest, kept, "state feedback", checked=True)
+            minimise(-smallest, kept, "state feedback", checked=True)
             if not smallest.value > 0.0:
                 raise SynthesisFailedError("state feedback: the Lyapunov matrix is singular")
         return np.asarray(np.linalg.solve(self._x.value, self._w.value.T).T, dtype=float)
@@ -224,12 +230,12 @@ def _check(plants: Sequence[LtiSystem], controls: int) -> None:
                 "least one must be a disturbance"
             )
         check_order(plant.order)
-        even, _ = balanced(Units.of(plant, controls, 0).scaled(plant))
+        even, _ = balance_states(Units.of(plant, controls, 0).scale(plant))
         b2 = even.b[:, plant.shape[1] - controls :]
         check_modes(even.a, b2, np.zeros((0, plant.order)))
 
 
-def _closed(plant: LtiSystem, gain: Array) -> LtiSystem:
+def _close_loop(plant: LtiSystem, gain: Array) -> LtiSystem:
     m = plant.shape[1] - len(gain)
     return LtiSystem(
         plant.a + plant.b[:, m:] @ gain, plant.b[:, :m],

@@ -1,4 +1,8 @@
-"""Ascent of the real eigenvalue of Q M in the parameters of Q, and in frequency."""
+"""Local maxima of a real eigenvalue of Q M over the parameters of Q and over frequency.
+
+A real eigenvalue λ > 0 of Q M makes I − M Δ singular for Δ = Q/λ, so that every maximum is a lower
+bound of µ.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +22,13 @@ __all__ = ["FARTHEST", "Ascent"]
 Complex = NDArray[np.complex128]
 
 _MOST = 60
+"""Steps of sequential quadratic programming at most. Any point reached gives a valid lower bound,
+so that an unfinished ascent does no harm."""
 _CORRECTIONS = 12
+"""Newton steps that bring the eigenvalue back to the real axis at most; they converge quadratically
+or not at all."""
 _REAL = 1e-13
+"""Imaginary part of an eigenvalue, relative to its size, that counts as rounding."""
 _LOST = 1e100
 """Parameters of that size tell nothing: lengths of vectors overflow soon after."""
 FARTHEST = 0.7
@@ -54,18 +63,20 @@ class Ascent:
         self.bounds = [*self.unit.bounds, *([(-FARTHEST, FARTHEST)] if moving else [])]
 
     def merit(self, q: Complex) -> float:
-        """Say how good a start is: the eigenvalue's real part less the imaginary one's size."""
+        """Return the merit of a start: the largest real less imaginary part of an eigenvalue."""
         values = np.linalg.eigvals(q @ self._still[0])
         return float(np.max(np.abs(values.real) - np.abs(values.imag)))
 
     def eigenvalue(self, x: Array) -> tuple[complex, Complex]:
-        """Return the eigenvalue of Q M to be raised, relative to |M|, and its gradient."""
+        """Return the eigenvalue of Q M with the largest merit, over ‖M‖, and its gradient (k,)."""
         m, slope = self.at(float(x[-1])) if self.moving else self._still
         q = self.unit.q(x)
         values, vectors = np.linalg.eig(q @ m)
         best = int(np.argmax(values.real - np.abs(values.imag)))
         right = vectors[:, best]
         try:
+            # dλ = yᴴ d(Q M) x, with the left eigenvector y scaled to yᴴ x = 1: a row of the inverse
+            # of the right eigenvectors
             left = np.linalg.inv(vectors)[best] / self.size
         except np.linalg.LinAlgError:  # defective: any direction will do for one step
             left = right.conj() / self.size
@@ -74,9 +85,10 @@ class Ascent:
             made = np.append(made, left @ (q @ (slope @ right)))
         return complex(values[best] / self.size), made
 
-    def raised(self, q: Complex) -> tuple[Complex, float] | None:
-        """Return the Δ of a local maximum reached from Q, and z there; None if none is real."""
-        begun, other = self._begun(q), self._begun(-q)
+    def climb(self, q: Complex) -> tuple[Complex, float] | None:
+        """Return the Δ of a local maximum reached from Q, and its z; None without a real one."""
+        # Q and −Q are both admissible: the one with the larger eigenvalue is taken
+        begun, other = self._initial_parameters(q), self._initial_parameters(-q)
         if self.eigenvalue(other)[0].real > self.eigenvalue(begun)[0].real:
             begun = other
         last: tuple[bytes, tuple[complex, Complex]] = (b"", (0j, np.zeros(0, dtype=complex)))
@@ -85,6 +97,8 @@ class Ascent:
             nonlocal last
             if not np.abs(x).max(initial=0.0) < _LOST:
                 raise FloatingPointError("the search has left along a direction that is flat")
+            # objective and constraint are asked for the same x in turn: one eigenvalue problem
+            # serves both
             if x.tobytes() != last[0]:
                 last = (x.tobytes(), self.eigenvalue(x))
             return last[1]
@@ -104,9 +118,10 @@ class Ascent:
                 method="SLSQP",
                 options={"maxiter": _MOST, "ftol": 1e-11},
             )
-            x = self._made_real(np.asarray(found.x))
+            # SQP keeps the constraint Im λ = 0 only to its tolerance
+            x = self._shift_to_real(np.asarray(found.x))
         if x is None:
-            x = self._made_real(begun)
+            x = self._shift_to_real(begun)
         if x is None:
             return None
         value, _ = self.eigenvalue(x)
@@ -114,11 +129,11 @@ class Ascent:
             return None
         return self.unit.q(x) / (value.real * self.size), float(x[-1]) if self.moving else 0.0
 
-    def _begun(self, q: Complex) -> Array:
+    def _initial_parameters(self, q: Complex) -> Array:
         x = self.unit.parameters(q)
         return np.append(x, 0.0) if self.moving else x
 
-    def _made_real(self, x: Array) -> Array | None:
+    def _shift_to_real(self, x: Array) -> Array | None:
         """Return parameters nearby whose eigenvalue is real to rounding, None if there are none."""
         low = np.array([-np.inf if b[0] is None else b[0] for b in self.bounds])
         high = np.array([np.inf if b[1] is None else b[1] for b in self.bounds])
@@ -129,6 +144,7 @@ class Ascent:
             value, slope = self.eigenvalue(x)
             if abs(value.imag) <= _REAL * abs(value):
                 return x
+            # Newton step on Im λ along its gradient, in the parameters that are not at a bound
             step = -value.imag * slope.imag
             moves = ((step < 0.0) | (x < high)) & ((step > 0.0) | (x > low))
             size = float(np.sum(slope.imag[moves] ** 2))

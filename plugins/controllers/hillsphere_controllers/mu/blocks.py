@@ -1,4 +1,4 @@
-"""Structure of an uncertainty: repeated real and complex scalars, full complex blocks."""
+"""Block structure of an uncertainty: repeated real and complex scalars, full complex blocks."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ __all__ = ["Block", "BlockStructure", "full", "repeated_complex", "repeated_real
 
 Complex = NDArray[np.complex128]
 _LARGEST = 1e150
+"""Size of an entry whose square is still a number of double precision (1e308)."""
 Kind = Literal["real", "complex", "full"]
 
 
@@ -54,19 +55,19 @@ class Block:
         if self.kind != "full" and self.rows != self.columns:
             raise InputError(f"a repeated scalar is square, got {self.rows} × {self.columns}")
 
-    def squared(self) -> Block:
-        """Return the square block that this one is a part of."""
+    def enclosing_square(self) -> Block:
+        """Return the smallest square block that contains this one."""
         size = max(self.rows, self.columns)
         return Block(self.kind, size, size, self.name)
 
 
 def repeated_real(times: int = 1, name: str = "") -> Block:
-    """Return δ I with a real δ, so many times."""
+    """Return the block δ I with a real δ, of `times` rows and columns."""
     return Block("real", times, times, name)
 
 
 def repeated_complex(times: int = 1, name: str = "") -> Block:
-    """Return δ I with a complex δ, so many times."""
+    """Return the block δ I with a complex δ, of `times` rows and columns."""
     return Block("complex", times, times, name)
 
 
@@ -78,9 +79,8 @@ def full(rows: int, columns: int | None = None, name: str = "") -> Block:
 class BlockStructure:
     """Blocks one after the other along the diagonal of Δ.
 
-    Bounds of µ work on a matrix whose blocks are all square: rows and columns of zeros, which
-    change no µ, fill up those that are not (`squared`). A full block of one by one is a complex
-    scalar.
+    Bounds of µ work on a matrix whose blocks are all square: `pad_to_square` adds rows and columns
+    of zeros, which change no µ. A full block of one by one is a complex scalar.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ class BlockStructure:
         """Return the place of each squared block."""
         return [slice(int(a), int(a + b)) for a, b in zip(self.starts, self.sizes, strict=True)]
 
-    def squared(self, matrix: NDArray[np.inexact[Any]]) -> Complex:
+    def pad_to_square(self, matrix: NDArray[np.inexact[Any]]) -> Complex:
         """Return a matrix (..., p, m) with zeros where a block lacks rows or columns.
 
         Raises
@@ -154,7 +154,7 @@ class BlockStructure:
         return self._rows, self._columns
 
     def parts(self) -> list[tuple[slice, slice]]:
-        """Return the rows and columns that each block has in Δ as it is, not squared."""
+        """Return the rows and columns of each block in Δ (m, p), without squaring."""
         rows = np.cumsum([0, *(b.rows for b in self.blocks)]).tolist()
         columns = np.cumsum([0, *(b.columns for b in self.blocks)]).tolist()
         return [
@@ -172,8 +172,8 @@ class BlockStructure:
             if block.kind == "real"
         }
 
-    def unsquared(self, delta: Complex) -> Complex:
-        """Return the part of a squared Δ (size, size) that is there, all rows by all columns."""
+    def remove_padding(self, delta: Complex) -> Complex:
+        """Return Δ (m, p) without the rows and columns that squaring added."""
         return np.asarray(delta[self._columns[:, None], self._rows])
 
     def indices(self, blocks: Iterable[int]) -> NDArray[np.bool_]:

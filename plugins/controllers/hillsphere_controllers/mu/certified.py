@@ -17,18 +17,18 @@ from numpy.typing import NDArray
 from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
+from hillsphere_controllers.mu.bilinear_images import continuous_image, discrete_frequency
 from hillsphere_controllers.mu.blocks import BlockStructure
-from hillsphere_controllers.mu.images import from_image, in_continuous_time
 from hillsphere_controllers.mu.intervals import Loop
 from hillsphere_controllers.mu.scalings import Scalings
 from hillsphere_controllers.mu.upper_bound import UpperBound, upper_bound
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 
 __all__ = [
     "CertifiedPeak",
     "Interval",
     "certified_peak",
-    "unproved",
+    "find_unproved",
 ]
 
 Complex = NDArray[np.complex128]
@@ -36,6 +36,8 @@ Complex = NDArray[np.complex128]
 _GRID = 40
 """Frequencies of the first look, evenly spaced in their logarithm; besides those of the poles."""
 _MOST_INTERVALS = 3000
+"""Intervals at most: it bounds time and memory where a small gap or rounding makes the intervals
+short without end."""
 _MOST_OF_A_LIMIT = 500
 """Where a bound is all but the limit, intervals on which that is proved are short without end."""
 _NARROW = 1e-7
@@ -109,7 +111,7 @@ def certified_peak(
     skewed: Sequence[int] | None = None,
     gap: float = 0.01,
 ) -> CertifiedPeak:
-    """Return an upper bound of µ that holds at all frequencies.
+    """Return an upper bound of µ that is proved at all frequencies, without a grid.
 
     Parameters
     ----------
@@ -145,16 +147,16 @@ def certified_peak(
     """
     if not 1e-6 <= gap < 1.0:
         raise InputError(f"gap must be from 1e-6 to 1, got {gap}")
-    image = in_continuous_time(system, structure)
+    image = continuous_image(system, structure)
     free = structure.indices(range(len(structure.blocks)) if skewed is None else skewed)
-    search = _Cover(Loop(balanced(image)[0], structure, free), skewed, gap)
+    search = _Cover(Loop(balance_states(image)[0], structure, free), skewed, gap)
     return search.result(system.dt_s)
 
 
-def unproved(
+def find_unproved(
     system: LtiSystem, structure: BlockStructure, limit: float
 ) -> tuple[float, float] | None:
-    """Return where scalings do not prove that µ is below a limit.
+    """Return a frequency at which scalings do not prove that µ is below a limit.
 
     Parameters
     ----------
@@ -177,12 +179,12 @@ def unproved(
     InputError
         If the system is not stable or does not fit.
     """
-    image = in_continuous_time(system, structure)
+    image = continuous_image(system, structure)
     free = structure.indices(range(len(structure.blocks)))
-    search = _Cover(Loop(balanced(image)[0], structure, free), None, 0.0, limit)
+    search = _Cover(Loop(balance_states(image)[0], structure, free), None, 0.0, limit)
     if not search.bounds:
         return None
-    return from_image(search.where, system.dt_s), search.peak
+    return discrete_frequency(search.where, system.dt_s), search.peak
 
 
 class _Cover:
@@ -204,13 +206,14 @@ class _Cover:
         self.proved: dict[float, Scalings] = {}  # of any bound, to begin others with
         self.intervals: list[Interval] = []
         self._first_look()
-        if self._ended() or not (loop.poles.size and 0.0 < self.beta < np.inf):
+        if self._is_decided() or not (loop.poles.size and 0.0 < self.beta < np.inf):
             return
         size = np.abs(loop.poles)
         self.slowest, self.fastest = 1e-6 * float(size.min()), 1e6 * float(size.max())
         self._add(0.0)
         self._add(np.inf)
-        while not self._ended() and (between := self._widest_gap()) is not None:
+        # cover the axis: bound µ in the middle of the widest gap, then take the interval it proves
+        while not self._is_decided() and (between := self._widest_gap()) is not None:
             low, high = between
             near, far = max(low, self.slowest), min(high, self.fastest)
             if len(self.intervals) > (_MOST_INTERVALS if limit is None else _MOST_OF_A_LIMIT):
@@ -221,6 +224,8 @@ class _Cover:
                     f"{_MOST_INTERVALS} intervals do not cover all frequencies: a gap around "
                     f"{low:.6g} rad/s is left; allow a larger gap of the bounds"
                 )
+            # a gap this narrow, or beyond all poles, is closed by one pair of scalings for both its
+            # ends
             if far <= near * (1.0 + _NARROW):
                 self._close(low, high)
             else:
@@ -248,15 +253,18 @@ class _Cover:
             omega = np.unique(
                 np.concatenate([omega, size, np.abs(poles.imag), np.logspace(low, high, _GRID)])
             )
-        matrices = self.loop.structure.squared(self.loop.response(omega))
+        matrices = self.loop.structure.pad_to_square(self.loop.response(omega))
         gains = np.linalg.norm(matrices, 2, axis=(1, 2))
         self.largest = float(gains.max())
         self.floor = _FLOOR * self.largest
         known, done = gains.copy(), np.zeros(omega.size, dtype=bool)
         if not self.loop.free.all():
+            # the gain bounds µ itself only if all blocks are free
             known[:] = np.inf
         best = -np.inf if self.limit is None else self.limit
         while not done.all():
+            # largest remaining bound first: as soon as it is below the peak found, all others are
+            # too
             k = int(np.argmax(np.where(done, -1.0, known)))
             if known[k] <= best:
                 break
@@ -273,6 +281,7 @@ class _Cover:
         inverse = np.linalg.inv(root)
         x = root.conj().T @ m @ inverse.conj().T
         gx = inverse @ scalings.g @ inverse.conj().T @ x
+        # with D = L Lᴴ: β² is the largest eigenvalue of Xᴴ X + j(Ĝ X − Xᴴ Ĝ), X = Lᴴ M L⁻ᴴ
         right = x.conj().swapaxes(1, 2) @ x + 1j * (gx - gx.conj().swapaxes(1, 2))
         free = self.loop.free
         made = np.full(len(m), np.inf)
@@ -280,6 +289,7 @@ class _Cover:
             made = np.linalg.eigvalsh(right)[:, -1]
         else:
             kept = ~free
+            # skewed problem: Schur complement of the blocks whose level is one
             inner = np.eye(int(kept.sum())) - right[:, kept][:, :, kept]
             good = np.linalg.eigvalsh(inner)[:, 0] > 1e-9
             side = right[good][:, kept][:, :, free]
@@ -288,9 +298,11 @@ class _Cover:
         return np.asarray(np.sqrt(np.maximum(made, 0.0)))
 
     def _bound(self, omega: float, target: float | None = None) -> UpperBound:
-        """Return the bound at a frequency, begun at the nearest one known."""
+        """Return the bound at a frequency; its search starts from the nearest known scalings."""
         start = None
         if self.proved:
+            # distances are in ln ω; zero and infinity stand at the ends of the range of double
+            # precision
             place = np.log(max(omega, 1e-300)) if np.isfinite(omega) else 700.0
             nearest = min(
                 self.proved,
@@ -308,13 +320,14 @@ class _Cover:
 
     def _add(self, omega: float) -> None:
         """Add an interval around a frequency, raising the bound if it does not hold there."""
+        # the bound fails here: raise it by the gap, so that it cannot fail by rounding again
         while (found := self._bound(omega, self.beta)).value >= self.beta:
             self.beta = (1.0 + self.gap) * found.value
-            if self._ended():
+            if self._is_decided():
                 return
         self._enter(omega, found.scalings)
 
-    def _ended(self) -> bool:
+    def _is_decided(self) -> bool:
         """Return whether a limit is exceeded, or a skewed bound out of reach: none is proved."""
         if self.limit is not None:
             return bool(self.bounds)
@@ -333,7 +346,7 @@ class _Cover:
             if found.value < self.beta:
                 break
             self.beta, self.bounds[middle] = (1.0 + self.gap) * found.value, found
-            if self._ended():
+            if self._is_decided():
                 return
         self._enter(middle, found.scalings)
 
@@ -353,10 +366,10 @@ class _Cover:
         return found
 
     def result(self, dt_s: float | None) -> CertifiedPeak:
-        """Return what was found; frequencies of an image in continuous time are mapped back."""
+        """Return the certified peak; frequencies of a bilinear image are mapped back."""
 
         def back(omega: float) -> float:
-            return from_image(omega, dt_s)
+            return discrete_frequency(omega, dt_s)
 
         intervals = tuple(
             Interval(back(i.low_rad_s), back(i.high_rad_s), back(i.frequency_rad_s), i.bound,

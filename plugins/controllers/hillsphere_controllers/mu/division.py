@@ -1,8 +1,9 @@
-"""A bound of µ proved in parts: the ranges of real parameters are divided where scalings fail.
+"""Branch and bound for µ: the ranges of real parameters are divided where scalings fail.
 
 For several real parameters the upper bound of µ can be well above µ. On a part of their ranges it
-is less so: when every part is proved, the whole is [1]_. It costs one certified bound for each part
-and may need many; the block that is divided is the one with the largest share of the bound.
+is closer. A limit that is proved on every part is proved on the whole [1]_. Each part costs one
+certified bound, and many parts may be needed. The block with the largest share of the bound
+(`sensitivities`) is divided.
 
 References
 ----------
@@ -20,13 +21,13 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
+from hillsphere_controllers.mu.bilinear_images import check_loop
 from hillsphere_controllers.mu.blocks import BlockStructure
-from hillsphere_controllers.mu.certified import unproved
-from hillsphere_controllers.mu.images import check_loop
+from hillsphere_controllers.mu.certified import find_unproved
 from hillsphere_controllers.mu.sensitivities import sensitivities
 from hillsphere_controllers.systems.algebra import gain, star
 
-__all__ = ["Division", "proved_in_parts"]
+__all__ = ["Division", "prove_by_branch_and_bound"]
 
 
 @dataclass(frozen=True)
@@ -45,10 +46,10 @@ class Division:
     left: int
 
 
-def proved_in_parts(
+def prove_by_branch_and_bound(
     system: LtiSystem, structure: BlockStructure, limit: float, *, most: int = 64
 ) -> Division:
-    """Try to prove that µ is below a limit at all frequencies, in parts of the real parameters.
+    """Prove by branch and bound that µ is below a limit at all frequencies, if possible.
 
     Parameters
     ----------
@@ -79,11 +80,12 @@ def proved_in_parts(
     for _ in range(most):
         if not waiting:
             break
+        # the part with the largest bound comes first, the older one of equals
         _, _, low, high = heappop(waiting)
-        part = _on_part(system, structure, limit, np.where(real, low, -1.0), high)
+        part = _restrict_to_part(system, structure, limit, np.where(real, low, -1.0), high)
         if not part.is_stable:  # the middle of the part is a counterexample
             return Division(proved, len(waiting) + 1)
-        found = unproved(part, structure, 1.0)
+        found = find_unproved(part, structure, 1.0)
         if found is None:
             proved += 1
             continue
@@ -100,10 +102,10 @@ def proved_in_parts(
     return Division(proved, len(waiting))
 
 
-def _on_part(
+def _restrict_to_part(
     system: LtiSystem, structure: BlockStructure, limit: float, low: Array, high: Array
 ) -> LtiSystem:
-    """Return the system whose Δ up to size one is that of the part, 1/limit times as large."""
+    """Return the system whose Δ of size one spans the part of the ranges, divided by the limit."""
     p, m = structure.shape
     centre, half = np.zeros((m, p)), np.zeros((m, m))
     for k, (rows, columns) in enumerate(structure.parts()):

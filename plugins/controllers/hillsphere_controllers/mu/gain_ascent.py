@@ -1,4 +1,4 @@
-"""Ascent of the gain of a loop in the parameters of Δ of bounded size, and in frequency."""
+"""Local maxima of the gain of a loop over the parameters of a bounded Δ, and over frequency."""
 
 from __future__ import annotations
 
@@ -14,17 +14,19 @@ from hillsphere_controllers.mu.ascent import FARTHEST
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.parameters import UnitPerturbation
 
-__all__ = ["GainAscent", "Raised"]
+__all__ = ["GainAscent", "GainMaximum"]
 
 Complex = NDArray[np.complex128]
 
 _MOST = 200
+"""Steps of L-BFGS-B at most. Any Δ reached has its gain, so that an unfinished ascent does no
+harm."""
 _FARTHEST = 700.0
 """The logarithm of what counts as an infinite gain."""
 
 
 @dataclass(frozen=True, eq=False)
-class Raised:
+class GainMaximum:
     """A local maximum of the gain.
 
     Parameters
@@ -76,7 +78,7 @@ class GainAscent:
         x[real] = generator.uniform(-1.0, 1.0, sum(real))
         return x
 
-    def best(self, starts: Sequence[Array], size: float = 1.0) -> Raised:
+    def best(self, starts: Sequence[Array], size: float = 1.0) -> GainMaximum:
         """Return the best of the local maxima from several parameters (k,).
 
         Parameters
@@ -101,10 +103,10 @@ class GainAscent:
         count = len(self.unit.bounds)
         x = np.asarray(found.x[:count])
         z = float(found.x[-1]) if self.moving else 0.0
-        return Raised(x, self.unit.q(x), z, float(np.exp(-found.fun)))
+        return GainMaximum(x, self.unit.q(x), z, float(np.exp(-found.fun)))
 
-    def performance(self, found: Raised, size: float = 1.0) -> Complex:
-        """Return the transfer matrix of performance with Δ."""
+    def performance(self, found: GainMaximum, size: float = 1.0) -> Complex:
+        """Return the transfer matrix F_u(M, Δ) of performance (p, m) with a Δ of that size."""
         m, _ = self.at(found.z)
         n = self.uncertainty.size
         q = size * found.q
@@ -117,6 +119,7 @@ class GainAscent:
         q = size * self.unit.q(x[:count])
         inner = np.eye(n) - m[:n, :n] @ q
         try:
+            # T = M₂₂ + M₂₁ Q (I − M₁₁ Q)⁻¹ M₁₂, right = (I − M₁₁ Q)⁻¹ M₁₂
             right = np.linalg.solve(inner, m[:n, n:])
             left = np.linalg.solve(inner.T, (m[n:, :n] @ q).T).T  # M₂₁ Q (I − M₁₁ Q)⁻¹
         except np.linalg.LinAlgError:
@@ -128,6 +131,7 @@ class GainAscent:
         if not s[0] > 0.0:
             return _FARTHEST, np.zeros(x.size)
         v, uh = vh[0].conj(), u[:, 0].conj()
+        # dT = (M₂₁ + left M₁₁) dQ right, and d ln σ₁ = Re(u₁ᴴ dT v₁)/σ₁
         row = uh @ (m[n:, :n] + left @ m[:n, :n])
         gradient = size * self.unit.derivative(x[:count], row, right @ v)
         if self.moving:

@@ -48,7 +48,11 @@ Complex = NDArray[np.complex128]
 _NEAR = 1e-2
 """An eigenvalue this near the imaginary axis, relative to its size, may be a crossing."""
 _SINGULAR = 1e10
+"""Condition number of R up to which the Hamiltonian matrix is formed by its inverse; beyond, the
+pencil keeps the digits that the inverse loses."""
 _CUTS = 30
+"""Points in the piece in which F becomes negative, at 1 − 2⁻ᵏ of its length: they close in on its
+end, where the crossing usually lies."""
 
 
 class Loop:
@@ -71,7 +75,7 @@ class Loop:
         self._response = Response(system.a, system.b, system.c, system.d)
         self.poles = self._response.poles
         n = system.order
-        self._d = structure.squared(system.d + 0j)
+        self._d = structure.pad_to_square(system.d + 0j)
         rows, columns = structure.places()
         self._b = np.zeros((n, structure.size))
         self._c = np.zeros((structure.size, n))
@@ -98,12 +102,14 @@ class Loop:
         omega : float
             A frequency, rad/s; may be zero or infinite.
         """
+        # normalise D and the levels L to the identity: D = K Kᴴ, and the inputs by K⁻ᴴ L^(−1/2)
         root: Complex = np.asarray(np.linalg.cholesky(scalings.d), dtype=complex)
         weight = np.where(self.free, beta, 1.0)
         inverse = solve_triangular(root, np.eye(len(root)), lower=True, check_finite=False)
         into = inverse.conj().T / weight
         b, c, d = self._b @ into, root.conj().T @ self._c, root.conj().T @ self._d @ into
         g = (inverse @ scalings.g @ inverse.conj().T) / weight[:, None]
+        # imaginary eigenvalues jω of the Hamiltonian matrix: F(ω) is singular there
         found = _eigenvalues(self.system.a, b, c, d, g)
         near = np.abs(found.real) <= _NEAR * np.abs(found)
         crossings = np.unique(found[near].imag)
@@ -113,21 +119,22 @@ class Loop:
             return self._positive(at, root, into, g)
 
         return (
-            _reached(omega, crossings[crossings < omega][::-1], 0.0, positive),
-            _reached(omega, crossings[crossings > omega], np.inf, positive),
+            _positive_reach(omega, crossings[crossings < omega][::-1], 0.0, positive),
+            _positive_reach(omega, crossings[crossings > omega], np.inf, positive),
         )
 
     def _positive(
         self, omega: Array, root: Complex, into: Complex, g: Complex
     ) -> NDArray[np.bool_]:
-        x = root.conj().T @ self.structure.squared(self.response(omega)) @ into
+        x = root.conj().T @ self.structure.pad_to_square(self.response(omega)) @ into
         gx = g @ x
         xh = x.conj().swapaxes(1, 2)
+        # F in normalised coordinates: I − Xᴴ X − j(G X − Xᴴ G)
         f = np.eye(len(root)) - xh @ x - 1j * (gx - gx.conj().swapaxes(1, 2))
         return np.asarray(np.linalg.eigvalsh(f)[:, 0] > 0.0)
 
 
-def _reached(
+def _positive_reach(
     omega: float, crossings: Array, end: float, positive: Callable[[Array], NDArray[np.bool_]]
 ) -> float:
     """Return how far F stays positive on the way from ω by crossings to an end.
@@ -138,6 +145,7 @@ def _reached(
     stops = np.concatenate([[omega], crossings, [end]])
     between = stops.copy()
     if np.isinf(omega):
+        # an infinite end is represented by four times the last crossing
         between[0] = 4.0 * between[1]
     elif np.isinf(end):
         between[-1] = 4.0 * between[-2] + float(between[-2] == 0.0)
@@ -146,6 +154,7 @@ def _reached(
     bad = np.flatnonzero(~positive(path))
     if bad.size == 0:
         return end
+    # not even at ω itself, beyond rounding: an empty interval
     if bad[0] == 0:
         return omega
     path[[0, -1]] = between[[0, -1]]
@@ -162,6 +171,7 @@ def _eigenvalues(a: Array, b: Complex, c: Complex, d: Complex, g: Complex) -> Co
     gd = g @ d
     r = d.conj().T @ d + 1j * (gd - gd.conj().T) - np.eye(m)
     if np.linalg.cond(r) < _SINGULAR:
+        # the Hamiltonian matrix of the module's second equation
         back = np.linalg.solve(r, np.hstack([s.conj().T, b.conj().T]))
         up = a - b @ back[:, :n]
         whole = np.block([[up, -b @ back[:, n:]], [-(q - s @ back[:, :n]), -up.conj().T]])

@@ -27,25 +27,31 @@ from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.mu.ascent import Ascent
 from hillsphere_controllers.mu.blocks import BlockStructure
-from hillsphere_controllers.mu.power_iteration import iterated, singular_direction
+from hillsphere_controllers.mu.power_iteration import power_iterations, singular_direction
 from hillsphere_controllers.mu.scalings import Scalings
 from hillsphere_controllers.mu.single_blocks import single_block, single_blocks
 
 __all__ = [
-    "LowerBound", "checked", "lower_bound", "lower_bound_near", "lower_bound_of_block",
+    "LowerBound",
+    "lower_bound",
+    "lower_bound_near",
+    "lower_bound_of_block",
     "moving_response",
+    "verify_perturbation",
 ]  # fmt: skip
 
 Complex = NDArray[np.complex128]
 
 _SINGULAR = 1e-8
+"""Smallest singular value of I − M Δ, relative to the size of M Δ, at which Δ proves a lower bound:
+half of the digits of double precision."""
 _RAISED = 3
 """So many of the best iterates are raised."""
 
 
 @dataclass(frozen=True, eq=False)
 class LowerBound:
-    """A bound and the perturbation that proves it.
+    """A lower bound of µ and the perturbation that proves it.
 
     Parameters
     ----------
@@ -57,7 +63,7 @@ class LowerBound:
     singular : float
         The smallest singular value of I − M Δ.
     frequency_rad_s : float
-        At which M is that of a system; NaN for a matrix.
+        Frequency of the response M; NaN if M is a matrix and no response.
     """
 
     value: float
@@ -94,12 +100,12 @@ def lower_bound(
     InputError
         If the matrix does not fit the structure.
     """
-    squared = structure.squared(matrix)
+    squared = structure.pad_to_square(matrix)
 
     def constant(_: float) -> tuple[Complex, Complex]:
         return squared, np.zeros_like(squared)
 
-    return _best(constant, structure, scalings, starts, seed, None)
+    return _best_start(constant, structure, scalings, starts, seed, None)
 
 
 def lower_bound_near(
@@ -135,7 +141,7 @@ def lower_bound_near(
     """
     at = moving_response(system, structure, omega_rad_s)
     fixed = omega_rad_s == 0.0 or not np.isfinite(omega_rad_s)
-    return _best(at, structure, scalings, starts, seed, None if fixed else omega_rad_s)
+    return _best_start(at, structure, scalings, starts, seed, None if fixed else omega_rad_s)
 
 
 def lower_bound_of_block(
@@ -161,7 +167,7 @@ def lower_bound_of_block(
     """
     m, _ = moving_response(system, structure, omega_rad_s)(0.0)
     delta = single_block(m, structure, block)
-    return None if delta is None else checked(m, delta, structure, omega_rad_s)
+    return None if delta is None else verify_perturbation(m, delta, structure, omega_rad_s)
 
 
 def moving_response(
@@ -173,17 +179,18 @@ def moving_response(
     def at(z: float) -> tuple[Complex, Complex]:
         omega = omega_rad_s * np.exp(z)
         if not np.isfinite(omega):
-            m = structure.squared(system.d + 0j)
+            m = structure.pad_to_square(system.d + 0j)
             return m, np.zeros_like(m)
+        # M = C (jω − A)⁻¹ B + D, dM/dz = −jω C (jω − A)⁻² B with ω = ω₀ exp z
         x = np.linalg.solve(1j * omega * one - system.a, system.b + 0j)
         more = np.linalg.solve(1j * omega * one - system.a, x)
-        m = structure.squared(system.c @ x + system.d)
-        return m, structure.squared(-1j * omega * (system.c @ more))
+        m = structure.pad_to_square(system.c @ x + system.d)
+        return m, structure.pad_to_square(-1j * omega * (system.c @ more))
 
     return at
 
 
-def _best(
+def _best_start(
     at: Callable[[float], tuple[Complex, Complex]],
     structure: BlockStructure,
     scalings: Scalings | None,
@@ -192,14 +199,16 @@ def _best(
     omega: float | None,
 ) -> LowerBound:
     m, _ = at(0.0)
-    none = LowerBound(0.0, structure.unsquared(np.zeros_like(m)), 1.0)
+    none = LowerBound(0.0, structure.remove_padding(np.zeros_like(m)), 1.0)
     size = float(np.linalg.norm(m, 2))
     if size == 0.0:
         return none
     ascent = Ascent(at, structure, moving=omega is not None)
     random = np.random.default_rng(seed)
+    # starts in the order of their expected merit: the upper bound's direction, power iterations,
+    # random ones
     likely = [] if scalings is None else singular_direction(m, structure, scalings)
-    found = iterated(m, structure, random, starts)
+    found = power_iterations(m, structure, random, starts)
     found.sort(key=lambda q: -ascent.merit(q))
     likely += found[:_RAISED]
     if structure.purely_real or not likely:  # no phase makes an eigenvalue real: more are tried
@@ -211,31 +220,32 @@ def _best(
 
     def raise_from(q: Complex) -> None:
         nonlocal best
-        raised = ascent.raised(q)
+        raised = ascent.climb(q)
         if raised is None:
             return
         delta, z = raised
-        made = checked(at(z)[0], delta, structure)
+        made = verify_perturbation(at(z)[0], delta, structure)
         if made is not None and made.value > best.value:
             frequency = np.nan if omega is None else float(omega * np.exp(z))
             best = LowerBound(made.value, made.delta, made.singular, frequency)
 
     for q in likely:
         raise_from(q)
+    # no smaller than the bound of any single block, which is known exactly
     for delta in single_blocks(m, structure):
         if 1.0 / float(np.linalg.norm(delta, 2)) <= best.value:
             break
-        made = checked(m, delta, structure)
+        made = verify_perturbation(m, delta, structure)
         if made is not None and made.value > best.value:
             best = made if omega is None else replace(made, frequency_rad_s=omega)
             raise_from(delta * made.value)
     return best
 
 
-def checked(
+def verify_perturbation(
     m: Complex, delta: Complex, structure: BlockStructure, frequency_rad_s: float = np.nan
 ) -> LowerBound | None:
-    """Return the bound that a squared Δ proves, None if I − M Δ is not singular.
+    """Return the lower bound that a squared Δ proves, None if I − M Δ is not singular.
 
     Parameters
     ----------
@@ -246,12 +256,12 @@ def checked(
     structure : BlockStructure
         Of Δ.
     frequency_rad_s : float
-        At which M is that of a system.
+        Frequency of the response M, if it is one.
     """
     product = m @ delta
     singular = float(np.linalg.svd(np.eye(len(m)) - product, compute_uv=False)[-1])
     if not singular <= _SINGULAR * max(1.0, float(np.linalg.norm(product, 2))):
         return None
-    made = structure.unsquared(delta)
+    made = structure.remove_padding(delta)
     size = max(float(np.linalg.norm(made[rows, columns], 2)) for rows, columns in structure.parts())
     return LowerBound(1.0 / size, made, singular, frequency_rad_s)

@@ -1,4 +1,4 @@
-"""Perturbations of unit size in free parameters, and derivatives with respect to them."""
+"""Real parameters of perturbations of unit size, and derivatives with respect to them."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ Complex = NDArray[np.complex128]
 class UnitPerturbation:
     """Q of a structure by real parameters.
 
-    Those are a real scalar from −1 to 1, the angle of a complex one of size one, or the real and
-    imaginary parts of the two vectors, of any length, of a full block that is a dyad of norm one.
+    A real block has one parameter, its scalar in [−1, 1]; a complex scalar of size one has its
+    angle. A full block is a dyad u vᴴ of unit norm, given by the real and imaginary parts of two
+    vectors whose lengths do not matter.
 
     Parameters
     ----------
@@ -82,6 +83,7 @@ class UnitPerturbation:
                 made[i] = left @ right
                 i += 1
             elif self.structure.scalar(k):
+                # d exp(jφ)/dφ = j exp(jφ)
                 made[i] = 1j * np.exp(1j * x[i]) * (left @ right)
                 i += 1
             else:

@@ -6,14 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere_controllers.mu.blocks import BlockStructure
-from hillsphere_controllers.mu.scalings import Scalings, crossed, level
+from hillsphere_controllers.mu.scalings import Scalings, dg_form, level
 
-__all__ = ["iterated", "singular_direction"]
+__all__ = ["power_iterations", "singular_direction"]
 
 Complex = NDArray[np.complex128]
 
 _STEPS = 40
+"""Steps of a power iteration. Some cycle instead of converging; the best iterate is taken in any
+case."""
 _TINY = 1e-300
+"""Length below which a vector has no direction: division by it would overflow."""
 
 
 def singular_direction(m: Complex, structure: BlockStructure, scalings: Scalings) -> list[Complex]:
@@ -32,7 +35,8 @@ def singular_direction(m: Complex, structure: BlockStructure, scalings: Scalings
     beta2 = level(m[None], scalings.d, scalings.g, everywhere, 1.0)
     if not np.isfinite(beta2):
         return []
-    f = beta2 * scalings.d - crossed(m, scalings.d, scalings.g)
+    # at the least β F is singular: its null vector x satisfies the conditions of a worst Q
+    f = beta2 * scalings.d - dg_form(m, scalings.d, scalings.g)
     _, vectors = np.linalg.eigh(f)
     beta = np.sqrt(max(beta2, 0.0))
     made = []
@@ -43,6 +47,7 @@ def singular_direction(m: Complex, structure: BlockStructure, scalings: Scalings
             into, out = a[span], x[span]
             inner = np.vdot(into, out)
             if block.kind == "real":
+                # least squares of q a = β x over real q
                 share = beta * inner.real / max(np.vdot(into, into).real, _TINY)
                 blocks.append(complex(np.clip(share, -1.0, 1.0)))
             elif block.kind == "complex":
@@ -62,7 +67,7 @@ def _dyad(out: Complex, into: Complex) -> Complex:
     return np.outer(out, into.conj()) / size
 
 
-def iterated(
+def power_iterations(
     m: Complex, structure: BlockStructure, random: np.random.Generator, starts: int
 ) -> list[Complex]:
     """Return the last Q, and that of the largest eigenvalue, of some power iterations.
@@ -87,18 +92,19 @@ def iterated(
         q = np.zeros_like(m)
         before = 0.0
         for _ in range(_STEPS):
+            # Young and Doyle (1990): β a = M b, z from a and w, β w = Mᴴ z, b = Q a
             a = m @ b
             size = float(np.linalg.norm(a))
             if size <= _TINY:
                 break
             a /= size
-            z = _turned(structure, q_real, a, w)
+            z = _apply_adjoint(structure, q_real, a, w)
             w = m.conj().T @ z
             other = float(np.linalg.norm(w))
             if other <= _TINY:
                 break
             w /= other
-            q, q_real = _chosen(structure, q_real, a, w)
+            q, q_real = _update_perturbation(structure, q_real, a, w)
             b = q @ a
             largest = float(np.linalg.norm(b))
             if largest <= _TINY:
@@ -106,6 +112,7 @@ def iterated(
             b /= largest
             if best is None or size > best[0]:
                 best = (size, q)
+            # both vectors grow by the same factor, which no longer changes: an eigenvalue
             if abs(size - other) + abs(size - before) < 1e-9 * size:
                 break
             before = size
@@ -116,7 +123,7 @@ def iterated(
     return made
 
 
-def _turned(
+def _apply_adjoint(
     structure: BlockStructure, q_real: NDArray[np.float64], a: Complex, w: Complex
 ) -> Complex:
     """Return z: Qᴴ applied to w in the direction of a."""
@@ -133,7 +140,7 @@ def _turned(
     return z
 
 
-def _chosen(
+def _update_perturbation(
     structure: BlockStructure, q_real: NDArray[np.float64], a: Complex, w: Complex
 ) -> tuple[Complex, NDArray[np.float64]]:
     """Return Q of the directions a and w, and its real scalars."""
@@ -142,6 +149,7 @@ def _chosen(
     for k, (span, block) in enumerate(zip(structure.spans(), structure.blocks, strict=True)):
         inner = np.vdot(a[span], w[span])
         if block.kind == "real":
+            # step of the real scalar along its gradient, cut off at its range
             real[k] = np.clip(real[k] + inner.real * len(a), -1.0, 1.0)
             blocks.append(complex(real[k]))
         elif block.kind == "complex":

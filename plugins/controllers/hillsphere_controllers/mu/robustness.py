@@ -1,4 +1,4 @@
-"""Robust stability and performance of a loop in M-Δ form."""
+"""Robust stability and robust performance of a loop in M-Δ form, by bounds of µ."""
 
 from __future__ import annotations
 
@@ -12,10 +12,15 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
+from hillsphere_controllers.mu.bilinear_images import (
+    continuous_image,
+    discrete_frequency,
+    finite_frequency,
+    image_frequency,
+)
 from hillsphere_controllers.mu.blocks import Block, BlockStructure, full, repeated_complex
-from hillsphere_controllers.mu.by_gain import bound_by_gain
 from hillsphere_controllers.mu.certified import CertifiedPeak, certified_peak
-from hillsphere_controllers.mu.images import beside_poles, from_image, in_continuous_time, to_image
+from hillsphere_controllers.mu.gain_bound import bound_by_gain
 from hillsphere_controllers.mu.lower_bound import (
     LowerBound,
     lower_bound,
@@ -26,13 +31,15 @@ from hillsphere_controllers.mu.upper_bound import upper_bounds
 from hillsphere_controllers.mu.worst_case import WorstCase, worst_case
 
 __all__ = [
-    "Complexified", "Robustness", "complexified", "mu_bounds_on_grid", "performance_structure",
+    "Complexified", "Robustness", "complexify", "mu_bounds_on_grid", "performance_structure",
     "robust_performance", "robust_stability",
 ]  # fmt: skip
 
 Complex = NDArray[np.complex128]
 
 _PEAKS = 4
+"""Frequencies of the largest upper bounds at which a lower bound is searched. The highest peak of µ
+can lie at another frequency than that of its upper bound, where the two differ."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +120,7 @@ def robust_stability(
     complex_shares: Sequence[float] = (0.01, 0.05),
     seed: int = 0,
 ) -> Robustness:
-    """Return bounds of µ of what Δ closes: below one, the loop is stable for all Δ up to size one.
+    """Return bounds of µ for robust stability: below one, every Δ up to size one is tolerated.
 
     Parameters
     ----------
@@ -154,7 +161,7 @@ def robust_performance(
     seed: int = 0,
     starts: Sequence[Mapping[str, float]] = (),
 ) -> Robustness:
-    """Return bounds of µ with a full block for performance.
+    """Return bounds of µ for robust performance, with a full block that closes performance.
 
     Below one, the gain from the inputs to the outputs that Δ leaves is below one for all Δ up to
     size one.
@@ -182,20 +189,20 @@ def robust_performance(
     """
     whole = performance_structure(system, uncertainty)
     found = _robustness(system, whole, gap, (), seed)
-    image = in_continuous_time(system, whole)
+    image = continuous_image(system, whole)
     low = None
     if found.worst is not None:
-        at = to_image(found.frequency_rad_s, system.dt_s)
+        at = image_frequency(found.frequency_rad_s, system.dt_s)
         low = LowerBound(found.lower, found.worst.delta, found.worst.singular, at)
     order = np.argsort(-found.certified.bounds)[:_PEAKS]
     places = [*found.certified.looked_at_rad_s[order].tolist(), found.frequency_rad_s]
-    places = [to_image(w, system.dt_s) for w in places if not np.isnan(w)]
+    places = [image_frequency(w, system.dt_s) for w in places if not np.isnan(w)]
     more = bound_by_gain(
         image, whole, [0.0, *places, np.inf], low, found.upper, starts=starts, seed=seed
     )
     if more is None:
         return found
-    at = from_image(more.frequency_rad_s, system.dt_s)
+    at = discrete_frequency(more.frequency_rad_s, system.dt_s)
     worst = worst_case(system, whole, more.delta, at)
     return replace(found, lower=more.value, frequency_rad_s=at, worst=worst)
 
@@ -221,7 +228,7 @@ def mu_bounds_on_grid(
     return np.array(lower), np.array([u.value for u in upper])
 
 
-def complexified(
+def complexify(
     system: LtiSystem, structure: BlockStructure, share: float
 ) -> tuple[LtiSystem, BlockStructure]:
     """Return M and structure in which each real scalar δ is δ + share·δᶜ with |δᶜ| ≤ the size too.
@@ -258,6 +265,7 @@ def complexified(
     if not 0.0 < share < 1.0:
         raise InputError(f"the complex share must be between 0 and 1, got {share}")
     root = np.sqrt(share)
+    # δ + share·δᶜ = [I, √share I] diag(δ, δᶜ) [I; √share I]
     into = np.vstack([np.eye(structure.size), root * np.eye(structure.size)])
     made = LtiSystem(
         system.a, system.b @ into.T, into @ system.c, into @ system.d @ into.T, system.dt_s
@@ -277,13 +285,15 @@ def _robustness(
     beside = []
     more: list[float] = []
     if structure.purely_real:
+        # µ of purely real Δ can be discontinuous in frequency: the complex parts show how large it
+        # becomes nearby
         for share in shares:
-            wider, blocks = complexified(system, structure, share)
+            wider, blocks = complexify(system, structure, share)
             bound = certified_peak(wider, blocks, gap=gap)
-            below = _lower(wider, blocks, bound, [], seed)
+            below = _best_lower_bound(wider, blocks, bound, [], seed)
             beside.append(Complexified(share, bound.upper, below.value))
             more += [bound.frequency_rad_s, below.frequency_rad_s]
-    low = _lower(system, structure, certified, more, seed)
+    low = _best_lower_bound(system, structure, certified, more, seed)
     if low.value == 0.0:
         return Robustness(
             certified.upper, 0.0, certified.frequency_rad_s, certified, None, tuple(beside)
@@ -294,7 +304,7 @@ def _robustness(
     )
 
 
-def _lower(
+def _best_lower_bound(
     system: LtiSystem,
     structure: BlockStructure,
     certified: CertifiedPeak,
@@ -306,36 +316,39 @@ def _lower(
     It is no smaller than the H∞ norm of what any full block closes by itself: with one for
     performance, no smaller than nominal performance.
     """
-    image = in_continuous_time(system, structure)
+    image = continuous_image(system, structure)
     order = np.argsort(-certified.bounds)[:_PEAKS]
     tried = [*certified.looked_at_rad_s[order].tolist(), *more]
     tried = [w for w in dict.fromkeys(tried) if not np.isnan(w)]
     best: LowerBound | None = None
     for k, given in enumerate(tried):
-        omega = to_image(given, system.dt_s)
+        omega = image_frequency(given, system.dt_s)
         scalings = certified.scalings if k == 0 else None
         places = [omega]
         if not 0.0 < omega < np.inf:
             # there a system has real values only, which complex blocks come near nearby
-            places.append(beside_poles(image, omega))
+            places.append(finite_frequency(image, omega))
         for place in places:
             found = lower_bound_near(image, structure, place, scalings=scalings, seed=seed)
             if not 0.0 < place < np.inf and not _is_real(found):
                 continue
             at = place if np.isnan(found.frequency_rad_s) else found.frequency_rad_s
-            at = from_image(at, system.dt_s)
+            at = discrete_frequency(at, system.dt_s)
             if best is None or found.value > best.value:
                 best = LowerBound(found.value, found.delta, found.singular, at)
     for k, (rows, columns) in enumerate(structure.parts()):
         if structure.blocks[k].kind != "full":
             continue
+        # a full block alone: µ is no smaller than the H∞ norm of the part of M that it closes
         closed = LtiSystem(image.a, image.b[:, rows], image.c[columns], image.d[columns, rows])
         peak = hinf_norm(closed)
         if peak.value <= (0.0 if best is None else best.value) or not np.isfinite(peak.value):
             continue
         alone = lower_bound_of_block(image, structure, k, peak.frequency_rad_s)
         if alone is not None and (best is None or alone.value > best.value):
-            best = replace(alone, frequency_rad_s=from_image(alone.frequency_rad_s, system.dt_s))
+            best = replace(
+                alone, frequency_rad_s=discrete_frequency(alone.frequency_rad_s, system.dt_s)
+            )
     if best is None:
         p, m = structure.shape
         return LowerBound(0.0, np.zeros((m, p), dtype=complex), 1.0)

@@ -1,4 +1,4 @@
-r"""Scalings D and G of a block structure, and the barrier of those that prove a bound of µ.
+r"""Scalings D and G of a block structure, and the barrier of the scalings that prove a bound of µ.
 
 For matrices M₁ … M_K the scalings prove β where, for every one of them,
 
@@ -22,11 +22,13 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from hillsphere.interfaces import Array, Integers
 from hillsphere_controllers.mu.blocks import BlockStructure
 
-__all__ = ["Basis", "Scalings", "crossed", "level"]
+__all__ = ["Basis", "Scalings", "dg_form", "level"]
 
 Complex = NDArray[np.complex128]
 
 _OSBORNE = 30
+"""Sweeps of Osborne's iteration at most. It only gives the coordinates of the optimisation: a few
+per cent suffice."""
 _ROUNDING = 8.0 * float(np.finfo(float).eps)
 
 
@@ -44,7 +46,7 @@ class Scalings:
     g: Complex
 
 
-def crossed(m: Complex, d: Complex, g: Complex) -> Complex:
+def dg_form(m: Complex, d: Complex, g: Complex) -> Complex:
     """Return Mᴴ D M + j (G M − Mᴴ G) of matrices (..., n, n)."""
     gm = g @ m
     mh = m.conj().swapaxes(-1, -2)
@@ -74,6 +76,7 @@ def level(m: Complex, d: Complex, g: Complex, free: NDArray[np.bool_], fixed: fl
         β², which may be negative; infinite if the fixed part alone rules out every β.
     """
     try:
+        # D = K Kᴴ; with X = Kᴴ M K⁻ᴴ and Ĝ = K⁻¹ G K⁻ᴴ, F ≥ 0 is β² ≥ λ_max(Xᴴ X + j(Ĝ X − Xᴴ Ĝ))
         root = np.linalg.cholesky(d)
     except np.linalg.LinAlgError:
         return np.inf
@@ -85,9 +88,11 @@ def level(m: Complex, d: Complex, g: Complex, free: NDArray[np.bool_], fixed: fl
         x = root.conj().T @ one @ inverse.conj().T
         gx = scaled_g @ x
         right = x.conj().T @ x + 1j * (gx - gx.conj().T)
+        # error of the smallest eigenvalue of F by rounding, counted against the bound
         guard = _ROUNDING * n * float(np.linalg.norm(gx) + np.linalg.norm(x) ** 2)
         if not free.all():
             kept = ~free
+            # skewed problem: Schur complement of the blocks with a fixed level
             inner = fixed * np.eye(int(kept.sum())) - right[np.ix_(kept, kept)]
             if np.linalg.eigvalsh(inner)[0] <= guard:
                 return np.inf
@@ -145,10 +150,12 @@ class Basis:
             if block.kind == "full":
                 into.append([(entry(k, k), 1.0) for k in range(span.start, span.stop)])
             else:
+                # D commutes with δ I: any Hermitian matrix; with a full block only d I
                 hermitian(span)
         of_d = len(rows)
         for span, block in zip(self._spans, structure.blocks, strict=True):
             if block.kind == "real":
+                # G exists for real blocks only
                 hermitian(span)
         self.rows: Integers = np.array(rows)
         self.columns: Integers = np.array(columns)
@@ -206,6 +213,8 @@ class Basis:
         for _ in range(_OSBORNE):
             before = d.copy()
             for i in range(d.size):
+                # Osborne (1960): the d that makes row and column norms equal, one block after the
+                # other
                 row, column = d[i] * (weight[i] / d).sum(), (weight[:, i] * d).sum() / d[i]
                 if row > 1e-30 and column > 1e-30:
                     d[i] = np.clip(d[i] * np.sqrt(column / row), 1e-8, 1e8)
@@ -228,7 +237,7 @@ class Basis:
         return -2.0 * float(whole)
 
     def _form(self, m: Complex, d: Complex, g: Complex, b: float) -> Complex:
-        return np.asarray(self.levels(b)[:, None] * d - crossed(m, d, g))
+        return np.asarray(self.levels(b)[:, None] * d - dg_form(m, d, g))
 
     def derivatives(self, m: Complex, x: Array, b: float) -> tuple[Array, Array]:
         """Return gradient (k,) and Hessian (k, k) of the potential."""
@@ -242,6 +251,7 @@ class Basis:
         second = np.zeros((self.rows.size, self.rows.size), dtype=complex)
         first[:s] = w[ld, kd]
         second[:s, :s] = _pair(w, w, kd, ld, kd, ld)
+        # derivatives by the entries of D first; those by the real parameters follow from the map
         of_d = self.levels(b)[kd]
         for form, matrix in zip(self._form(m, d, g, b), m, strict=True):
             z = cho_solve(cho_factor(form, check_finite=False), one, check_finite=False)
@@ -268,6 +278,7 @@ class Basis:
                     - _pair(z, r, kg, lg, kg, lg)
                 )
         second[s:, :s] = second[:s, s:].T
+        # from entries to the real parameters, on which they depend linearly
         gradient = -(first @ self.map).real
         hessian = (self.map.T @ second @ self.map).real
         return gradient, 0.5 * (hessian + hessian.T)

@@ -1,4 +1,4 @@
-"""How much each block has to do with µ."""
+"""Sensitivity of µ to the size of each block."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere_controllers.mu.blocks import BlockStructure
-from hillsphere_controllers.mu.scalings import crossed
-from hillsphere_controllers.mu.upper_bound import centre, upper_bound
+from hillsphere_controllers.mu.scalings import dg_form
+from hillsphere_controllers.mu.upper_bound import analytic_centre, upper_bound
 
 __all__ = ["sensitivities"]
 
@@ -51,14 +51,14 @@ def sensitivities(matrix: Complex | Array, structure: BlockStructure) -> Array:
     InputError
         If the matrix does not fit the structure, or µ is zero, which has no shares.
     """
-    squared = structure.squared(matrix)
-    square = BlockStructure([b.squared() for b in structure.blocks])
+    squared = structure.pad_to_square(matrix)
+    square = BlockStructure([b.enclosing_square() for b in structure.blocks])
     here = upper_bound(squared, square, tolerance=_ROOM)
     if here.value <= 1e-12 * float(np.linalg.norm(squared)):
         raise InputError("µ is zero: no block has a share of it")
     bound = here.value * (1.0 + _ROOM)
-    scalings = centre(squared, square, here.scalings, bound)
-    form = bound**2 * scalings.d - crossed(squared, scalings.d, scalings.g)
+    scalings = analytic_centre(squared, square, here.scalings, bound)
+    form = bound**2 * scalings.d - dg_form(squared, scalings.d, scalings.g)
     # Z of the barrier, and both factors scaled alike: D may span many decades
     root = np.linalg.cholesky(scalings.d)
     inverse = np.linalg.inv(root)

@@ -1,4 +1,4 @@
-"""Perturbations of one block alone, all others zero: what µ is never below.
+"""Lower bounds of µ from one block alone, with all other blocks zero.
 
 With Δ zero but for block k, det(I − M Δ) = det(I − M_kk Δ_k): the smallest such Δ_k is known
 exactly, from the largest singular value of M_kk for a full block, and from an eigenvalue for a
@@ -20,6 +20,8 @@ _NEAR = 1e-3
 """Eigenvalues so near to each other, or to the real axis, relative, may be one of several Jordan
 blocks: rounding parts a triple one by 1e-5."""
 _SINGULAR = 1e-10
+"""Smallest singular value of I − M/ρ, relative to the size of M/ρ, at which ρ counts as a real
+eigenvalue."""
 
 
 def single_blocks(m: Complex, structure: BlockStructure) -> list[Complex]:
@@ -63,7 +65,7 @@ def single_block(m: Complex, structure: BlockStructure, block: int) -> Complex |
     span = structure.spans()[block]
     part = m[span, span]
     least = len(m) * np.finfo(float).eps * float(np.linalg.norm(m, 2))
-    value = _smallest(part, structure.blocks[block], least)
+    value = _smallest_perturbation(part, structure.blocks[block], least)
     if value is None:
         return None
     delta = np.zeros_like(m)
@@ -71,24 +73,26 @@ def single_block(m: Complex, structure: BlockStructure, block: int) -> Complex |
     return delta
 
 
-def _smallest(part: Complex, block: Block, least: float) -> Complex | None:
+def _smallest_perturbation(part: Complex, block: Block, least: float) -> Complex | None:
     if block.kind == "full":
         u, s, vh = np.linalg.svd(part)
         if not s[0] > least:
             return None
+        # smallest Δ of a full block: v₁ u₁ᴴ/σ₁
         dyad: Complex = np.outer(vh[0].conj() / s[0], u[:, 0].conj())
         return dyad
+    # smallest δ of a repeated scalar: 1/λ of the largest (real) eigenvalue
     values: Complex = np.linalg.eigvals(part).astype(complex)
     if block.kind == "real":
-        values = _real_ones(part, values)
+        values = _real_eigenvalues(part, values)
     if not np.abs(values).max(initial=0.0) > least:
         return None
     scalar: Complex = np.eye(len(part)) / values[int(np.argmax(np.abs(values)))] + 0j
     return scalar
 
 
-def _real_ones(part: Complex, values: Complex) -> Complex:
-    """Return the real numbers (k,) among eigenvalues, and those that rounding has parted.
+def _real_eigenvalues(part: Complex, values: Complex) -> Complex:
+    """Return the real eigenvalues (k,), and the means of clusters that rounding has split.
 
     A multiple eigenvalue without as many eigenvectors is found as several, most of them complex,
     about it; their mean is near to rounding. Only those are kept with which I − M/λ is singular.

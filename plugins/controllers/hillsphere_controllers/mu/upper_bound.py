@@ -35,19 +35,31 @@ from numpy.typing import NDArray
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere_controllers.mu.blocks import BlockStructure
-from hillsphere_controllers.mu.scalings import Basis, Scalings, crossed, level
+from hillsphere_controllers.mu.scalings import Basis, Scalings, dg_form, level
 
-__all__ = ["UpperBound", "centre", "upper_bound", "upper_bounds"]
+__all__ = ["UpperBound", "analytic_centre", "upper_bound", "upper_bounds"]
 
 Complex = NDArray[np.complex128]
 
 _STEP = 0.1
+"""Share of the gap between the level and the one reached that the next level keeps. A smaller share
+lowers the level faster but starts Newton's method farther from the next centre."""
 _DECREMENT = 0.7
+"""Newton decrement at which a centre on the way is near enough: below one, full steps converge
+quadratically, and the next level needs no more."""
 _CENTRED = 1e-3
+"""Newton decrement of a centre that is itself the result, see `analytic_centre`."""
 _MOST_STEPS = 200
+"""Levels at most. Each takes off nine tenths of the gap, so that a bound of nine digits needs about
+ten; the limit ends stagnation."""
 _MOST_NEWTON = 60
+"""Newton steps for one centre at most; a self-concordant barrier needs a few from the last
+centre."""
 _VOID = 1e-13
+"""Curvature added along G, relative to the largest. Entries of G on rows of M that are zero have
+none, and the Newton equations would be singular."""
 _SMALLEST = 1e-150
+"""Size of M below which its square is no number of double precision."""
 _ZERO = 1e-9
 """Of the norm: rounding of entries of that norm has as much to do with a smaller µ."""
 _LONGEST = 1e2
@@ -56,7 +68,7 @@ _LONGEST = 1e2
 
 @dataclass(frozen=True)
 class UpperBound:
-    """A bound and the scalings that prove it.
+    """An upper bound of µ and the scalings that prove it.
 
     Parameters
     ----------
@@ -118,7 +130,7 @@ def upper_bound(
         raise InputError(f"a tolerance must be from 0 to 1, got {tolerance}")
     if skewed is not None and not len(skewed):
         raise InputError("a skewed problem needs a block whose size the bound is about")
-    squared = structure.squared(matrix)
+    squared = structure.pad_to_square(matrix)
     squared = squared[None] if squared.ndim == 2 else squared
     size = float(np.linalg.norm(squared, 2, axis=(1, 2)).max())
     n = structure.size
@@ -128,14 +140,16 @@ def upper_bound(
         return UpperBound(size, unscaled)
     m = squared / size
     basis = Basis(structure, free, 1.0 / size**2)
-    begun = _begin(m, structure, basis, start, size)
+    begun = _initial_level(m, structure, basis, start, size)
     if begun is None:
         return UpperBound(np.inf, unscaled)
+    # coordinates in which the optimisation is well scaled, and a start in them
     white = _Whitened(m, basis)
     best = (begun[0] / white.norm**2, *white.there(begun[1], begun[2]))
     x = white.basis.parameters(*best[1:])
     goal = -np.inf if target is None else (target / size / white.norm) ** 2
     zero = (_ZERO / white.norm) ** 2
+    # a first level well above the one known, so that its centre is easy to reach
     beta2 = max(1.3 * best[0], best[0] + 1e-6)
     for _ in range(_MOST_STEPS):
         if best[0] < (1.0 - 1e-9) * goal:
@@ -149,10 +163,12 @@ def upper_bound(
             if reached < level_there:
                 return UpperBound(size * float(np.sqrt(max(reached, 0.0))), Scalings(d, size * g))
             break
+        # centre for the present level; its own level is the new bound
         x, found = white.centre(x, beta2)
         reached, gained = found[0], best[0] - found[0]
         if gained > 0.0:
             best = found
+        # converged: the centre has met the level
         if best[0] <= zero or beta2 - reached <= tolerance * abs(best[0]):
             if best[0] < (1.0 - 1e-9) * goal:
                 continue
@@ -168,7 +184,7 @@ def upper_bound(
     return UpperBound(value, Scalings(d, size * g))
 
 
-def centre(
+def analytic_centre(
     matrix: Complex | Array, structure: BlockStructure, scalings: Scalings, bound: float
 ) -> Scalings:
     """Return the centre of the scalings that prove a bound of µ.
@@ -189,7 +205,7 @@ def centre(
     InputError
         If the matrix does not fit the structure.
     """
-    squared = structure.squared(matrix)[None]
+    squared = structure.pad_to_square(matrix)[None]
     size, n = float(np.linalg.norm(squared[0], 2)), structure.size
     basis = Basis(structure, np.ones(n, dtype=bool), 1.0)
     white = _Whitened(squared / size, basis)
@@ -206,7 +222,7 @@ def upper_bounds(
     skewed: Sequence[int] | None = None,
     tolerance: float = 1e-6,
 ) -> list[UpperBound]:
-    """Return the bounds of several matrices (K, p, m), each begun at the scalings of the last."""
+    """Return bounds of several matrices (K, p, m); each search starts from the last scalings."""
     made: list[UpperBound] = []
     for matrix in matrices:
         start = made[-1].scalings if made else None
@@ -214,7 +230,7 @@ def upper_bounds(
     return made
 
 
-def _begin(
+def _initial_level(
     m: Complex, structure: BlockStructure, basis: Basis, start: Scalings | None, size: float
 ) -> tuple[float, Complex, Complex] | None:
     """Return a level with its scalings; None without one."""
@@ -223,20 +239,21 @@ def _begin(
     d = basis.osborne(m)
     found = (level(m, d, zero, basis.free, basis.fixed), d, zero)
     if start is not None:
+        # scalings of a neighbouring frequency, in the units of m
         d = start.d * (n / np.trace(start.d).real)
         g = start.g / size * (n / np.trace(start.d).real)
         warm = level(m, d, g, basis.free, basis.fixed)
         if warm < found[0]:
             found = (warm, d, g)
     if not np.isfinite(found[0]):
-        made = _fixed_part(m, structure, basis)
+        made = _scale_fixed_blocks(m, structure, basis)
         if made is None:
             return None
         found = (level(m, *made, basis.free, basis.fixed), *made)
         if not np.isfinite(found[0]):
             return None
     if not basis.free.all():
-        found = _weighed(m, basis, found)
+        found = _reweight_skewed(m, basis, found)
     return found
 
 
@@ -283,10 +300,11 @@ class _Whitened:
         return d * both, self.norm * (g * both)
 
 
-def _weighed(
+def _reweight_skewed(
     m: Complex, basis: Basis, found: tuple[float, Complex, Complex]
 ) -> tuple[float, Complex, Complex]:
     """Return scalings, with their level, whose skewed part has a better weight than those found."""
+    # line search over the weight of the skewed part, from coarse to fine factors
     for factor in (30.0, 5.0, 1.5):
         for way in (factor, 1.0 / factor):
             share = np.where(basis.free, np.sqrt(way), 1.0)
@@ -300,22 +318,23 @@ def _weighed(
     return found
 
 
-def _fixed_part(
+def _scale_fixed_blocks(
     m: Complex, structure: BlockStructure, basis: Basis
 ) -> tuple[Complex, Complex] | None:
-    """Return scalings of finite level: those of the blocks that are not skewed, proved alone."""
+    """Return scalings of finite level, from a bound of the blocks that are not skewed alone."""
     kept = ~basis.free
     inner = BlockStructure(
-        [b.squared() for k, b in enumerate(structure.blocks) if kept[structure.starts[k]]]
+        [b.enclosing_square() for k, b in enumerate(structure.blocks) if kept[structure.starts[k]]]
     )
     part = m[:, kept][:, :, kept]
+    # feasible only if the fixed blocks alone have µ below their level
     proved = upper_bound(part, inner, target=float(np.sqrt(basis.fixed)))
     if proved.value**2 >= basis.fixed:
         return None
     d, g = np.zeros((2, basis.n, basis.n), dtype=complex)
     at = np.ix_(kept, kept)
     d[at], g[at] = proved.scalings.d, proved.scalings.g
-    room = basis.fixed * d[at] - crossed(part, d[at], g[at])
+    room = basis.fixed * d[at] - dg_form(part, d[at], g[at])
     side = m[:, basis.free][:, :, kept]
     taken = np.linalg.eigvals(np.linalg.solve(room, side.conj().swapaxes(1, 2) @ side)).real.max()
     # so small that the skewed rows take half of the room that F leaves
@@ -335,12 +354,14 @@ def _centre(
     for _ in range(_MOST_NEWTON):
         gradient, hessian = basis.derivatives(m, x, b)
         step = _newton(basis, x, gradient, hessian)
+        # square of the Newton decrement
         decrement = float(-gradient @ step)
         if not decrement > 0.0:
             return x
+        # damped Newton step 1/(1 + λ), which stays inside for a self-concordant barrier
         length = 1.0 if decrement < 0.25 else 1.0 / (1.0 + np.sqrt(decrement))
         # the damped step is always inside; a longer one is tried as long as it pays
-        made = _along(m, basis, x, step, b, value, length)
+        made = _search_line(m, basis, x, step, b, value, length)
         if made is None:
             return x
         x, value = made
@@ -359,11 +380,12 @@ def _newton(basis: Basis, x: Array, gradient: Array, hessian: Array) -> Array:
     # rows of M that are zero but for rounding make entries of G void: those do not move
     void = _VOID * np.diagonal(whole).max() * basis.of_g
     whole[:k, :k] += np.diag(void)
+    # Lagrange multiplier of tr D = n
     whole[:k, k] = whole[k, :k] = basis.trace * units
     return np.asarray(units * np.linalg.solve(whole, np.append(-gradient * units, 0.0))[:k])
 
 
-def _along(
+def _search_line(
     m: Complex, basis: Basis, x: Array, step: Array, b: float, value: float, length: float
 ) -> tuple[Array, float] | None:
     """Return the best of some points along a step that is better than x, None without one."""

@@ -25,18 +25,23 @@ from numpy.typing import NDArray
 
 from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.lti import LtiSystem
+from hillsphere_controllers.mu.bilinear_images import image_frequency
 from hillsphere_controllers.mu.blocks import BlockStructure
-from hillsphere_controllers.mu.images import to_image
 from hillsphere_controllers.systems.algebra import append, gain, series, upper_lft
 from hillsphere_controllers.systems.bilinear import continuous, discrete
 
-__all__ = ["WorstCase", "interpolated", "worst_case"]
+__all__ = ["WorstCase", "interpolate_perturbation", "worst_case"]
 
 Complex = NDArray[np.complex128]
 
 _REAL = 1e-10
+"""Imaginary part, relative to the size, up to which a value counts as real and needs no
+dynamics."""
 _SINGULAR = 1e-6
+"""Smallest singular value of I − M Δ(jω), relative to M Δ, up to which the check in the closed loop
+is passed. Interpolation by systems costs some of the digits that `lower_bound` asks for."""
 _RANK = 1e-8
+"""Second singular value of a full block, relative to the first, up to which it counts as a dyad."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +75,9 @@ class WorstCase:
     singular: float
 
 
-def interpolated(delta: Complex, structure: BlockStructure, omega_rad_s: float) -> LtiSystem:
+def interpolate_perturbation(
+    delta: Complex, structure: BlockStructure, omega_rad_s: float
+) -> LtiSystem:
     """Return a stable system Δ(s) of the structure whose response at a frequency is Δ.
 
     Parameters
@@ -168,12 +175,13 @@ def worst_case(
     """
     p, m = structure.shape
     dt_s = system.dt_s
+    # M without the channels of performance
     own = LtiSystem(system.a, system.b[:, :m], system.c[:p], system.d[:p, :m], dt_s)
     # in discrete time the system of the image is interpolated at the image of the frequency
     image = omega_rad_s
     if dt_s is not None:
-        own, image = continuous(own), to_image(omega_rad_s, dt_s)
-    block = interpolated(delta, structure, image)
+        own, image = continuous(own), image_frequency(omega_rad_s, dt_s)
+    block = interpolate_perturbation(delta, structure, image)
     at = np.array([image])
     product = own.response(at)[0] @ block.response(at)[0]
     singular = float(np.linalg.svd(np.eye(p) - product, compute_uv=False)[-1])
@@ -188,6 +196,7 @@ def worst_case(
             poles = upper_lft(own, block).poles
             pole = complex(poles[int(np.argmin(np.abs(poles - 1j * image)))])
             if dt_s is not None:
+                # the pole of the image, mapped back to the z-plane
                 pole = (1.0 + 0.5 * dt_s * pole) / (1.0 - 0.5 * dt_s * pole)
     if dt_s is not None:
         block = discrete(block, dt_s)

@@ -1,4 +1,4 @@
-r"""The largest gain that a loop can have under perturbations of bounded size.
+r"""Worst-case gain: the largest gain of a loop under perturbations of bounded size.
 
 With a full block between the performance outputs and inputs that closes the loop, the gain of
 F_u(M, Δ) is below γ for all Δ with σ̄(Δ) ≤ 1 if the skewed µ of M, whose performance block alone has
@@ -20,14 +20,19 @@ from numpy.typing import NDArray
 from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
+from hillsphere_controllers.mu.bilinear_images import (
+    continuous_image,
+    discrete_frequency,
+    finite_frequency,
+    image_frequency,
+)
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.certified import CertifiedPeak, certified_peak
 from hillsphere_controllers.mu.gain_ascent import GainAscent
-from hillsphere_controllers.mu.images import beside_poles, from_image, in_continuous_time, to_image
 from hillsphere_controllers.mu.lower_bound import lower_bound, moving_response
 from hillsphere_controllers.mu.robustness import performance_structure, robust_stability
 from hillsphere_controllers.mu.scalings import Scalings
-from hillsphere_controllers.mu.worst_case import interpolated
+from hillsphere_controllers.mu.worst_case import interpolate_perturbation
 from hillsphere_controllers.systems.algebra import upper_lft
 from hillsphere_controllers.systems.bilinear import discrete
 
@@ -36,6 +41,8 @@ __all__ = ["WorstCaseGain", "worst_case_gain"]
 Complex = NDArray[np.complex128]
 
 _STARTS = 6
+"""Random starts of the ascent besides those from bounds of µ. More find higher local maxima of the
+gain, in proportion to the time."""
 _INSIDE = 1e-9
 """Relative room that Δ leaves to its bound, so that the system built of it stays within."""
 _GROWN = (1.0 + 1e-6, 1.001, 1.03, 1.3, 3.0, 1e3)
@@ -112,46 +119,51 @@ def worst_case_gain(
         raise InputError(f"the size of Δ must be positive, got {size}")
     structure = performance_structure(system, uncertainty)
     p = uncertainty.shape[0]
+    # a Δ of the given size becomes one of unit size: its factor goes into M
     grown = np.ones(system.shape[0])
     grown[:p] = size
     scaled = LtiSystem(
         system.a, system.b, grown[:, None] * system.c, grown[:, None] * system.d, system.dt_s
     )
-    units = _units(scaled, uncertainty)
-    measured = _measured(scaled, uncertainty, *units)
+    units = _performance_units(scaled, uncertainty)
+    # the levels of performance and of Δ then have the same size, which the skewed problem needs
+    measured = _rescale_performance(scaled, uncertainty, *units)
     skewed = [len(uncertainty.blocks)]
     proof = certified_peak(measured, structure, skewed=skewed, gap=gap)
-    image = in_continuous_time(measured, structure)
-    omega = to_image(proof.frequency_rad_s, system.dt_s)
+    image = continuous_image(measured, structure)
+    omega = image_frequency(proof.frequency_rad_s, system.dt_s)
     if not 0.0 < omega < np.inf:
-        omega = beside_poles(image, omega)
-    certified = _given(proof, structure, *units)
+        # at zero and infinity a system has real values only: complex blocks are interpolated nearby
+        omega = finite_frequency(image, omega)
+    certified = _restore_units(proof, structure, *units)
     if np.isinf(proof.upper):
-        broken = _unstable(system, scaled, uncertainty, size, certified, gap, seed)
+        broken = _infinite_gain(system, scaled, uncertainty, size, certified, gap, seed)
         if broken is not None:
             return broken
-    delta, omega = _raised(image, structure, uncertainty, omega, proof, seed)
+    delta, omega = _ascend(image, structure, uncertainty, omega, proof, seed)
 
     def closed(factor: float) -> tuple[float, Complex, LtiSystem]:
-        made = (1.0 - _INSIDE) * size * _grown(delta, uncertainty, factor)
-        block = interpolated(made, uncertainty, omega)
+        made = (1.0 - _INSIDE) * size * _enlarge_real_blocks(delta, uncertainty, factor)
+        block = interpolate_perturbation(made, uncertainty, omega)
         if system.dt_s is not None:
             block = discrete(block, system.dt_s)
         return hinf_norm(upper_lft(system, block)).value, made, block
 
     best = closed(1.0)
+    # the proof failed: a slightly larger Δ may make the loop unstable, which proves an infinite
+    # gain
     for factor in _GROWN if np.isinf(proof.upper) else ():
         if np.isinf(best[0]):
             break
         best = max(best, closed(factor), key=lambda made: made[0])
     reached, delta, block = best
     return WorstCaseGain(
-        certified.upper, reached, from_image(omega, system.dt_s), block,
+        certified.upper, reached, discrete_frequency(omega, system.dt_s), block,
         uncertainty.real_values(delta), certified,
     )  # fmt: skip
 
 
-def _units(system: LtiSystem, uncertainty: BlockStructure) -> tuple[float, float]:
+def _performance_units(system: LtiSystem, uncertainty: BlockStructure) -> tuple[float, float]:
     """Return units of the performance inputs and outputs in which their gains are one at most.
 
     Powers of two; the gains are those without Δ and from and to it.
@@ -168,6 +180,7 @@ def _units(system: LtiSystem, uncertainty: BlockStructure) -> tuple[float, float
     into, out, through = norm(first[0], left[1]), norm(left[0], first[1]), norm(left[0], left[1])
     if not np.isfinite([into, out, through]).all():
         return 1.0, 1.0
+    # gain of performance, directly or by way of Δ
     whole = max(through, into * out)
     if not whole > 0.0:
         return 1.0, 1.0
@@ -176,7 +189,7 @@ def _units(system: LtiSystem, uncertainty: BlockStructure) -> tuple[float, float
     return inputs, float(2.0 ** np.round(np.log2(whole / inputs)))
 
 
-def _measured(
+def _rescale_performance(
     system: LtiSystem, uncertainty: BlockStructure, inputs: float, outputs: float
 ) -> LtiSystem:
     """Return the system with performance inputs and outputs in other units."""
@@ -186,7 +199,7 @@ def _measured(
     return LtiSystem(system.a, system.b / into, system.c / out, system.d / out / into, system.dt_s)
 
 
-def _given(
+def _restore_units(
     proof: CertifiedPeak, structure: BlockStructure, inputs: float, outputs: float
 ) -> CertifiedPeak:
     """Return the proof for the performance inputs and outputs in the units given."""
@@ -206,7 +219,7 @@ def _given(
     )  # fmt: skip
 
 
-def _unstable(
+def _infinite_gain(
     system: LtiSystem,
     scaled: LtiSystem,
     uncertainty: BlockStructure,
@@ -234,7 +247,7 @@ def _unstable(
     return WorstCaseGain(np.inf, np.inf, found.frequency_rad_s, block, values, proof)
 
 
-def _grown(delta: Complex, uncertainty: BlockStructure, factor: float) -> Complex:
+def _enlarge_real_blocks(delta: Complex, uncertainty: BlockStructure, factor: float) -> Complex:
     """Return a Δ of unit size with larger real blocks."""
     made = delta.copy()
     for block, part in zip(uncertainty.blocks, uncertainty.parts(), strict=True):
@@ -243,7 +256,7 @@ def _grown(delta: Complex, uncertainty: BlockStructure, factor: float) -> Comple
     return made
 
 
-def _raised(
+def _ascend(
     system: LtiSystem,
     structure: BlockStructure,
     uncertainty: BlockStructure,
@@ -260,16 +273,17 @@ def _raised(
     starts = []
     if 0.0 < proof.upper < np.inf:
         weight = np.ones(structure.size)
+        # starts from a lower bound of µ whose performance block has the level found
         weight[n:] = 1.0 / proof.upper
-        whole = BlockStructure([b.squared() for b in structure.blocks])
+        whole = BlockStructure([b.enclosing_square() for b in structure.blocks])
         found = lower_bound(weight[:, None] * at(0.0)[0], whole, seed=seed)
         if found.value > 0.0:
             starts.append(unit.parameters(found.delta[:n, :n] * found.value))
     elif proof.upper > 0.0:
-        inner = BlockStructure([b.squared() for b in uncertainty.blocks])
+        inner = BlockStructure([b.enclosing_square() for b in uncertainty.blocks])
         found = lower_bound(at(0.0)[0][:n, :n], inner, seed=seed)
         if found.value > 0.0:
             starts.append(unit.parameters(found.delta * found.value))
     starts += [ascent.random(random) for _ in range(_STARTS)]
     best = ascent.best(starts)
-    return uncertainty.unsquared(best.q), float(omega * np.exp(best.z))
+    return uncertainty.remove_padding(best.q), float(omega * np.exp(best.z))

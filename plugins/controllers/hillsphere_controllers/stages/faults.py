@@ -6,10 +6,10 @@ from collections.abc import Iterable
 
 from hillsphere.spec import rule
 
-__all__ = ["only_one"]
+__all__ = ["require_one"]
 
 
-def only_one(given: Iterable[str], of: Iterable[str], key: str) -> None:
+def require_one(given: Iterable[str], of: Iterable[str], key: str) -> None:
     """Raise a fault at a key unless just one of several keys is given."""
     found, names = list(given), ", ".join(of)
     if len(found) != 1:

@@ -12,7 +12,10 @@ from hillsphere.lti import LtiSystem
 __all__ = ["frequencies"]
 
 _PER_DECADE = 60
+"""Grid points per decade; lightly damped peaks get points of their own beside the grid."""
 _MOST = 600
+"""Grid points at most, where poles span more than ten decades; it bounds the time and the size of a
+figure."""
 _LOWEST = 1e-4
 """Slower poles, relative to the median, such as those of weights that stand for integrators, are
 not looked at below."""

@@ -13,10 +13,10 @@ from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
 from hillsphere.products.product_codec import load_product
 from hillsphere_controllers.linear_products import UncertainModel
-from hillsphere_controllers.stages.uncertain import lft_of
+from hillsphere_controllers.stages.uncertain import to_lft
 from hillsphere_controllers.systems.exchange import Content, save_mat
 
-__all__ = ["app", "systems_of"]
+__all__ = ["app", "collect_systems"]
 
 app = typer.Typer(add_completion=False, rich_markup_mode=None)
 
@@ -32,7 +32,7 @@ def mat(
 ) -> None:
     """Write the systems in a product of a run to a file for MATLAB."""
     path = product.with_suffix(".mat") if out is None else out
-    found = systems_of(load_product(product))
+    found = collect_systems(load_product(product))
     if not found:
         raise InputError(
             f"{product} holds no linear system; take the product of a stage linear_models, lft, "
@@ -46,7 +46,7 @@ def mat(
     write(str(path))
 
 
-def systems_of(product: Any) -> dict[str, Content]:
+def collect_systems(product: Any) -> dict[str, Content]:
     """Return the systems and uncertain systems of a product, by their place in it.
 
     Parameters
@@ -69,7 +69,7 @@ def _collect(value: Any, name: str, found: dict[str, Content]) -> None:
     if isinstance(value, LtiSystem):
         found[name or "system"] = value
     elif isinstance(value, UncertainModel):
-        lft = lft_of(value)
+        lft = to_lft(value)
         found[name or "model"] = (lft.system, lft.structure)
     elif isinstance(value, tuple):
         for k, item in enumerate(value, 1):

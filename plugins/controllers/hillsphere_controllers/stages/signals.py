@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from hillsphere.base.problems import did_you_mean
 from hillsphere.errors import InputError
 
-__all__ = ["places"]
+__all__ = ["find_signals"]
 
 
-def places(known: Sequence[str], wanted: Sequence[str], key: str) -> list[int]:
-    """Return the places of signals among those known.
+def find_signals(known: Sequence[str], wanted: Sequence[str], key: str) -> list[int]:
+    """Return the indices of signals by their names.
 
     Parameters
     ----------

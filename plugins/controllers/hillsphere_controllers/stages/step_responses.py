@@ -8,13 +8,17 @@ import numpy as np
 
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.systems.holding import discretised
+from hillsphere_controllers.systems.holding import zero_order_hold_matrices
 
 __all__ = ["step_responses"]
 
 _SAMPLES = 400
+"""Samples of a response in continuous time: a curve of a printed figure shows no corners."""
 _SETTLED = 0.01
+"""A response has settled when it stays within 1 % of its size, a usual limit of the settling
+time."""
 _ROOM = 1.4
+"""Length of the time axis relative to the settling time, so that the settled part is seen."""
 
 
 def step_responses(
@@ -48,7 +52,7 @@ def step_responses(
 
 
 def _settling(system: LtiSystem) -> float:
-    """Return after what time a step response stays near its end."""
+    """Return the settling time of a step response."""
     poles = system.poles
     if system.dt_s is not None:
         poles = np.asarray(np.log(poles[np.abs(poles) > 1e-12]) / system.dt_s)
@@ -56,6 +60,7 @@ def _settling(system: LtiSystem) -> float:
     rates = rates[rates > 0.0]
     if not rates.size:
         return 10.0 * (system.dt_s or 1.0)
+    # exp(−7) = 0.1 %: well below the settling limit of 1 %
     longest = 7.0 / float(rates.min())
     # the slowest modes may hardly be seen: times from the fastest to the slowest are tried
     trial = 7.0 / float(np.median(rates))
@@ -82,7 +87,7 @@ def _final(system: LtiSystem) -> Array:
 def _response(system: LtiSystem, step: float, count: int) -> Array:
     a, b = system.a, system.b
     if system.dt_s is None:
-        a, b = discretised(a, b, step)
+        a, b = zero_order_hold_matrices(a, b, step)
     x = np.zeros((system.order, system.shape[1]))
     made = np.empty((count, *system.shape))
     for k in range(count):

@@ -1,4 +1,4 @@
-"""Between the LFTs that are computed with and the uncertain models that pass between stages."""
+"""Conversion between LFTs and the uncertain models that pass between stages."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import Uncertainty
 from hillsphere_controllers.linear_products import UncertainModel
 
-__all__ = ["lft_of", "uncertain_model"]
+__all__ = ["to_lft", "uncertain_model"]
 
 
 def uncertain_model(lft: Lft, units: Mapping[str, str]) -> UncertainModel:
-    """Return an LFT as what passes between stages; units by name of a parameter."""
+    """Return an LFT as the product that passes between stages; units by name of a parameter."""
     found = lft.uncertainties
     return UncertainModel(
         system=lft.system,
@@ -32,7 +32,7 @@ def uncertain_model(lft: Lft, units: Mapping[str, str]) -> UncertainModel:
     )
 
 
-def lft_of(model: UncertainModel) -> Lft:
+def to_lft(model: UncertainModel) -> Lft:
     """Return an uncertain model as an LFT.
 
     Raises

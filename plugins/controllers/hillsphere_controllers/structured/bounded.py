@@ -1,4 +1,4 @@
-"""Structures whose parameters stay within bounds."""
+"""Structures whose parameters stay within bounds, by a sine substitution."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Bounded:
     Parameters
     ----------
     structure : Structure
-        What θ are the parameters of.
+        Structure whose parameters are θ.
     lower, upper : ndarray, shape (size,)
         Bounds of each θ: both finite, or both infinite.
 
@@ -54,6 +54,7 @@ class Bounded:
 
     def free(self, theta: Array) -> Array:
         """Return a φ of θ, moved into the box, both (size,)."""
+        # not at a bound itself, where the slope of the sine vanishes and no step would leave it
         share = np.clip((np.asarray(theta) - self._middle) / self._half, -0.999, 0.999)
         return np.where(self._inside, np.arcsin(share), theta)
 
@@ -61,12 +62,13 @@ class Bounded:
         """Return K of φ."""
         return self.structure.gains(self.parameters(theta))
 
-    def pulled_back(self, theta: Array, slope: Array) -> Array:
+    def pull_back(self, theta: Array, slope: Array) -> Array:
         """Return the slopes of φ."""
-        inner = self.structure.pulled_back(self.parameters(theta), slope)
+        inner = self.structure.pull_back(self.parameters(theta), slope)
+        # chain rule: dθ/dφ = h cos φ
         return inner * np.where(self._inside, self._half * np.cos(theta), 1.0)
 
     def typical(self, sizes: Sizes) -> tuple[Array, Array]:
-        """Return the middle of the box, and half of it; without bounds those of the structure."""
+        """Return middle and half width of the box; without bounds the structure's values."""
         middle, spread = self.structure.typical(sizes)
         return np.where(self._inside, 0.0, middle), np.where(self._inside, 0.7, spread)

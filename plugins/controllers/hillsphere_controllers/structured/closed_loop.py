@@ -1,4 +1,4 @@
-r"""Closed loops with a controller whose states are put into the plant.
+r"""Closed loops as static feedback of the plant augmented by the controller's states.
 
 A controller of order k is a constant gain K on the plant with k integrators added. With D22 out of
 the way, K₀ = (I − K D22)⁻¹ K, the closed loop is affine in K₀:
@@ -21,16 +21,16 @@ from hillsphere.interfaces import Array, Integers
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.structured.requirements import Channel, DesignPlant
 from hillsphere_controllers.structured.structure import Sizes, Structure
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 
 __all__ = ["Closed", "Open", "OpenLoop"]
 
 
 @dataclass(frozen=True)
 class Closed:
-    """A closed loop: its matrices, and those by which a change of K enters, as dA = b2 dK c2.
+    """Matrices of a closed loop, and those by which a change of K enters it, as dA = b2 dK c2.
 
-    Or closed loops of one size: matrices then have a first axis, that of the loops.
+    For several closed loops of one size the matrices have a first axis, that of the loops.
 
     Parameters
     ----------
@@ -69,23 +69,24 @@ class Open:
     d22: Array
 
     @staticmethod
-    def stacked(many: Sequence[Open]) -> Open:
+    def stack(many: Sequence[Open]) -> Open:
         """Return several plants as one, with a first axis."""
         return Open(*(np.stack([getattr(m, one.name) for m in many]) for one in fields(Open)))
 
-    def closed(self, gains: Array) -> Closed | None:
+    def close_loop(self, gains: Array) -> Closed | None:
         """Return the closed loop with K; None if it is not well posed."""
         b2, c2, d12, d21, moved = self.b2, self.c2, self.d12, self.d21, gains
         if self.d22.any():
             left = np.eye(len(gains)) - gains @ self.d22
             right = np.eye(gains.shape[1]) - self.d22 @ gains
+            # I − K D22 is nearly singular: the loop is not well posed in floating point
             if np.max(np.linalg.cond(left)) > 1e12:
                 return None
-            moved = _solved(left, np.broadcast_to(gains, (*left.shape[:-1], gains.shape[1])))
+            moved = _solve(left, np.broadcast_to(gains, (*left.shape[:-1], gains.shape[1])))
             # dK₀ = (I − K D22)⁻¹ dK (I − D22 K)⁻¹
             turned = left.swapaxes(-1, -2)
-            b2, d12 = (_solved(turned, m.swapaxes(-1, -2)).swapaxes(-1, -2) for m in (b2, d12))
-            c2, d21 = (_solved(right, m) for m in (c2, d21))
+            b2, d12 = (_solve(turned, m.swapaxes(-1, -2)).swapaxes(-1, -2) for m in (b2, d12))
+            c2, d21 = (_solve(right, m) for m in (c2, d21))
         bk, dk = self.b2 @ moved, self.d12 @ moved
         return Closed(
             self.a + bk @ self.c2,
@@ -96,12 +97,12 @@ class Open:
         )  # fmt: skip
 
 
-def _solved(matrix: Array, right: Array) -> Array:
+def _solve(matrix: Array, right: Array) -> Array:
     return np.asarray(np.linalg.solve(matrix, right), dtype=float)
 
 
 class OpenLoop:
-    """A plant with the controller's states, to be closed again and again.
+    """A plant augmented by the controller's states, prepared to be closed many times.
 
     Parameters
     ----------
@@ -140,9 +141,11 @@ class OpenLoop:
                 f"{what} has {m} inputs and {p} outputs: with {nu} controls and {ny} measurements "
                 "no w or no z is left"
             )
-        scaled, _ = balanced(system)
+        scaled, _ = balance_states(system)
         self.name, self.plant = what, plant
         m1, p1 = m - nu, p - ny
+        # k integrators: their inputs are the first k controls, their states the first k
+        # measurements
         a, b2 = np.zeros((n + k, n + k)), np.zeros((n + k, k + nu))
         c2, d22 = np.zeros((k + ny, n + k)), np.zeros((k + ny, k + nu))
         a[:n, :n], d22[k:, k:] = scaled.a, scaled.d[p1:, m1:]
@@ -169,6 +172,7 @@ class OpenLoop:
         if not plant.weight > 0.0:
             raise InputError(f"{what}: a weight must be > 0, got {plant.weight}")
         poles = np.abs(np.linalg.eigvals(scaled.a)) if n else np.ones(1)
+        # the plant's typical rate is the geometric mean of its poles; integrators do not count
         there = poles[poles > 1e-8 * max(float(poles.max()), 1e-300)]
         self.rate = float(np.exp(np.mean(np.log(there)))) if there.size else 1.0
         self._scaled, self._size = scaled, (p1, m1)
@@ -199,10 +203,10 @@ class OpenLoop:
         return Sizes(u, y, self.rate)
 
     def sizes_at(self, omega: float) -> Sizes:
-        """Return what is large for a loop with a bandwidth, rad/s.
+        """Return typical sizes of u and y for a loop with a bandwidth, rad/s.
 
-        Each u is the one that makes some z of order one at that frequency; each y what w of order
-        one, or such u, make of it.
+        Each u makes some z of order one at that frequency; each y is the response to w of order one
+        or to such u.
         """
         p1, m1 = self._size
         gains = np.abs(self._scaled.response(np.array([omega]))[0])
@@ -215,4 +219,4 @@ class OpenLoop:
 
     def close(self, gains: Array) -> Closed | None:
         """Return the closed loop with K; None if it is not well posed."""
-        return self.open.closed(gains)
+        return self.open.close_loop(gains)

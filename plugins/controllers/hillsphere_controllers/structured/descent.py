@@ -1,8 +1,8 @@
-"""Descent for functions that are not smooth where they matter: BFGS and gradient sampling.
+"""Descent for nonsmooth functions: BFGS with a weak Wolfe line search, and gradient sampling.
 
 BFGS with a weak Wolfe line search works on functions that are smooth almost everywhere: its matrix
-learns the directions in which the function has a kink [1]_. Where it can do no more, the gradients
-at points nearby tell a direction along the kink [2]_.
+learns the directions in which the function has a kink [1]_. Where BFGS stalls, the gradients at
+points nearby give a direction along the kink [2]_.
 
 References
 ----------
@@ -24,13 +24,18 @@ import numpy as np
 from hillsphere.interfaces import Array
 from hillsphere_controllers.structured.minimax import minimax_step
 
-__all__ = ["Landscape", "Located", "descend", "sampled_descent"]
+__all__ = ["Landscape", "Located", "descend", "gradient_sampling"]
 
 _SUFFICIENT, _CURVATURE = 1e-4, 0.5
+"""Constants of the weak Wolfe conditions, of the decrease and of the slope. For functions that are
+not smooth Lewis and Overton (2013) recommend such a small and such a middle value."""
 _TRIALS = 40
+"""Bisections of a line search at most: the step is then known to rounding."""
 _LONGEST = 10.0
 """A step is no longer than this times |x|: gains that run away do so in steps."""
 _RADII = (1e-2, 1e-3, 1e-4)
+"""Radii of gradient sampling, relative to the size of the parameters. Large ones escape shallow
+ridges, small ones find a descent near a sharp one."""
 
 
 class Located(Protocol):
@@ -38,12 +43,12 @@ class Located(Protocol):
 
     @property
     def x(self) -> Array:
-        """Where."""
+        """Position, shape (n,)."""
         ...
 
     @property
     def value(self) -> float:
-        """How high."""
+        """Value of the function; infinite where it has none."""
         ...
 
 
@@ -111,7 +116,7 @@ def descend(
         if not g @ direction < 0.0:
             inverse, fresh, direction = np.eye(n), True, -g
         first = min(1.0, size / float(np.linalg.norm(direction))) if fresh else 1.0
-        line = _searched(landscape, point, g, direction, first)
+        line = _line_search(landscape, point, g, direction, first)
         if line.point is None:
             if fresh:
                 break
@@ -122,9 +127,12 @@ def descend(
             continue
         slope = line.slope if new is line.point else landscape.slope(new)
         step, change = new.x - point.x, slope - g
+        # BFGS update of the inverse Hessian; without positive curvature along the step it is
+        # skipped
         along = float(step @ change)
         if along > 1e-14 * float(np.linalg.norm(step) * np.linalg.norm(change)):
             if fresh:
+                # first update: scale the unit matrix to the curvature just seen
                 inverse *= along / float(change @ change)
             turned = inverse @ change
             inverse += (1.0 + change @ turned / along) / along * np.outer(step, step)
@@ -134,10 +142,10 @@ def descend(
     return point
 
 
-def _searched(
+def _line_search(
     landscape: Landscape[P], point: P, g: Array, direction: Array, first: float
 ) -> _Line[P]:
-    """Return a point that meets the weak Wolfe conditions, or at least lies lower."""
+    """Return a point that meets the weak Wolfe conditions, or else the best lower one."""
     size = max(1.0, float(np.linalg.norm(point.x)))
     longest = _LONGEST * size / float(np.linalg.norm(direction))
     low, high, t = 0.0, np.inf, min(first, longest)
@@ -166,7 +174,7 @@ def _searched(
     return best
 
 
-def sampled_descent(
+def gradient_sampling(
     landscape: Landscape[P], point: P, random: np.random.Generator, *, rounds: int = 3
 ) -> P:
     """Return a lower point by gradient sampling, the same if there is none.
@@ -193,12 +201,13 @@ def sampled_descent(
                 if np.isfinite(near.value):
                     slopes.append(landscape.slope(near))
             many = np.array(slopes)
+            # shortest vector in the convex hull of the gradients: the direction of steepest descent
             found = minimax_step(
                 np.zeros(len(many)), many, np.zeros(len(many), dtype=bool), np.eye(n), 1.0
             )
             if found is None or found.predicted < 1e-10:
                 break
-            line = _searched(landscape, point, -found.step, found.step, 1.0)
+            line = _line_search(landscape, point, -found.step, found.step, 1.0)
             if line.point is None:
                 break
             point = line.point

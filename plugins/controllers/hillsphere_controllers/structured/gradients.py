@@ -69,6 +69,7 @@ def gain_slopes(
         finite = closed.at(there) if closed.a.ndim > 2 else closed
         away = 1j * omega[there, None, None] * np.eye(n) - finite.a
         into = np.concatenate([finite.b[..., columns], finite.b2], axis=-1).astype(complex)
+        # one factorisation of jω − A serves G, G₁₂ and G₂₁
         x = np.linalg.solve(away, np.broadcast_to(into, (*away.shape[:-1], into.shape[-1])))
         c = finite.c[..., rows, :]
         g[there] += c @ x[..., :m]
@@ -91,6 +92,7 @@ def h2_slope(closed: Closed, rows: Integers, columns: Integers) -> Array:
     b, c = closed.b[:, columns], closed.c[rows]
     p = solve_continuous_lyapunov(closed.a, -b @ b.T)
     q = solve_continuous_lyapunov(closed.a.T, -c.T @ c)
+    # d‖G‖₂²/2 = ⟨QP, dA⟩ + ⟨QB, dB⟩ + ⟨CP, dC⟩, with dA = b2 dK c2 and so on
     slope = closed.b2.T @ (q @ p @ closed.c2.T + q @ b @ closed.d21[:, columns].T)
     slope += closed.d12[rows].T @ c @ p @ closed.c2.T
     return np.asarray(slope / max(float(np.trace(c @ p @ c.T)), 1e-300))
@@ -102,6 +104,7 @@ def pole_slopes(closed: Closed) -> tuple[Complex, Complex]:
     The derivative of a multiple pole that has too few eigenvectors is not finite.
     """
     poles, left, right = eig(closed.a, left=True, right=True)
+    # dλ = yᴴ dA x/(yᴴ x) with dA = b2 dK c2
     y, x = closed.b2.T @ left.conj(), closed.c2 @ right
     with np.errstate(divide="ignore", invalid="ignore"):
         slopes = y.T[:, :, None] * x.T[:, None, :] / np.sum(left.conj() * right, 0)[:, None, None]

@@ -1,4 +1,4 @@
-r"""The step of a minimax problem: the least of the largest of linear functions plus a quadratic.
+r"""The quadratic program of a minimax step: linear functions, an exact penalty, a quadratic term.
 
 .. math::
 
@@ -23,7 +23,7 @@ __all__ = ["MinimaxStep", "minimax_step"]
 
 @dataclass(frozen=True)
 class MinimaxStep:
-    """A step, what it promises, and what holds it.
+    """A minimax step, its predicted decrease and its multipliers.
 
     Parameters
     ----------
@@ -67,6 +67,7 @@ def minimax_step(
     turned = solve_triangular(factor, slopes.T, lower=True).T
     soft = ~hard
     top = float(levels[soft].max())
+    # t is measured from the highest level, so that the right-hand sides are small numbers
     right = np.where(soft, top - levels, -levels)
     rows = [turned, -soft.astype(float)[:, None]]
     cost = [*np.zeros(n), 1.0]

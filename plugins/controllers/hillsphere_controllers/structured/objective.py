@@ -1,4 +1,4 @@
-"""What a design minimises: the logarithm of the largest weighted norm, with its gradients.
+"""Objective of a design: the logarithm of the largest weighted norm, with its gradients.
 
 Constraints h ≤ 0 are added as ρ max(h, 0), an exact penalty.
 """
@@ -29,6 +29,8 @@ _NEAR = 0.6
 _REFINED = 0.85
 """Those of at least this share are found exactly, the others to the next frequency looked at."""
 _MOST = 14
+"""Peaks that a step takes into account at most, for one plant. More make the quadratic programs
+slower; with fewer, a peak left out rises and the step is rejected."""
 _EACH, _AT_ALL = 6, 60
 """With many plants more peaks are, or nearly are, the highest: so many for each, and at all."""
 _ALIKE = 10
@@ -159,10 +161,12 @@ class Objective:
         no = Point(x, np.inf)
         if not np.isfinite(matrix).all() or float(np.abs(x).max()) > FURTHEST:
             return no
-        loops = self.norms.closed(matrix)
+        loops = self.norms.close_loop(matrix)
+        # the cheapest test first: a remembered peak may already exceed the level
         if loops is None or self.norms.seen_above(loops, above):
             return no
         self.norms.measure(loops)
+        # then the peaks on a grid, a lower bound; only those that may decide are refined
         roughly = self.norms.highest(loops)
         if roughly > above:
             return no
@@ -177,6 +181,7 @@ class Objective:
                     excess = max(excess, level)
             if self.region is not None:
                 excess = max(excess, float(self.region.excess(loop.response.poles)[0].max()))
+        # exact penalty: its minimum keeps the constraints for a finite ρ
         value = objective + self.penalty * max(0.0, excess + _MARGIN)
         return Point(x, value, objective, excess, matrix, loops)
 
@@ -199,9 +204,9 @@ class Objective:
         """Drop all remembered peaks, so that a start does not depend on those before it."""
         self.norms.forget()
 
-    def certified(self, point: Point) -> Point:
+    def certify(self, point: Point) -> Point:
         """Return the point, with peaks added that only the level-set method found."""
-        missed = self.norms.missed(point.loops, point.objective)
+        missed = self.norms.finds_higher_gain(point.loops, point.objective)
         return self.evaluate(point.x) if missed else point
 
     def slope(self, point: Point) -> Array:
@@ -248,7 +253,7 @@ class Objective:
                 share = high / max(float(high.max()), 1e-300)
                 peaks += [
                     (float(np.exp(level - point.objective) * share[i]), j, c, float(omega[i]))
-                    for i in _distinct(omega, high)
+                    for i in _distinct_peaks(omega, high)
                 ]
         highest: list[_Wanted] = []
         heights: set[tuple[int, float, float]] = set()
@@ -259,7 +264,7 @@ class Objective:
             highest.append((j, c, at, None))
         for made in self._at(point, highest):
             soft += [p for p in made if p.level >= least]
-        soft = _unlike(sorted(soft, key=lambda p: -p.level))[: self._most]
+        soft = _without_duplicates(sorted(soft, key=lambda p: -p.level))[: self._most]
         hard = [p for p in self._hard(point) if p.level > _NEAR_HARD]
         return self.with_extra(point, soft + hard, extra)
 
@@ -276,8 +281,8 @@ class Objective:
                 wanted.append((p.plant, p.channel, p.omega_rad_s, p.number))
         return made + [p for found in self._at(point, wanted) for p in found]
 
-    def followed(self, point: Point, pieces: Sequence[Piece]) -> list[Piece]:
-        """Return what pieces have become at another point; itself where one is gone."""
+    def follow(self, point: Point, pieces: Sequence[Piece]) -> list[Piece]:
+        """Return the same pieces at another point; a piece that is gone there stays as it was."""
         found, hard = list(pieces), None
         self._refine(point)
         places: list[int] = []
@@ -292,7 +297,7 @@ class Objective:
                 found[k] = self._h2_piece(point, j, c)
             else:
                 places.append(k)
-                omega = _nearest(point.loops[j].peaks[c][0], piece.omega_rad_s)
+                omega = _nearest_frequency(point.loops[j].peaks[c][0], piece.omega_rad_s)
                 wanted.append((j, c, omega, piece.number))
         for k, at in zip(places, self._at(point, wanted), strict=True):
             found[k] = at[0] if at else pieces[k]
@@ -314,7 +319,7 @@ class Objective:
                 if channel.norm == "h2":
                     found.append(self._h2_piece(point, j, c))
                     continue
-                at = loop.peaks[c][0][_distinct(*loop.peaks[c])].tolist()
+                at = loop.peaks[c][0][_distinct_peaks(*loop.peaks[c])].tolist()
                 for made in self._at(point, [(j, c, omega, None) for omega in at]):
                     found += [p for p in made if p.level > _NEAR_HARD]
             if self.region is not None:
@@ -322,7 +327,7 @@ class Objective:
         level = self._gain_excess(point.gains)
         if level > _NEAR_HARD:
             slope = point.gains / np.sum(point.gains**2)
-            slope = self._chained(point, slope)
+            slope = self._chain_rule(point, slope)
             found.append(Piece(level + _MARGIN, slope, -1, -1, np.nan, 0, True))
         if self._controller_stable:
             found += self._controller_pieces(point)
@@ -340,11 +345,11 @@ class Objective:
                 continue
             slope = np.zeros_like(point.gains)
             slope[:k, :k] = np.real(np.outer(left[:, i].conj(), right[:, i]) / along) / self._rate
-            found.append(Piece(level, self._chained(point, slope), -2, -1, np.nan, number, True))
+            found.append(Piece(level, self._chain_rule(point, slope), -2, -1, np.nan, number, True))
         return found
 
-    def _chained(self, point: Point, slope: Array) -> Array:
-        return self.structure.pulled_back(self.theta(point.x), slope) * self.spread
+    def _chain_rule(self, point: Point, slope: Array) -> Array:
+        return self.structure.pull_back(self.theta(point.x), slope) * self.spread
 
     def _at(self, point: Point, wanted: Sequence[_Wanted]) -> list[list[Piece]]:
         """Return, for each that is wanted, the pieces of all singular values or of one of them."""
@@ -359,6 +364,7 @@ class Objective:
             omega = np.array([wanted[k][2] for k in members])
             weight = np.array([self.loops[wanted[k][0]].weights[c] for k in members])
             place = np.array([point.loops[wanted[k][0]].place for k in members])
+            # all singular values near the largest: where two meet, both hold the optimum up
             sigma, slopes = gain_slopes(point.loops[first].all.at(place), rows, columns, omega)
             looked = sigma > _NEAR * sigma[:, :1] * (1.0 - 1e-12)
             for i, k in enumerate(members):
@@ -367,7 +373,7 @@ class Objective:
                     looked[i] = (np.arange(sigma.shape[1]) == number) & (sigma[i] > 0.0)
             high = sigma[looked]
             levels = np.log((weight[:, None] * sigma)[looked]) + (_MARGIN if hard else 0.0)
-            chained = self._chained(point, slopes[looked] / high[:, None, None])
+            chained = self._chain_rule(point, slopes[looked] / high[:, None, None])
             places = zip(*np.nonzero(looked), strict=True)
             for (i, number), level, slope in zip(places, levels.tolist(), chained, strict=True):
                 j, _, at, _ = wanted[members[int(i)]]
@@ -376,7 +382,7 @@ class Objective:
 
     def _h2_piece(self, point: Point, j: int, c: int) -> Piece:
         rows, columns, channel = self.loops[j].channels[c]
-        slope = self._chained(point, h2_slope(point.loops[j].closed, rows, columns))
+        slope = self._chain_rule(point, h2_slope(point.loops[j].closed, rows, columns))
         hard = channel.limit is not None
         level = point.loops[j].levels[c] + (_MARGIN if hard else 0.0)
         return Piece(level, slope, j, c, np.nan, 0, hard)
@@ -386,7 +392,7 @@ class Objective:
         excess, by_pole = region.excess(poles)
         found = []
         for kind, i in zip(*np.nonzero(excess > _NEAR_HARD), strict=True):
-            slope = self._chained(point, np.real(by_pole[kind, i] * slopes[i]))
+            slope = self._chain_rule(point, np.real(by_pole[kind, i] * slopes[i]))
             if poles[i].imag < 0.0 or not np.isfinite(slope).all():
                 continue
             # poles keep their places only roughly: the worst of a condition is followed
@@ -395,8 +401,8 @@ class Objective:
         return sorted(found, key=lambda piece: -piece.level)[:_MOST]
 
 
-def _unlike(pieces: Sequence[Piece]) -> list[Piece]:
-    """Return the pieces without those that are the same for several plants, as a direct term is."""
+def _without_duplicates(pieces: Sequence[Piece]) -> list[Piece]:
+    """Return the pieces without duplicates, which several plants have in a common direct term."""
     found: list[Piece] = []
     known: dict[tuple[int, int, float, float], list[Piece]] = {}
     for p in pieces:
@@ -412,7 +418,7 @@ def _key(piece: Piece) -> tuple[int, int, int, float]:
     return piece.plant, piece.channel, piece.number, round(at, 12) if np.isfinite(at) else at
 
 
-def _distinct(omega: Array, high: Array) -> list[int]:
+def _distinct_peaks(omega: Array, high: Array) -> list[int]:
     """Return the indices of peaks near the largest, each once."""
     found: list[int] = []
     for i in np.argsort(-high, kind="stable"):
@@ -424,7 +430,7 @@ def _distinct(omega: Array, high: Array) -> list[int]:
     return found
 
 
-def _nearest(omega: Array, wanted: float) -> float:
+def _nearest_frequency(omega: Array, wanted: float) -> float:
     if np.isinf(wanted) or wanted == 0.0:
         return wanted
     there = omega[np.isfinite(omega) & (omega > 0.0)]

@@ -1,4 +1,4 @@
-"""Peaks of the gains of stable systems over frequency, fast: what a line search looks at.
+"""Peaks over frequency of the gains of many stable systems at once, fast, for line searches.
 
 Systems of one size are looked at together. What belongs to a frequency or a peak of any of them is
 in one flat array, with the number of its system, the owner, beside it; owners are in order, and so
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hillsphere.interfaces import Array, Integers
 from hillsphere_controllers.analysis.frequency import Response
 
-__all__ = ["frequencies", "gains", "local_peaks", "refined_peaks", "responses"]
+__all__ = ["frequencies", "gains", "local_peaks", "refine_peaks", "responses"]
 
 Complex = NDArray[np.complex128]
 
@@ -47,7 +47,7 @@ def frequencies(poles: Complex, remembered: Sequence[Array]) -> tuple[Array, Int
     """
     count, n = poles.shape
     size, imag, real = np.abs(poles), np.abs(poles.imag), np.abs(poles.real)
-    # far above the poles is the direct term's business
+    # far above all poles the gain is that of the direct term
     fast = size.max(axis=1, initial=0.0)
     known = [w[w <= 10.0 * most] for w, most in zip(remembered, fast.tolist(), strict=True)]
     found = [np.zeros((count, 1))]
@@ -55,6 +55,8 @@ def frequencies(poles: Complex, remembered: Sequence[Array]) -> tuple[Array, Int
         slow = np.maximum(size.min(axis=1), 1e-12 * fast)
         low, high = np.log10(slow)[:, None] - 1.0, np.log10(fast)[:, None] + 1.0
         grid = 10.0 ** (low + _GRID * (high - low))
+        # a resonance lies near |Im λ|, a corner frequency near |λ|; ±|Re λ| are its half-power
+        # points
         found += [size, imag, imag + real, np.maximum(imag - real, 0.0), grid]
     each = np.hstack(found)
     owner = np.repeat(np.arange(count), each.shape[1])
@@ -87,34 +89,35 @@ def gains(matrices: Complex, owner: Integers | None = None) -> Array:
     count, p, m = matrices.shape
     rank = min(p, m)
     if rank == 1 or count == 0:
-        return np.asarray(np.sqrt(_squared(matrices)))
+        return np.asarray(np.sqrt(_squares(matrices)))
     turned = matrices.conj().swapaxes(1, 2)
     gram = matrices @ turned if p <= m else turned @ matrices
     if rank == 2:
+        # 2 × 2: the larger eigenvalue in closed form
         half, off = 0.5 * (gram[:, 0, 0] - gram[:, 1, 1]).real, np.abs(gram[:, 0, 1])
         top = 0.5 * (gram[:, 0, 0] + gram[:, 1, 1]).real + np.hypot(half, off)
         return np.asarray(np.sqrt(np.maximum(top, 0.0)))
     # with H = GGᴴ: (‖H²‖_F/‖H‖_F)^½ ≤ σ ≤ ‖H²‖_F^¼
-    first, second = np.sqrt(_squared(gram)), np.sqrt(_squared(gram @ gram))
+    first, second = np.sqrt(_squares(gram)), np.sqrt(_squares(gram @ gram))
     low, high = np.sqrt(second / np.maximum(first, 1e-300)), np.sqrt(np.sqrt(second))
     if owner is None:
         found, wanted = low, high >= low.max()
     else:
-        found, wanted = high, high >= _KEEP * _largest(low, owner)
+        found, wanted = high, high >= _KEEP * _largest_by_owner(low, owner)
         wanted &= high >= np.maximum(*_neighbours(low, owner))
     top = np.asarray(np.linalg.eigvalsh(gram[wanted])[:, -1], dtype=float)
     found[wanted] = np.sqrt(np.maximum(top, 0.0))
     return np.asarray(found)
 
 
-def _squared(matrices: Complex) -> Array:
+def _squares(matrices: Complex) -> Array:
     flat = matrices.reshape(len(matrices), -1)
     return np.asarray(
         np.einsum("kx,kx->k", flat.real, flat.real) + np.einsum("kx,kx->k", flat.imag, flat.imag)
     )
 
 
-def _largest(values: Array, owner: Integers) -> Array:
+def _largest_by_owner(values: Array, owner: Integers) -> Array:
     """Return the largest value of each one's owner (N,)."""
     first = np.flatnonzero(np.diff(owner, prepend=-1))
     return np.asarray(
@@ -134,7 +137,9 @@ def local_peaks(values: Array, owner: Integers) -> Integers:
     """Return the indices of the largest local maxima of gains (N,), those worth to be refined."""
     before, after = _neighbours(values, owner)
     inner = np.flatnonzero(
-        (values >= after) & (values >= before) & (values >= _SHARE * _largest(values, owner))
+        (values >= after)
+        & (values >= before)
+        & (values >= _SHARE * _largest_by_owner(values, owner))
     )
     whose = owner[inner]
     order = np.lexsort((-values[inner], whose))
@@ -142,7 +147,7 @@ def local_peaks(values: Array, owner: Integers) -> Integers:
     return np.asarray(np.sort(inner[order[place < _PEAKS]]))
 
 
-def refined_peaks(
+def refine_peaks(
     systems: Sequence[Response],
     part: Callable[[Complex], Complex],
     points: Array,
@@ -170,17 +175,19 @@ def refined_peaks(
     at, left, right = points[inner], before[inner], after[inner]
     left, right = np.where(left < 0.0, at, left), np.where(right < 0.0, at, right)
     whose = owner[inner]
-    high, slope, bend = _bent(systems, part, at, whose)
+    high, slope, bend = _square_and_derivatives(systems, part, at, whose)
     going = np.ones(at.size, dtype=bool)
     for _ in range(_STEPS):
         up = slope > 0.0
         up |= (at <= 0.0) & (bend > 0.0)  # an even function
         left, right = np.where(up, at, left), np.where(up, right, at)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            # Newton's step on 1/σ²: its derivatives by those of σ²
             curved = 2.0 * slope**2 / high - bend
             move = np.where(curved > 0.0, slope / curved, np.inf)
             gained = 0.5 * slope * move / high
         inside = (at + move > left) & (at + move < right)
+        # towards the side on which the gain rises, halving the bracket where Newton leaves it
         rest = np.where(up, right, left) - at
         move = np.where(inside, move, 0.5 * rest)
         done = going & inside & ~(gained > _GAINED)  # of a halved step the gain is not known
@@ -190,7 +197,7 @@ def refined_peaks(
             break
         one = np.flatnonzero(going)
         tried = at[one] + move[one]
-        level, steep, turned = _bent(systems, part, tried, whose[one])
+        level, steep, turned = _square_and_derivatives(systems, part, tried, whose[one])
         better = level > high[one]
         worse = one[~better]  # what lies beyond it is not looked at again
         left[worse] = np.where(move[worse] < 0.0, tried[~better], left[worse])
@@ -201,13 +208,13 @@ def refined_peaks(
     return at, np.sqrt(high), whose
 
 
-def _bent(
+def _square_and_derivatives(
     systems: Sequence[Response],
     part: Callable[[Complex], Complex],
     omega: Array,
     owner: Integers,
 ) -> tuple[Array, Array, Array]:
-    """Return the square of the largest singular value, its slope and its second derivative (K,)."""
+    """Return σ₁², and its first and second derivative by ω, (K,) each."""
     ends = np.searchsorted(owner, np.arange(len(systems) + 1))
     made = [
         system.derivatives(omega[i:j])
@@ -221,9 +228,11 @@ def _bent(
     values, vectors = np.linalg.eigh(g @ turned)
     u = vectors[:, :, -1:]
     right, moved = turned @ u, first.conj().swapaxes(1, 2) @ u  # Gᴴu, G'ᴴu
+    # perturbation of a simple eigenvalue of G Gᴴ: first order uᴴ (GGᴴ)' u, second order with the
+    # others' coupling over their distance
     along = vectors.conj().swapaxes(1, 2) @ (first @ right + g @ moved)  # u_kᴴ (GGᴴ)' u
     slope = along[:, -1, 0].real
-    bend = 2.0 * _squared(moved)
+    bend = 2.0 * _squares(moved)
     bend += 2.0 * (u.conj().swapaxes(1, 2) @ (second @ right))[:, 0, 0].real
     apart = np.maximum(values[:, -1:] - values[:, :-1], 1e-14 * values[:, -1:] + 1e-300)
     bend += 2.0 * np.sum(np.abs(along[:, :-1, 0]) ** 2 / apart, axis=1)

@@ -1,4 +1,4 @@
-"""The norms of the closed loops of some plants, with the memory of where their gains had peaks."""
+"""Norms of the closed loops of several plants, with a memory of the frequencies of their peaks."""
 
 from __future__ import annotations
 
@@ -18,28 +18,33 @@ from hillsphere_controllers.structured.peaks import (
     frequencies,
     gains,
     local_peaks,
-    refined_peaks,
+    refine_peaks,
     responses,
 )
 
-__all__ = ["Loop", "PlantNorms", "part_of"]
+__all__ = ["Loop", "PlantNorms", "closed_loop_part"]
 
 Complex = NDArray[np.complex128]
 
 _STABLE = 1e-11
 """Poles count as stable when their real part is below minus this share of the fastest."""
 _NEAR = 0.6
+"""Peaks of at least this share of the largest are remembered: those that may become the largest
+within a step."""
 _NEAR_LIMIT = -0.5
 """Logarithms of norms relative to their limits above this are known well."""
 _REMEMBERED = 12
+"""Frequencies remembered for each plant at most; each costs an evaluation of the response."""
 _ROUNDING = 1e-9
+"""Relative amount above the level at which crossings are searched, so that the peak at the level
+itself is none."""
 _IMAGINARY = 1e-2
 """Eigenvalues this near the imaginary axis, relative to their size, are looked at."""
 
 
 @dataclass
 class Loop:
-    """A stable closed loop and what is known of it.
+    """A stable closed loop and the peaks and norms known so far.
 
     Parameters
     ----------
@@ -83,7 +88,7 @@ class _Group:
 
 
 class PlantNorms:
-    """Plants that are closed again and again by controllers that differ little.
+    """Norms of plants that are closed by a sequence of similar controllers.
 
     Parameters
     ----------
@@ -96,18 +101,18 @@ class PlantNorms:
         self.forget()
         alike: dict[tuple[object, ...], list[int]] = {}
         for j, plant in enumerate(self.plants):
-            alike.setdefault(_kind(plant), []).append(j)
+            alike.setdefault(_group_key(plant), []).append(j)
         self._groups = [
-            _Group(members, Open.stacked([self.plants[j].open for j in members]))
+            _Group(members, Open.stack([self.plants[j].open for j in members]))
             for members in alike.values()
         ]
         self.group = {j: k for k, group in enumerate(self._groups) for j in group.members}
 
-    def closed(self, gains_: Array) -> list[Loop] | None:
+    def close_loop(self, gains_: Array) -> list[Loop] | None:
         """Return the loops with K; None if one of them is not stable."""
         found: dict[int, Loop] = {}
         for group in self._groups:
-            closed = group.open.closed(gains_)
+            closed = group.open.close_loop(gains_)
             if closed is None or not np.isfinite(closed.a).all():
                 return None
             made = Response.of_many(closed.a, closed.b, closed.c, closed.d)
@@ -119,7 +124,7 @@ class PlantNorms:
         return [found[j] for j in range(len(self.plants))]
 
     def seen_above(self, loops: Sequence[Loop], level: float) -> bool:
-        """Say whether a gain at a remembered peak is above a level (a logarithm) already."""
+        """Return whether a gain at a remembered peak already exceeds a level (a logarithm)."""
         if not np.isfinite(level):
             return False
         for group in self._groups:
@@ -138,7 +143,7 @@ class PlantNorms:
         return False
 
     def measure(self, loops: Sequence[Loop]) -> None:
-        """Find the peaks and norms of all channels, roughly: to the next frequency looked at."""
+        """Compute peaks and norms of all channels on a grid of frequencies, without refinement."""
         for group in self._groups:
             channels = self.plants[group.members[0]].channels
             here = [loops[j] for j in group.members]
@@ -198,7 +203,7 @@ class PlantNorms:
                 points, values = (np.concatenate(one) for one in zip(*rough, strict=True))
                 owner = np.repeat(np.arange(len(here)), [w.size for w, _ in rough])
                 systems = [loop.response for loop in here]
-                found = refined_peaks(systems, part, points, values, owner)
+                found = refine_peaks(systems, part, points, values, owner)
                 self._take(members, here, c, *found)
 
     def _take(
@@ -220,7 +225,7 @@ class PlantNorms:
         return float(np.log(max(self.plants[j].weights[c] * norm, 1e-300)))
 
     def remember(self, loops: Sequence[Loop], more: bool) -> None:
-        """Take the loops' peaks for the next ones, and of those known all if `more`, or half."""
+        """Remember the loops' peaks, beside all earlier ones if `more`, or half of them."""
         for j, loop in enumerate(loops):
             if not loop.peaks:
                 continue
@@ -233,11 +238,11 @@ class PlantNorms:
             self._remembered[j] = together[np.sort(first)][:_REMEMBERED]
 
     def forget(self) -> None:
-        """Drop what is remembered, so that a start does not depend on those before it."""
+        """Forget all peaks, so that a search does not depend on those before it."""
         self._remembered = [np.zeros(0) for _ in self.plants]
 
-    def missed(self, loops: Sequence[Loop], above: float) -> bool:
-        """Say whether the level-set method shows a gain that was not known, and remember where.
+    def finds_higher_gain(self, loops: Sequence[Loop], above: float) -> bool:
+        """Return whether the level-set method finds a higher gain, and remember its frequency.
 
         Parameters
         ----------
@@ -273,12 +278,15 @@ class PlantNorms:
             if loop.direct[c] <= (1.0 - 1e-6) * level:
                 crossed[j] = level
                 continue
-            norm = hinf_norm(part_of(loop.closed, rows, columns))  # H is singular at that level
+            norm = hinf_norm(
+                closed_loop_part(loop.closed, rows, columns)
+            )  # H is singular at that level
             if norm.value > level and np.isfinite(norm.frequency_rad_s):
                 found[j] = norm.frequency_rad_s
         if not crossed:
             return found
         many = loops[group.members[0]].all.at(np.array([loops[j].place for j in crossed]))
+        # Boyd, Balakrishnan and Kabamba (1989): the gain crosses the level at imaginary eigenvalues
         all_values = hamiltonians_eigenvalues(
             many.a, many.b[..., columns], many.c[:, rows], many.d[:, rows][..., columns],
             np.array(list(crossed.values())),
@@ -297,8 +305,8 @@ class PlantNorms:
         return found
 
 
-def _kind(plant: OpenLoop) -> tuple[object, ...]:
-    """Return what plants have in common that are looked at together."""
+def _group_key(plant: OpenLoop) -> tuple[object, ...]:
+    """Return the key by which plants of one shape and set of channels are grouped."""
     channels = [
         (tuple(rows.tolist()), tuple(columns.tolist()), channel.norm, channel.limit is None)
         for rows, columns, channel in plant.channels
@@ -307,7 +315,7 @@ def _kind(plant: OpenLoop) -> tuple[object, ...]:
     return plant.open.b1.shape, plant.open.c1.shape, direct, tuple(channels)
 
 
-def part_of(closed: Closed, rows: Integers, columns: Integers) -> LtiSystem:
+def closed_loop_part(closed: Closed, rows: Integers, columns: Integers) -> LtiSystem:
     """Return the closed loop from some w to some z."""
     return LtiSystem(
         closed.a, closed.b[:, columns], closed.c[rows], closed.d[np.ix_(rows, columns)]

@@ -1,4 +1,4 @@
-"""Polishing: sequential quadratic programming on the peaks that hold an optimum together.
+"""Polishing: sequential quadratic programming (SQP) on the active peaks of a minimax problem.
 
 Near a minimax optimum several peaks are equally high. Each is a smooth function of the parameters,
 so that a quadratic model of their Lagrangian and their linear parts give fast convergence, where
@@ -17,19 +17,25 @@ from hillsphere.interfaces import Array
 from hillsphere_controllers.structured.minimax import MinimaxStep, minimax_step
 from hillsphere_controllers.structured.objective import Objective, Piece, Point
 
-__all__ = ["Active", "Polished", "certificate", "polished"]
+__all__ = ["Active", "PolishedPoint", "polish_point", "stationarity"]
 
 _ARMIJO = 0.05
+"""Share of the predicted decrease that a step must reach."""
 _TRIALS = 14
+"""Steps tried, each corrected or damped more, before the point counts as a minimum to rounding."""
 _EVEN = 1e-5
+"""Peaks whose logarithms differ by less from the highest are taken for equally high in the
+certificate."""
 _FAR, _SMALL = 50.0, 0.5
+"""Largest logarithm of a level over the reference, so that its exponential stays a number; and the
+share of the highest level below which a real gain may pass through zero within a step."""
 _VIOLATORS, _REMEMBERED = 3, 12
 """So many peaks that make a step too high are looked at; so many in the next steps too."""
 
 
 @dataclass(frozen=True)
 class Active:
-    """A peak or constraint that holds an optimum.
+    """An active peak or constraint of an optimum, with its multiplier.
 
     Parameters
     ----------
@@ -51,8 +57,8 @@ class Active:
 
 
 @dataclass(frozen=True)
-class Polished:
-    """Where polishing ended.
+class PolishedPoint:
+    """Result of polishing.
 
     Parameters
     ----------
@@ -69,15 +75,15 @@ class Polished:
     iterations: int
 
 
-def polished(
+def polish_point(
     objective: Objective,
     point: Point,
     *,
     accepted: Callable[[Point], Point],
     iterations: int = 80,
     tolerance: float = 1e-7,
-) -> Polished:
-    """Return a lower point.
+) -> PolishedPoint:
+    """Return the point that SQP steps reach, no higher than the start.
 
     Parameters
     ----------
@@ -92,28 +98,28 @@ def polished(
     tolerance : float
         It ends when the predicted decrease of the logarithm is below this.
     """
-    hessian, damping, fresh = _first(objective, point), 0.0, True
+    hessian, damping, fresh = _initial_hessian(objective, point), 0.0, True
     extra: list[Piece] = []
     for count in range(iterations):
         pieces = objective.pieces(point, extra)
-        tried = _tried(objective, point, pieces, hessian, damping, tolerance)
+        tried = _find_step(objective, point, pieces, hessian, damping, tolerance)
         extra = (tried.rejected + extra)[:_REMEMBERED]
         if tried.point is None:
             if fresh:
-                return Polished(point, tried.converged, count)
-            hessian, damping, fresh = _first(objective, point), 0.0, True
+                return PolishedPoint(point, tried.converged, count)
+            hessian, damping, fresh = _initial_hessian(objective, point), 0.0, True
             continue
         new = accepted(tried.point)
         if new.value > point.value:  # the peak that was missed is remembered now
             continue
         damping, fresh = tried.damping, False
-        hessian = _updated(objective, point, new, tried.held, hessian)
+        hessian = _update_hessian(objective, point, new, tried.held, hessian)
         point = new
-    return Polished(point, False, iterations)
+    return PolishedPoint(point, False, iterations)
 
 
-def certificate(objective: Objective, point: Point) -> tuple[float, tuple[Active, ...]]:
-    """Return the least |Σ λ g| max(1, |x|) of the pieces at the top, and what is active.
+def stationarity(objective: Objective, point: Point) -> tuple[float, tuple[Active, ...]]:
+    """Return the residual of stationarity, the least |Σ λ g| max(1, |x|), and the active pieces.
 
     At the top is what is within 1e-5 of the largest, or of a constraint's limit. Among these, what
     is a little higher counts no more than the others: rounding and the tolerance of polishing make
@@ -148,8 +154,8 @@ def certificate(objective: Objective, point: Point) -> tuple[float, tuple[Active
     return rest, active
 
 
-def _first(objective: Objective, point: Point) -> Array:
-    """Return a diagonal matrix that makes a step of about a tenth of x."""
+def _initial_hessian(objective: Objective, point: Point) -> Array:
+    """Return the initial Hessian, whose first step is about a tenth of x."""
     size = _scale(point.x)
     steep = float(np.linalg.norm(size * objective.slope(point)))
     return np.diag(max(10.0 * steep, 1e-8) / size**2)
@@ -162,7 +168,7 @@ def _scale(x: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Linear:
-    """What pieces are near a point, to first order: norms relative to a reference, less one.
+    """Linear models of the pieces at a point: norms relative to a reference, less one.
 
     Not their logarithms: a gain far below the largest, as one that a parameter alone makes, rises
     in proportion to it.
@@ -185,7 +191,7 @@ class _Linear:
         return _Linear(values, slopes, hard, ~hard & real & (share < _SMALL))
 
     def moved_to(self, values: Array, step: Array) -> _Linear:
-        """Return those that are right at the end of a step."""
+        """Return the linear models with the values at the end of a step."""
         return replace(self, values=values - self.slopes @ step)
 
     def step(self, hessian: Array, penalty: float, near: float = np.inf) -> MinimaxStep | None:
@@ -208,7 +214,7 @@ class _Linear:
 
 
 @dataclass(frozen=True)
-class _Tried:
+class _TrialStep:
     point: Point | None
     held: list[tuple[Piece, float]]
     damping: float
@@ -216,15 +222,15 @@ class _Tried:
     converged: bool = False
 
 
-def _tried(
+def _find_step(
     objective: Objective,
     point: Point,
     pieces: list[Piece],
     hessian: Array,
     damping: float,
     tolerance: float,
-) -> _Tried:
-    """Return a point that is low enough; steps that are not are corrected, then shortened.
+) -> _TrialStep:
+    """Return an acceptable trial point; rejected steps are corrected, then shortened.
 
     The optimum lies in a curved valley where peaks are equally high. A step along its tangent
     leaves it: the correction takes the levels found there into account.
@@ -240,16 +246,18 @@ def _tried(
             if damping > 0.0 and count == 0:
                 damping = 0.0
                 continue
-            return _Tried(None, [], 0.0, rejected, count <= 1 and damping == 0.0)
+            return _TrialStep(None, [], 0.0, rejected, count <= 1 and damping == 0.0)
         held = [(p, float(w)) for p, w in zip(pieces, found.multipliers, strict=True) if w > 1e-9]
         length = float(found.step @ shape @ found.step)
         trial = objective.evaluate(point.x + found.step)
+        # ratio of actual to predicted decrease, as in trust-region methods
         share = (point.value - trial.value) / found.predicted
         if share >= _ARMIJO:
             eased = 0.2 * damping if share > 0.5 and count == 0 else damping
-            return _Tried(trial, held, eased, rejected)
+            return _TrialStep(trial, held, eased, rejected)
         if np.isfinite(trial.value):
-            moved = objective.followed(trial, pieces)
+            # second-order correction: the levels at the trial point replace the linear prediction
+            moved = objective.follow(trial, pieces)
             near = [p for p in objective.pieces(trial) if not p.hard]
             violators = [p for p in near if p.level > trial.objective - 1e-3][:_VIOLATORS]
             there = _Linear.of(moved, point.objective).values
@@ -258,15 +266,16 @@ def _tried(
             if corrected is not None:
                 trial = objective.evaluate(point.x + corrected.step)
                 if point.value - trial.value >= _ARMIJO * found.predicted:
-                    return _Tried(trial, held, damping, rejected)
+                    return _TrialStep(trial, held, damping, rejected)
             # what stood in the way is looked at from here too
             rejected += violators
             pieces = objective.with_extra(point, pieces, violators)
+        # Levenberg-Marquardt: a larger damping shortens the step
         damping = max(4.0 * damping, found.predicted / length)
-    return _Tried(None, [], 0.0, rejected)
+    return _TrialStep(None, [], 0.0, rejected)
 
 
-def _updated(
+def _update_hessian(
     objective: Objective,
     old: Point,
     new: Point,
@@ -277,7 +286,7 @@ def _updated(
     if not held:
         return hessian
     before = _Linear.of([p for p, _ in held], old.objective)
-    after = _Linear.of(objective.followed(new, [p for p, _ in held]), old.objective)
+    after = _Linear.of(objective.follow(new, [p for p, _ in held]), old.objective)
     change = np.array([w for _, w in held]) @ (after.slopes - before.slopes)
     step = new.x - old.x
     turned = hessian @ step
@@ -285,6 +294,7 @@ def _updated(
     along = float(step @ change)
     if not curved > 0.0 or not np.isfinite(change).all():
         return hessian
+    # Powell (1978): mix in H s, so that the update stays positive definite
     if along < 0.2 * curved:
         share = 0.8 * curved / (curved - along)
         change = share * change + (1.0 - share) * turned

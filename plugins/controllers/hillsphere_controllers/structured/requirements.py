@@ -1,4 +1,4 @@
-"""What is asked of a closed loop: norms of its channels, and where its poles are."""
+"""Requirements on a closed loop: norms of its channels, and a region of its poles."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class Channel:
-    """Part of the transfer from w to z that is to be small.
+    """A channel: a part of the transfer from w to z whose norm is minimised or limited.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class PoleRegion:
-    """Where the closed loop's poles λ are to be.
+    """Region in which the closed loop's poles λ must lie.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class PoleRegion:
             raise InputError("no pole decays faster than the fastest is allowed to be")
 
     def excess(self, poles: Complex) -> tuple[Array, Complex]:
-        """Return how far poles (n,) are outside, relative, and the slopes; (3, n) each.
+        """Return the relative excess of poles (n,) over the region, and its slopes; (3, n) each.
 
         Positive is outside. A slope h′ gives dh = Re(h′ dλ); a row that asks nothing is −inf.
         """
@@ -98,14 +98,14 @@ class PoleRegion:
 
 @dataclass(frozen=True)
 class DesignPlant:
-    """A plant of a design, and what is asked of its closed loop.
+    """A plant of a design, with the channels of its closed loop.
 
     Parameters
     ----------
     system : LtiSystem
         In continuous time; its last inputs are the controls u, its last outputs the measurements.
     channels : tuple of Channel
-        What is to be small: the design minimises the largest.
+        Their norms: the design minimises the largest weighted one.
     weight : float
         What all its norms that are minimised are multiplied with.
     name : str

@@ -6,7 +6,7 @@ then the worst values for this controller are looked for in the whole box, and b
 until there are none that are much worse [1]_. With the controller closed, Δ enters the loop as a
 static controller does: the search for the worst δ has the same gradients as the design.
 
-What is found so is the worst that was found: certify the result by an upper bound of µ.
+The worst case found is a lower bound of the true one: certify the result by an upper bound of µ.
 
 References
 ----------
@@ -36,6 +36,9 @@ from hillsphere_controllers.systems.algebra import gain, lower_lft, upper_lft
 __all__ = ["RobustDesign", "Scenario", "UncertainPlant", "synthesise_robust", "worst_case"]
 
 _VIOLATES, _ENOUGH = 1e-3, 5e-3
+"""The first is the relative excess over γ from which on a worst case becomes a scenario, the second
+that up to which the design counts as robust. Below the first a scenario would change the controller
+by less than the search's own accuracy."""
 _NEW, _NEW_EACH = 10, 2
 """New scenarios of a round at most, and of one plant: the worst."""
 _CARRIED = 0.85
@@ -44,17 +47,20 @@ brings those back that matter again."""
 _FAR = 1.1
 """A worst case above this times the design's γ asks for a controller that may be quite another."""
 _RANDOM, _CLIMBED = 16, 4
+"""Random parameters that are looked at, and the best of all points from which the worst case is
+climbed to. More find rarer worst cases, in proportion to the time."""
 _FEW = 6
 """With so many parameters all corners are looked at; with more those that slopes point to, and the
 following numbers of corners and of inner points at random."""
 _SOME_CORNERS, _SOME_INSIDE = 16, 4
+"""Random corners and inner points of a box of many parameters, see `_FEW`."""
 _UNSTABLE = 50.0
 """Logarithm of the gain that stands for instability in the search for the worst case."""
 
 
 @dataclass(frozen=True)
 class UncertainPlant:
-    """A plant with uncertain parameters, and what is asked of its closed loop.
+    """A plant with uncertain parameters, with the channels of its closed loop.
 
     Parameters
     ----------
@@ -94,7 +100,7 @@ class UncertainPlant:
 
 @dataclass(frozen=True)
 class Scenario:
-    """Values of a plant's parameters, and what the controller does there.
+    """Values of a plant's parameters, and γ of the closed loop there.
 
     Parameters
     ----------
@@ -305,6 +311,8 @@ def worst_case(
     # Δ comes last, as a controller
     rows = np.concatenate([np.arange(nd, p), np.arange(nd)])
     columns = np.concatenate([np.arange(nd, m), np.arange(nd)])
+    # with Δ as the controller the search for the worst case is a structured synthesis that
+    # maximises
     turned = LtiSystem(
         closed.a, closed.b[:, columns], closed.c[rows], closed.d[np.ix_(rows, columns)]
     )
@@ -321,10 +329,11 @@ def worst_case(
         points += _corners(objective, points)
         points += list(random.uniform(-1.0, 1.0, (_SOME_INSIDE, k)))
         points += list(random.choice([-1.0, 1.0], (_SOME_CORNERS, k)))
+    # the worst points first; instability is worst of all
     first = sorted(points, key=lambda x: -min(objective.evaluate(x).value, _UNSTABLE))
     found: list[Scenario] = []
     for start in first[:_CLIMBED]:
-        end = _climbed(objective, start)
+        end = _climb(objective, start)
         if all(np.abs(end.x - s.delta).max() > 1e-3 for s in found):
             found.append(Scenario(0, end.x, float(np.exp(end.value))))
     return sorted(found, key=lambda s: -s.gamma)
@@ -337,12 +346,13 @@ def _corners(objective: Objective, points: Sequence[Array]) -> list[Array]:
         point = objective.evaluate(x)
         if np.isfinite(point.value):
             for piece in objective.pieces(point):
+                # to first order the gain grows most towards this corner of the box
                 corner = np.where(piece.slope >= 0.0, 1.0, -1.0)
                 found.setdefault(tuple(corner), corner)
     return list(found.values())
 
 
-def _climbed(objective: Objective, start: Array) -> Point:
+def _climb(objective: Objective, start: Array) -> Point:
     """Return a local maximum in the box; one where the loop is unstable, if it meets such."""
     best = objective.evaluate(start)
 
@@ -357,7 +367,7 @@ def _climbed(objective: Objective, start: Array) -> Point:
 
     if np.isfinite(best.value):
         minimize(value, start, jac=True, method="L-BFGS-B", bounds=[(-1.0, 1.0)] * start.size)
-    return objective.certified(best) if np.isfinite(best.value) else best
+    return objective.certify(best) if np.isfinite(best.value) else best
 
 
 def _gamma(plant: UncertainPlant, norms: Sequence[float]) -> float:
@@ -381,7 +391,7 @@ class _Repeated:
     def gains(self, theta: Array) -> Array:
         return np.diag(theta[self._owner])
 
-    def pulled_back(self, theta: Array, slope: Array) -> Array:
+    def pull_back(self, theta: Array, slope: Array) -> Array:
         diagonal = np.diagonal(slope, axis1=-2, axis2=-1)
         return np.stack(
             [diagonal[..., self._owner == i].sum(axis=-1) for i in range(self.size)], axis=-1

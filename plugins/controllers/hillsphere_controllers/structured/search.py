@@ -1,4 +1,4 @@
-"""The search from one start: stabilise, descend, polish."""
+"""The search from one start: stabilisation, BFGS descent, polishing."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import numpy as np
 from hillsphere.errors import Interrupted
 from hillsphere.interfaces import Array
 from hillsphere_controllers.structured.closed_loop import OpenLoop
-from hillsphere_controllers.structured.descent import descend, sampled_descent
+from hillsphere_controllers.structured.descent import descend, gradient_sampling
 from hillsphere_controllers.structured.objective import Objective, Point
-from hillsphere_controllers.structured.polish import Active, certificate, polished
+from hillsphere_controllers.structured.polish import Active, polish_point, stationarity
 from hillsphere_controllers.structured.requirements import DesignPlant, PoleRegion
-from hillsphere_controllers.structured.stabilise import stabilised
+from hillsphere_controllers.structured.stabilise import stabilise
 from hillsphere_controllers.structured.structure import Alike, Diagonal, Sizes, Structure
 
 __all__ = ["Found", "Problem", "Search", "Start"]
@@ -28,18 +28,25 @@ _NEAR_SIZES = (0.3, 1.0, 0.1)
 _POLISHED, _LEFT = 80, 30
 """Steps of polishing, and after the parts of a controller were lowered together."""
 _DRAWS, _ATTEMPTS = 6, 3
+"""Random starts of a search from which stabilisation is tried, and attempts to lower the parts of a
+controller together. More of them cost time where no controller of the structure stabilises the
+plants."""
 _OFTEN = 10
 """In the descent, one point in so many is certified, and the last one."""
 _HARDER = 10.0
+"""Factor by which the penalty of violated constraints grows."""
 _PENALTIES = 4
+"""Rounds with a growing penalty at most; a still larger penalty makes the descent
+ill-conditioned."""
 _STATIONARY = 1e-2
+"""Norm of the certificate's residual, relative, up to which a point counts as a local minimum."""
 _KEPT = 1e-6
 """A constraint counts as kept when it is not exceeded by more than this, relative."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """All that a search depends on besides its start.
+    """A synthesis problem: all that a search depends on besides its start.
 
     Parameters
     ----------
@@ -99,7 +106,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Found:
-    """What a search found.
+    """Result of a search.
 
     Parameters
     ----------
@@ -164,14 +171,14 @@ class Search:
         self.problem, self._tell = problem, tell
         self.loops = [OpenLoop(plant, problem.structure) for plant in problem.plants]
         omega = problem.bandwidth_rad_s
-        self._common = _common(
+        self._common = _mean_sizes(
             [loop.sizes if omega is None else loop.sizes_at(omega) for loop in self.loops]
         )
         self._sizes = _SIZES if omega is None else _NEAR_SIZES
         self.middle, self.spread = problem.structure.typical(self._common)
 
     def __call__(self, start: Start) -> Found:
-        """Return what is found from a start."""
+        """Search from one start and return its result."""
         random = np.random.default_rng(start.seed)
         structure = self.problem.structure
         objective = self._objective(structure, self.middle, self.spread)
@@ -179,9 +186,10 @@ class Search:
         near = self.problem.near and start.theta is not None
         spent = 0
         try:
-            if _alike(structure) and not near and start.perturbation == 0.0:
+            if _has_equal_parts(structure) and not near and start.perturbation == 0.0:
                 if start.theta is not None:
                     self._taken(start, objective, best)
+                # equal parts are varied together first, then apart
                 x, abscissa, spent = self._together(Alike(structure), start, random, best)
             else:
                 x, abscissa = self._stable(start, random, objective)
@@ -194,7 +202,7 @@ class Search:
                     start, theta, np.inf, abscissa, evaluations=objective.evaluations + spent
                 )
             steps = _POLISHED if near else _LEFT if spent else 0
-            converged = _lowered(objective, point, random, best, polish=steps)
+            converged = _minimise_from(objective, point, random, best, polish=steps)
         except Reached:
             converged = False
         except (KeyboardInterrupt, Interrupted):
@@ -212,10 +220,10 @@ class Search:
         )  # fmt: skip
 
     def _taken(self, start: Start, objective: Objective, best: Best) -> None:
-        """Take given parameters into account as they are."""
+        """Take given parameters into account without a search."""
         point = objective.evaluate((np.asarray(start.theta) - self.middle) / self.spread)
         if np.isfinite(point.value):
-            best.accepted(point)
+            best.accept(point)
 
     def _together(
         self, alike: Alike, start: Start, random: np.random.Generator, best: Best
@@ -243,10 +251,10 @@ class Search:
             converged = False
             if np.isfinite(point.value):
                 try:
-                    converged = _lowered(objective, point, random, lowest)
+                    converged = _minimise_from(objective, point, random, lowest)
                 except (KeyboardInterrupt, Interrupted, Reached):
                     if lowest.point is not None:
-                        best.accepted(best.objective.evaluate(apart(lowest.point.x)))
+                        best.accept(best.objective.evaluate(apart(lowest.point.x)))
                     raise
             found = apart(lowest.known.x if lowest.point is not None else x)
             if converged:
@@ -270,7 +278,7 @@ class Search:
                 x = (np.asarray(start.theta, dtype=float) - middle) / spread
                 size = np.maximum(np.abs(x), 0.1 * max(1.0, float(np.abs(x).max())))
                 x = x + start.perturbation * size * random.normal(size=n)
-            found = stabilised(self.loops, objective.structure, middle, spread, x, random)
+            found = stabilise(self.loops, objective.structure, middle, spread, x, random)
             if found[1] < 0.0 and np.isfinite(objective.evaluate(found[0]).value):
                 return found
             # stable, but with poles so fast that it is not for certain in floating point
@@ -289,7 +297,7 @@ class Search:
         converged: bool = False,
         interrupted: bool = False,
     ) -> Found:
-        residual, active = certificate(objective, point)
+        residual, active = stationarity(objective, point)
         abscissa = max(
             float(loop.response.poles.real.max(initial=-np.inf)) / open_loop.rate
             for loop, open_loop in zip(point.loops, self.loops, strict=True)
@@ -302,7 +310,7 @@ class Search:
 
 
 class Best:
-    """The best point of a search so far: among those that keep the constraints, the lowest.
+    """The best point of a search so far: the lowest that keeps the constraints.
 
     Parameters
     ----------
@@ -330,20 +338,20 @@ class Best:
         assert self.point is not None
         return self.point
 
-    def passed(self, point: Point) -> Point:
+    def remember(self, point: Point) -> Point:
         """Remember the peaks of a point that a method goes on from; now and then certify it.
 
         One that is not certified may be higher than it seems, and is not the best one.
         """
         self._count += 1
         if self._count % _OFTEN == 0:
-            return self.accepted(point)
+            return self.accept(point)
         self.objective.remember(point)
         return point
 
-    def accepted(self, point: Point) -> Point:
+    def accept(self, point: Point) -> Point:
         """Certify a point that a method goes on from, and take it into account."""
-        return self._taken(self.objective.certified(point))
+        return self._taken(self.objective.certify(point))
 
     def _taken(self, point: Point) -> Point:
         self.objective.remember(point)
@@ -360,11 +368,11 @@ class Best:
         return point
 
 
-def _alike(structure: Structure) -> TypeGuard[Diagonal]:
+def _has_equal_parts(structure: Structure) -> TypeGuard[Diagonal]:
     return isinstance(structure, Diagonal) and structure.alike
 
 
-def _lowered(
+def _minimise_from(
     objective: Objective,
     point: Point,
     random: np.random.Generator,
@@ -372,30 +380,31 @@ def _lowered(
     *,
     polish: int = 0,
 ) -> bool:
-    """Lower a point; one near a minimum is only polished, in so many steps at most.
+    """Minimise from a point; near a minimum only polish it, in at most `polish` steps.
 
     Returns whether polishing ended by itself.
     """
-    point = best.accepted(point)
+    point = best.accept(point)
     converged = False
     for _ in range(_PENALTIES):
         if not polish:
-            point = descend(objective, point, iterations=150, accepted=best.passed)
-            point = best.accepted(point)
+            point = descend(objective, point, iterations=150, accepted=best.remember)
+            point = best.accept(point)
         iterations = polish or _POLISHED
-        found = polished(objective, point, accepted=best.accepted, iterations=iterations)
+        found = polish_point(objective, point, accepted=best.accept, iterations=iterations)
         if not (found.converged or polish):
-            point = sampled_descent(objective, found.point, random, rounds=1)
-            found = polished(objective, best.accepted(point), accepted=best.accepted)
+            point = gradient_sampling(objective, found.point, random, rounds=1)
+            found = polish_point(objective, best.accept(point), accepted=best.accept)
         point, converged = found.point, found.converged
         if point.excess <= _KEPT:
             break
+        # constraints are still violated: raise the penalty and go on from here
         objective.penalty *= _HARDER
         point = objective.evaluate(point.x)
     return converged
 
 
-def _common(sizes: Sequence[Sizes]) -> Sizes:
+def _mean_sizes(sizes: Sequence[Sizes]) -> Sizes:
     """Return the geometric mean of the sizes of all plants."""
 
     def mean(values: Sequence[Array]) -> Array:

@@ -1,4 +1,4 @@
-"""Controllers of one loop: PID, and a transfer function by its coefficients."""
+"""Controllers of one loop: PID, and a transfer function given by its coefficients."""
 
 from __future__ import annotations
 
@@ -44,13 +44,14 @@ class Pid:
             made[-1, -1] += gain * omega
         return made
 
-    def pulled_back(self, theta: Array, slope: Array) -> Array:
+    def pull_back(self, theta: Array, slope: Array) -> Array:
         """Return the slopes of the parameters."""
         found = [slope[..., -1, -1]]
         if self.integral:
             found.append(slope[..., -1, 0])
         if self.derivative:
             gain, omega = theta[-2], np.exp(theta[-1])
+            # k_d and ω enter D and the filter's output together
             through = slope[..., -1, -1] - slope[..., -1, -2]
             found.append(omega * through)
             found.append(omega * (slope[..., -2, -1] - slope[..., -2, -2] + gain * through))
@@ -107,10 +108,11 @@ class TransferFunction:
         made = np.zeros((n + 1, n + 1))
         made[: n - 1, 1:n] = np.eye(n - 1)
         made[n - 1, :n], made[n - 1, n] = -a, 1.0
+        # the direct term is b_n; the rest of the numerator is reduced by it
         made[n, :n], made[n, n] = b[:n] - b[n] * a, b[n]
         return made
 
-    def pulled_back(self, theta: Array, slope: Array) -> Array:
+    def pull_back(self, theta: Array, slope: Array) -> Array:
         """Return the slopes of the coefficients."""
         n = self.order
         a = theta[:n]

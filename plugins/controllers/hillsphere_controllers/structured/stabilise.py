@@ -1,4 +1,4 @@
-"""Stabilisation: the largest real part of all closed loops' poles is brought below zero."""
+"""Stabilisation: minimise the largest spectral abscissa of all closed loops to below zero."""
 
 from __future__ import annotations
 
@@ -9,15 +9,19 @@ import numpy as np
 
 from hillsphere.interfaces import Array
 from hillsphere_controllers.structured.closed_loop import Closed, OpenLoop
-from hillsphere_controllers.structured.descent import descend, sampled_descent
+from hillsphere_controllers.structured.descent import descend, gradient_sampling
 from hillsphere_controllers.structured.gradients import pole_slopes
 from hillsphere_controllers.structured.objective import FURTHEST
 from hillsphere_controllers.structured.structure import Structure
 
-__all__ = ["stabilised"]
+__all__ = ["stabilise"]
 
 _TARGET = -1e-3
+"""Spectral abscissa, relative to the plant's rate, at which stabilisation ends: the descent of the
+norms moves poles farther itself."""
 _STEEPEST = 1e8
+"""Largest slope of the abscissa. Near a multiple pole it is infinite, and its size would swallow
+the other entries of the step."""
 
 
 @dataclass
@@ -65,11 +69,11 @@ class _Landscape:
             slope = np.zeros_like(slope)
         # such a pole nearly: it moves with the root of K, for which no slope is too steep
         slope *= min(1.0, _STEEPEST / max(float(np.abs(slope).max()), 1e-300))
-        back = self.structure.pulled_back(self.middle + self.spread * point.x, slope)
+        back = self.structure.pull_back(self.middle + self.spread * point.x, slope)
         return np.asarray(back * self.spread)
 
 
-def stabilised(
+def stabilise(
     loops: Sequence[OpenLoop],
     structure: Structure,
     middle: Array,
@@ -77,7 +81,7 @@ def stabilised(
     x: Array,
     random: np.random.Generator,
 ) -> tuple[Array, float]:
-    """Return scaled parameters (size,), and the largest spectral abscissa over rate they give.
+    """Return stabilising scaled parameters (size,), and the largest abscissa over rate.
 
     The second is below zero where stabilisation succeeded.
     """
@@ -90,7 +94,7 @@ def stabilised(
         if point.value < 0.0:
             break
         before = point.value
-        point = sampled_descent(landscape, point, random, rounds=1)
+        point = gradient_sampling(landscape, point, random, rounds=1)
         if not point.value < before - 1e-6:
             break
     return point.x, point.value

@@ -1,4 +1,4 @@
-r"""Structures of a controller: how a few parameters θ make its matrices.
+r"""Structures of a controller: its matrices as functions of a few parameters θ.
 
 A controller of order k is one matrix,
 
@@ -24,14 +24,21 @@ from hillsphere.interfaces import Array, Integers
 from hillsphere.lti import LtiSystem
 
 __all__ = [
-    "Alike", "Diagonal", "FreeEntries", "Sizes", "Structure", "controller_of", "masked", "of_order",
+    "Alike",
+    "Diagonal",
+    "FreeEntries",
+    "Sizes",
+    "Structure",
+    "controller_of",
+    "free_state_space",
+    "mask_gains",
     "static",
 ]  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """What is large and fast for a plant: the scale of the starts.
+    """Typical sizes of a plant's signals and poles: the scale of the starts.
 
     Parameters
     ----------
@@ -75,7 +82,7 @@ class Structure(Protocol):
         """Return K (order + controls, order + measurements)."""
         ...
 
-    def pulled_back(self, theta: Array, slope: Array) -> Array:
+    def pull_back(self, theta: Array, slope: Array) -> Array:
         """Return Jᵀ vec(dK) (..., size) of slopes (..., order + controls, order + measurements)."""
         ...
 
@@ -91,7 +98,7 @@ def controller_of(structure: Structure, theta: Array) -> LtiSystem:
 
 
 class FreeEntries:
-    """Some entries of K are the parameters, row by row; the others are fixed.
+    """A structure whose parameters are the free entries of K, row by row.
 
     Parameters
     ----------
@@ -126,7 +133,7 @@ class FreeEntries:
         made[self.free] = theta
         return made
 
-    def pulled_back(self, theta: Array, slope: Array) -> Array:
+    def pull_back(self, theta: Array, slope: Array) -> Array:
         """Return the slopes of the free entries."""
         return np.asarray(slope[..., self.free])
 
@@ -144,10 +151,10 @@ class FreeEntries:
 
 def static(controls: int, measurements: int) -> FreeEntries:
     """Return u = D y with any D."""
-    return of_order(0, controls, measurements)
+    return free_state_space(0, controls, measurements)
 
 
-def of_order(
+def free_state_space(
     order: int, controls: int, measurements: int, *, strictly_proper: bool = False
 ) -> FreeEntries:
     """Return any controller of an order; with D = 0 if strictly proper."""
@@ -157,13 +164,13 @@ def of_order(
     return FreeEntries(gains, order)
 
 
-def masked(gains: Array, order: int = 0) -> FreeEntries:
-    """Return a controller some entries of which are fixed: NaN marks those that are free."""
+def mask_gains(gains: Array, order: int = 0) -> FreeEntries:
+    """Return a controller with fixed entries; NaN marks the free ones."""
     return FreeEntries(gains, order)
 
 
 class Diagonal:
-    """Controllers beside each other: each has measurements and controls of its own, in turn.
+    """A block-diagonal controller: each part has its own measurements and controls, in turn.
 
     Parameters
     ----------
@@ -214,18 +221,18 @@ class Diagonal:
             made[rows, columns] = part.gains(theta[span])
         return made
 
-    def pulled_back(self, theta: Array, slope: Array) -> Array:
+    def pull_back(self, theta: Array, slope: Array) -> Array:
         """Return the slopes of each part's parameters."""
         return np.concatenate(
             [
-                part.pulled_back(theta[span], slope[..., rows, columns])
+                part.pull_back(theta[span], slope[..., rows, columns])
                 for part, (rows, columns, span) in zip(self.parts, self._places, strict=True)
             ],
             axis=-1,
         )
 
     def typical(self, sizes: Sizes) -> tuple[Array, Array]:
-        """Return those of the parts."""
+        """Return the typical values of the parts."""
         found, row, column = [], 0, 0
         for part in self.parts:
             u, y = sizes.controls[row:], sizes.measurements[column:]
@@ -237,7 +244,7 @@ class Diagonal:
 
 
 class Alike:
-    """A diagonal controller whose parts all have the same values of their parameters.
+    """A diagonal controller whose parts share the values of their parameters.
 
     Parameters
     ----------
@@ -258,9 +265,9 @@ class Alike:
         """Return K."""
         return self.diagonal.gains(self.apart(theta))
 
-    def pulled_back(self, theta: Array, slope: Array) -> Array:
+    def pull_back(self, theta: Array, slope: Array) -> Array:
         """Return the slopes, summed over the parts."""
-        found = self.diagonal.pulled_back(self.apart(theta), slope)
+        found = self.diagonal.pull_back(self.apart(theta), slope)
         return np.asarray(found.reshape(*found.shape[:-1], self._count, self.size).sum(axis=-2))
 
     def typical(self, sizes: Sizes) -> tuple[Array, Array]:

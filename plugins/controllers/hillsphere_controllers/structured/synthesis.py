@@ -7,9 +7,9 @@ r"""Synthesis of a controller of a fixed structure for one or many plants.
 over the channels c of the plants j, where every closed loop is to be stable. The function is
 neither smooth nor convex. From each of several starts the loops are stabilised, the largest norm is
 lowered by BFGS, and the peaks that are equally high at its minimum are lowered together by
-sequential quadratic programming [1]_, [2]_; the best are then shaken and lowered again. What is
-found are local minima: how many starts reached the best one, and a bound from below, tell how good
-it is.
+sequential quadratic programming [1]_, [2]_; the best are then perturbed and lowered again. The
+results are local minima. The number of starts that reach the best one, and a lower bound, show how
+good it is.
 
 References
 ----------
@@ -33,27 +33,33 @@ from hillsphere.interfaces import Array, Context
 from hillsphere.lti import LtiSystem
 from hillsphere.runs.workers import Workers
 from hillsphere_controllers.errors import NotStabilisableError, SynthesisFailedError
-from hillsphere_controllers.structured.kept import KeptSearches
 from hillsphere_controllers.structured.polish import Active
-from hillsphere_controllers.structured.reduced import reduced_start
+from hillsphere_controllers.structured.reduced_start import reduced_start
 from hillsphere_controllers.structured.requirements import DesignPlant, PoleRegion
 from hillsphere_controllers.structured.search import Found, Problem, Search, Start
+from hillsphere_controllers.structured.search_store import SearchStore
 from hillsphere_controllers.structured.structure import Diagonal, Structure, controller_of
-from hillsphere_controllers.structured.verification import Verified, full_order, verified
+from hillsphere_controllers.structured.verification import Verified, full_order, verify_controller
 
 __all__ = ["Progress", "StructuredDesign", "synthesise"]
 
 _SHAKES = (1.0, 1e-1, 1e-2)
+"""Scatter of the second searches around a good minimum, relative: wide ones leave its basin, narrow
+ones finish its convergence. The last is left out for a minimum that has converged."""
 _ABOUT = 0.1
+"""Scatter of a start around zero gains. There the gradient by the gains of the states vanishes, so
+that exactly zero would be a saddle."""
 _KEPT = 3
+"""Different minima around which second searches begin."""
 _SAME = 1e-4
 """Minima whose γ differ by less, relative, are taken for the same."""
 _SETTLED = 1e-5
+"""Residual of the certificate below which a minimum needs no narrow second search."""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a synthesis is: told when a search has ended, or has found a lower γ.
+    """Progress of a synthesis, reported when a search has ended or has found a lower γ.
 
     Parameters
     ----------
@@ -76,7 +82,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class StructuredDesign:
-    """A controller and what it does.
+    """A controller of a fixed structure, its γ and the searches for it.
 
     Parameters
     ----------
@@ -266,11 +272,11 @@ def synthesise(
     good = sorted((f for f in first if f.allowed), key=lambda f: f.gamma)
     second: list[Found] = []
     if shaken and good and not run.interrupted and good[0].gamma > least * (1.0 + _SAME):
-        second = run.all(_shaken(good, seed, count))
+        second = run.all(_perturbed_starts(good, seed, count))
     candidates = sorted(good + [f for f in second if f.allowed], key=lambda f: f.gamma)
     if not candidates:
         raise _failure(first)
-    best, check, equals = _best(problem, candidates, prefer, tie)
+    best, check, equals = _best_verified(problem, candidates, prefer, tie)
     return StructuredDesign(
         controller_of(structure, best.theta),
         best.theta,
@@ -290,7 +296,7 @@ def synthesise(
 
 
 class _Run:
-    """Searches, here or by workers, until they are done or the user stops them."""
+    """Runs searches in this process or in workers, until they have ended or the user stops them."""
 
     def __init__(
         self,
@@ -303,20 +309,20 @@ class _Run:
         self._progress, self._ctx = progress, ctx
         self.interrupted = False
         self._done, self._total, self._gamma = 0, 0, np.inf
-        self._kept: KeptSearches | None = None
+        self._kept: SearchStore | None = None
         if ctx is not None:
             directory = ctx.workspace() / f"searches-{ctx.fingerprint[:16]}{name}"
-            self._kept = KeptSearches(directory, ctx.info)
+            self._kept = SearchStore(directory, ctx.info)
 
     def all(self, starts: Sequence[Start]) -> list[Found]:
-        """Return what the searches find; of those that were done, if they are stopped."""
+        """Return the results of all searches, or of the finished ones after an interruption."""
         self._total += len(starts)
         found: dict[int, Found] = {}
         try:
-            with closing(self._searched(starts)) as results:
+            with closing(self._iterate_results(starts)) as results:
                 for one in results:
                     found[one.start.number] = one
-                    self._ended(one)
+                    self._report_result(one)
                     if self.interrupted:
                         break
         except (KeyboardInterrupt, Interrupted):
@@ -325,10 +331,10 @@ class _Run:
                 raise
         return [found[number] for number in sorted(found)]
 
-    def _searched(self, starts: Sequence[Start]) -> Generator[Found, None, None]:
-        """Yield what searches find, as they end; at first that of those which were kept."""
+    def _iterate_results(self, starts: Sequence[Start]) -> Generator[Found, None, None]:
+        """Yield the results of searches as they end, stored ones first."""
         if self._ctx is None or self._kept is None:
-            yield from map(Search(self._problem, self._going_on), starts)
+            yield from map(Search(self._problem, self._report_progress), starts)
             return
         left = []
         for start in starts:
@@ -337,11 +343,11 @@ class _Run:
                 left.append(start)
             else:
                 yield known
-        with Workers(self._ctx, _Searches(self._problem, self._going_on)) as workers:
+        with Workers(self._ctx, _Searches(self._problem, self._report_progress)) as workers:
             for one in workers.ended(left):
                 yield self._kept.keep(one)
 
-    def _ended(self, found: Found) -> None:
+    def _report_result(self, found: Found) -> None:
         self._done += 1
         self.interrupted = found.interrupted
         if found.allowed:
@@ -349,7 +355,7 @@ class _Run:
         if self._progress is not None:
             self._progress(Progress(self._done, self._total, found, self._gamma, found.gamma))
 
-    def _going_on(self, gamma: float) -> None:
+    def _report_progress(self, gamma: float) -> None:
         if self._progress is not None:
             least = min(self._gamma, gamma)
             self._progress(Progress(self._done, self._total, None, least, gamma))
@@ -357,7 +363,7 @@ class _Run:
 
 @dataclass(frozen=True)
 class _Searches:
-    """Searches for `hillsphere.runs.workers.Workers`; what is told stays in this process."""
+    """Searches for `hillsphere.runs.workers.Workers`; progress is reported in this process."""
 
     problem: Problem
     tell: Callable[[float], None] | None
@@ -374,8 +380,8 @@ def _seed(seed: int, number: int) -> int:
     return int(np.random.SeedSequence(seed, spawn_key=(number,)).generate_state(1)[0])
 
 
-def _shaken(good: Sequence[Found], seed: int, number: int) -> list[Start]:
-    """Return starts near the best minima that differ, at most as many as there were."""
+def _perturbed_starts(good: Sequence[Found], seed: int, number: int) -> list[Start]:
+    """Return starts near the best different minima, at most as many as there were."""
     different: list[Found] = []
     for found in good:
         if all(abs(found.gamma - f.gamma) > _SAME * f.gamma for f in different):
@@ -389,13 +395,13 @@ def _shaken(good: Sequence[Found], seed: int, number: int) -> list[Start]:
     return starts[:number]
 
 
-def _best(
+def _best_verified(
     problem: Problem,
     candidates: Sequence[Found],
     prefer: Callable[[LtiSystem], float] | None,
     tie: float,
 ) -> tuple[Found, Verified, Array]:
-    """Return the first whose closed loops are what they were found to be, or the best of all.
+    """Return the best candidate that passes the check of its closed loops.
 
     Among equals, within the tie, it is the one that is preferred; γ of these (E, 2) follow, with
     what was to be small, that of the one that is taken first.
@@ -407,7 +413,7 @@ def _best(
         if passed and min(v.gamma for _, v in passed) <= found.gamma * (1.0 + margin):
             break
         try:
-            check = verified(problem.plants, controller_of(problem.structure, found.theta))
+            check = verify_controller(problem.plants, controller_of(problem.structure, found.theta))
         except InputError as error:  # such gains that the loop is not well posed in floating point
             reasons.append(str(error))
             continue

@@ -1,4 +1,4 @@
-"""What a controller does, computed without the methods that found it; and what none can do."""
+"""Verification of a controller by methods independent of the search, and lower bounds of γ."""
 
 from __future__ import annotations
 
@@ -21,15 +21,19 @@ from hillsphere_controllers.structured.requirements import Channel, DesignPlant,
 from hillsphere_controllers.structured.structure import Structure
 from hillsphere_controllers.systems.algebra import lower_lft
 
-__all__ = ["FullOrder", "Verified", "full_order", "lower_bound", "verified"]
+__all__ = ["FullOrder", "Verified", "full_order", "lower_bound", "verify_controller"]
 
 _LIMITS = 1e-5
+"""Relative excess of a norm over its limit that counts as kept. The search keeps limits to 1e-6 of
+its own evaluation, and the check uses another method."""
 _REGION = 1e-4
+"""Relative distance of a pole outside its region that counts as kept; poles are less accurate than
+norms."""
 
 
 @dataclass(frozen=True)
 class Verified:
-    """What a controller does with all plants.
+    """Norms and poles of the closed loops of all plants with one controller.
 
     Parameters
     ----------
@@ -63,7 +67,7 @@ class Verified:
     doubt: str = ""
 
     def wrong(self, region: PoleRegion | None) -> str:
-        """Say what is not as it is to be; empty if all is."""
+        """Return a sentence about the first requirement that fails; empty if all are met."""
         if not max(self.abscissae_1_s) < 0.0:
             return f"a closed loop has poles with real part {max(self.abscissae_1_s):.3g} 1/s"
         if self.doubt:
@@ -77,8 +81,8 @@ class Verified:
         return ""
 
 
-def verified(plants: Sequence[DesignPlant], controller: LtiSystem) -> Verified:
-    """Return what a controller does with plants, from their closed loops as they are given."""
+def verify_controller(plants: Sequence[DesignPlant], controller: LtiSystem) -> Verified:
+    """Compute the norms and poles of the closed loops of plants as they were given."""
     loops = tuple(lower_lft(plant.system, controller) for plant in plants)
     found = [
         [_norm(loop, channel) for channel in plant.channels]
@@ -120,7 +124,7 @@ class FullOrder:
 
 
 def lower_bound(plants: Sequence[DesignPlant], structure: Structure) -> float:
-    """Return a γ that no controller of any structure reaches, by synthesis of full order.
+    """Return a lower bound of γ for any structure, by synthesis of full order.
 
     It is that of the plant and channel that is hardest by itself; 0 if the Riccati equations apply
     to none.
@@ -135,7 +139,9 @@ def lower_bound(plants: Sequence[DesignPlant], structure: Structure) -> float:
 
 
 def full_order(plants: Sequence[DesignPlant], structure: Structure) -> FullOrder | None:
-    """Return what holds γ up; None if the Riccati equations apply to no plant.
+    """Return the full-order design with the largest lower bound of γ.
+
+    It is None if the Riccati equations apply to no plant.
 
     Raises
     ------
@@ -163,7 +169,7 @@ def full_order(plants: Sequence[DesignPlant], structure: Structure) -> FullOrder
 
 
 def _norm(loop: LtiSystem, channel: Channel) -> tuple[float, float, str]:
-    """Return a norm, what rounding can have changed in it, and what is to be said against it."""
+    """Return a norm, its relative rounding error, and a doubt about it in words."""
     part = _part(loop, *_places(loop, channel, 0, 0))
     if channel.norm == "h2":
         return h2_norm(part), 0.0, ""

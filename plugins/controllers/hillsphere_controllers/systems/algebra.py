@@ -1,4 +1,4 @@
-r"""Connections of linear systems: series, sum, feedback, star product.
+r"""Algebra of linear systems: series, sum, feedback, star product, LFTs.
 
 All are special cases of one: some outputs of an appended system are fed into some of its inputs,
 
@@ -21,11 +21,14 @@ from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem, real_matrix
 
 __all__ = [
-    "append", "fed_back", "feedback", "gain", "lower_lft", "parallel", "series", "star",
+    "append", "close_with_gain", "feedback", "gain", "lower_lft", "parallel", "series", "star",
     "upper_lft",
 ]  # fmt: skip
 
 _SINGULAR, _NEAR = 1e-12, 1e-6
+"""A loop is refused only if I − F D fails both tests: its smallest singular value is below the
+first share of its size, and its smallest eigenvalue, which does not depend on the units of signals,
+below the second. A looser singular-value test alone would refuse loops in uneven units."""
 
 
 def gain(matrix: Array, dt_s: float | None = None) -> LtiSystem:
@@ -42,7 +45,7 @@ def gain(matrix: Array, dt_s: float | None = None) -> LtiSystem:
 
 
 def append(*systems: LtiSystem) -> LtiSystem:
-    """Return systems beside each other, inputs and outputs one after the other.
+    """Return the block-diagonal system, inputs and outputs one after the other.
 
     Names are kept if every system has them and none stands twice.
 
@@ -60,14 +63,14 @@ def append(*systems: LtiSystem) -> LtiSystem:
         _diagonal([s.c for s in systems]),
         _diagonal([s.d for s in systems]),
         dt_s,
-        _joined([s.inputs for s in systems], [s.shape[1] for s in systems]),
-        _joined([s.outputs for s in systems], [s.shape[0] for s in systems]),
-        _joined([s.states for s in systems], [s.order for s in systems]),
+        _join_names([s.inputs for s in systems], [s.shape[1] for s in systems]),
+        _join_names([s.outputs for s in systems], [s.shape[0] for s in systems]),
+        _join_names([s.states for s in systems], [s.order for s in systems]),
     )
 
 
-def fed_back(system: LtiSystem, matrix: Array) -> LtiSystem:
-    """Return a system whose inputs are u = F y + v.
+def close_with_gain(system: LtiSystem, matrix: Array) -> LtiSystem:
+    """Close a system by a constant feedback matrix, u = F y + v.
 
     Parameters
     ----------
@@ -177,11 +180,11 @@ def feedback(forward: LtiSystem, back: LtiSystem, sign: int = -1) -> LtiSystem:
         raise InputError(f"the feedback must be {m} × {p} to fit, got {back.shape}")
     if sign not in (-1, 1):
         raise InputError(f"sign must be -1 or 1, got {sign}")
-    both = append(_unnamed(forward), _unnamed(back))
+    both = append(_strip_names(forward), _strip_names(back))
     f = np.zeros((m + p, p + m))
     f[:m, p:] = sign * np.eye(m)
     f[m:, :p] = np.eye(p)
-    closed = fed_back(both, f)
+    closed = close_with_gain(both, f)
     return LtiSystem(
         closed.a, closed.b[:, :m], closed.c[:p], closed.d[:p, :m], closed.dt_s,
         forward.inputs, forward.outputs,
@@ -206,11 +209,11 @@ def star(upper: LtiSystem, lower: LtiSystem, controls: int, measurements: int) -
             f"star product of {p1} × {m1} and {p2} × {m2}: {controls} controls and {measurements} "
             "measurements do not fit"
         )
-    both = append(_unnamed(upper), _unnamed(lower))
+    both = append(_strip_names(upper), _strip_names(lower))
     f = np.zeros((m1 + m2, p1 + p2))
     f[m1 - controls : m1, p1 : p1 + controls] = np.eye(controls)
     f[m1 : m1 + measurements, p1 - measurements : p1] = np.eye(measurements)
-    closed = fed_back(both, f)
+    closed = close_with_gain(both, f)
     rows = [*range(p1 - measurements), *range(p1 + controls, p1 + p2)]
     columns = [*range(m1 - controls), *range(m1 + measurements, m1 + m2)]
     closes = lower.shape == (controls, measurements)
@@ -243,7 +246,7 @@ def upper_lft(plant: LtiSystem, block: LtiSystem) -> LtiSystem:
 
 
 def _singular(loop: Array) -> bool:
-    """Say whether a matrix I − F D is singular, in whatever units its rows and columns are."""
+    """Return whether a matrix I − F D is singular, for any units of its rows and columns."""
     if np.linalg.svd(loop, compute_uv=False)[-1] >= _SINGULAR * max(1.0, np.abs(loop).max()):
         return False
     # the units of signals change singular values, but not the eigenvalues
@@ -251,7 +254,7 @@ def _singular(loop: Array) -> bool:
     return bool(sizes.min() < _NEAR * max(1.0, sizes.max()))
 
 
-def _unnamed(system: LtiSystem) -> LtiSystem:
+def _strip_names(system: LtiSystem) -> LtiSystem:
     return replace(system, inputs=(), outputs=(), states=())
 
 
@@ -267,7 +270,7 @@ def _diagonal(blocks: list[Array]) -> Array:
     return np.asarray(block_diag(*blocks), dtype=float)
 
 
-def _joined(names: list[tuple[str, ...]], counts: list[int]) -> tuple[str, ...]:
+def _join_names(names: list[tuple[str, ...]], counts: list[int]) -> tuple[str, ...]:
     if any(len(one) != count for one, count in zip(names, counts, strict=True)):
         return ()
     found = tuple(name for one in names for name in one)

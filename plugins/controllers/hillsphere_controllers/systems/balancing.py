@@ -1,4 +1,4 @@
-"""Scaling of a system's states, so that no number in it is larger than it need be."""
+"""Balancing: scaling of a system's states, so that its entries are of similar size."""
 
 from __future__ import annotations
 
@@ -11,14 +11,20 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 
-__all__ = ["balanced"]
+__all__ = ["balance_states"]
 
 _SWEEPS = 20
+"""Sweeps over the states at most. Each sweep brings the norms of rows and columns closer; the limit
+ends sweeps that only undo each other."""
 _GAIN = 0.95
+"""A scale is changed only if the sum of the squares of both norms falls below this share, as in
+[1]_ of `balance_states`; a value nearer to one costs sweeps that gain nothing."""
 _LARGEST = 1e150
+"""Size of an entry whose square, and its inverse, still lie within the range of double precision
+(1e±308)."""
 
 
-def balanced(system: LtiSystem) -> tuple[LtiSystem, Array]:
+def balance_states(system: LtiSystem) -> tuple[LtiSystem, Array]:
     """Scale the states by powers of two.
 
     Row and column of each state in [[A, B], [C, 0]], the diagonal left out, come to have about the

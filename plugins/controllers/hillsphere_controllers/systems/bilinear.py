@@ -1,7 +1,7 @@
-r"""Between continuous and discrete time by the bilinear map s = (2/T) (z − 1)/(z + 1).
+r"""Bilinear (Tustin) map between continuous and discrete time, s = (2/T) (z − 1)/(z + 1).
 
 It maps the left half-plane onto the unit disc and the imaginary axis onto its circle, so that
-stability and the H∞ norm are those of the image; frequencies are bent: ω = (2/T) tan(θ/2) for
+stability and the H∞ norm are those of the image; frequencies are warped: ω = (2/T) tan(θ/2) for
 z = exp(jθ).
 """
 
@@ -13,11 +13,12 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 
 __all__ = ["continuous", "discrete"]
 
 _POLE = 1e-13
+"""Distance of a pole from z = −1 below which rounding alone decides where its image lies."""
 _REST = 1e-8
 """Of a matrix times its inverse, besides the unit matrix; larger if a pole has no image."""
 
@@ -33,8 +34,8 @@ def continuous(system: LtiSystem) -> LtiSystem:
     if system.dt_s is None:
         raise InputError("the system is one in continuous time already")
     dt, one = system.dt_s, np.eye(system.order)
-    # the scale of a state decides nothing
-    even, scale = balanced(system)
+    # balance the states, so that their scales do not affect the inverse
+    even, scale = balance_states(system)
     away = np.abs(1.0 + even.poles)
     if away.size and away.min() <= _POLE:
         raise InputError(
@@ -45,6 +46,7 @@ def continuous(system: LtiSystem) -> LtiSystem:
     root = np.sqrt(dt)
     return replace(
         system,
+        # A_c = (2/T) (I + A)⁻¹ (A − I), with the factor √T shared between B and C
         a=2.0 / dt * (inverse @ (even.a - one)) * scale[:, None] / scale,
         b=2.0 / root * (inverse @ even.b) * scale[:, None],
         c=2.0 / root * (even.c @ inverse) / scale,
@@ -66,7 +68,7 @@ def discrete(system: LtiSystem, dt_s: float) -> LtiSystem:
     if not dt_s > 0.0:
         raise InputError(f"a sampling period must be > 0 s, got {dt_s}")
     root, half = np.sqrt(dt_s), 0.5 * dt_s
-    even, scale = balanced(system)
+    even, scale = balance_states(system)
     one = np.eye(system.order)
     minus = one - half * even.a
     # rows of one size: of a fast mode all entries are large

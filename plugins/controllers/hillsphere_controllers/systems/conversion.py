@@ -1,4 +1,4 @@
-"""From and to other descriptions: transfer functions, objects of python-control."""
+"""Conversion from and to transfer functions and objects of python-control."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 
 __all__ = ["from_control", "to_control", "transfer_function"]
 
@@ -57,8 +57,9 @@ def transfer_function(
         a[0] = -bottom
         a[1:, :-1] = np.eye(n - 1)
         b[0] = 1.0
+    # the direct term is split off the numerator
     c = (top[1:] - top[0] * bottom)[None]
-    made, _ = balanced(LtiSystem(a, b, c, top[:1, None], dt_s))
+    made, _ = balance_states(LtiSystem(a, b, c, top[:1, None], dt_s))
     return made
 
 

@@ -1,4 +1,4 @@
-r"""A delay in continuous time as a rational function.
+r"""Padé approximation of a delay in continuous time.
 
 .. math::
 
@@ -26,13 +26,14 @@ from hillsphere_controllers.systems.conversion import transfer_function
 __all__ = ["pade_delay"]
 
 _HIGHEST = 8
+"""Order of the approximation at most: its coefficients span (2n)!/n!, and beyond eight the poles
+lose digits to rounding."""
 
 
 def pade_delay(time_s: float, order: int = 1) -> LtiSystem:
-    """Return a delay of one signal.
+    """Return the diagonal Padé approximation of a delay of one signal.
 
-    A value held over a period, of a signal sampled at its beginning, is late by half the period on
-    average.
+    A zero-order hold delays a sampled signal by half the period on average.
 
     Parameters
     ----------

@@ -39,6 +39,8 @@ Content = LtiSystem | tuple[LtiSystem, BlockStructure] | Numbers | dict[str, Num
 _NAME = re.compile(r"[A-Za-z]\w{0,62}", re.ASCII)
 _SYSTEM = {"a", "b", "c", "d"}
 _REGULAR = 1e-12
+"""Inverse condition number of the equilibrated descriptor matrix below which it counts as
+singular."""
 _MOST_BYTES = 256 << 20
 """Most bytes of a file: thirty systems of 1000 states."""
 _NAMES = (("InputName", "inputs"), ("OutputName", "outputs"), ("StateName", "states"))
@@ -61,7 +63,7 @@ def save_mat(path: Path, contents: Mapping[str, Content], *, follow_links: bool 
     InputError
         If a name does not do, something is of no kind that is written, or the file cannot be.
     """
-    written = {_name(name): _written(name, content) for name, content in contents.items()}
+    written = {_name(name): _encode(name, content) for name, content in contents.items()}
     try:
         with replacing(path, follow_links=follow_links) as stream:
             savemat(stream, written, appendmat=False, long_field_names=True, do_compression=True)
@@ -70,7 +72,7 @@ def save_mat(path: Path, contents: Mapping[str, Content], *, follow_links: bool 
 
 
 def load_mat(path: Path) -> dict[str, Content]:
-    """Read what `save_mat` writes, or MATLAB in the same form.
+    """Read systems and matrices from a .mat file of `save_mat`, or of MATLAB in the same form.
 
     Returns
     -------
@@ -97,7 +99,7 @@ def load_mat(path: Path) -> dict[str, Content]:
         raise InputError(f"{path} is no .mat file that can be read: {error}") from error
     try:
         return {
-            name: _read(value, name) for name, value in found.items() if value.dtype.kind != "U"
+            name: _decode(value, name) for name, value in found.items() if value.dtype.kind != "U"
         }
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
@@ -109,9 +111,9 @@ def _name(name: str) -> str:
     return name
 
 
-def _written(name: str, content: Content) -> Any:
+def _encode(name: str, content: Content) -> Any:
     if isinstance(content, LtiSystem):
-        return _system_written(content)
+        return _encode_system(content)
     if isinstance(content, tuple):
         kinds = [type(part) for part in content]
         if kinds != [LtiSystem, BlockStructure]:
@@ -121,7 +123,7 @@ def _written(name: str, content: Content) -> Any:
         if not (system.shape[0] >= fits[0] and system.shape[1] >= fits[1]):
             raise InputError(f"{name}: blocks of {fits} do not fit a system of {system.shape}")
         return {
-            "M": _system_written(system),
+            "M": _encode_system(system),
             "blocks": np.array([_row(block) for block in structure.blocks], dtype=float),
             "BlockName": _cell(tuple(block.name for block in structure.blocks)),
         }
@@ -132,7 +134,7 @@ def _written(name: str, content: Content) -> Any:
     return _matrix(content, name)
 
 
-def _system_written(system: LtiSystem) -> dict[str, Any]:
+def _encode_system(system: LtiSystem) -> dict[str, Any]:
     made: dict[str, Any] = {name: getattr(system, name) for name in "abcd"}
     made["Ts"] = 0.0 if system.dt_s is None else system.dt_s
     for field, attribute in _NAMES:
@@ -153,16 +155,16 @@ def _row(block: Block) -> tuple[int, int]:
     return (-block.rows if block.kind == "real" else block.rows), 0
 
 
-def _read(value: Any, where: str) -> Content:
+def _decode(value: Any, where: str) -> Content:
     if isinstance(value, np.ndarray) and value.dtype.names and value.size == 1:
         fields = {name: value[name].ravel()[0] for name in value.dtype.names}
         if {name.lower() for name in fields} >= _SYSTEM:
-            return _system_read(fields, where)
+            return _decode_system(fields, where)
         if "M" in fields and "blocks" in fields:
-            system = _read(fields["M"], f"{where}.M")
+            system = _decode(fields["M"], f"{where}.M")
             if not isinstance(system, LtiSystem):
                 raise InputError(f"{where}.M must be a struct of a, b, c, d and Ts")
-            structure = _blocks_read(fields, where)
+            structure = _decode_blocks(fields, where)
             (p, m), (out, into) = system.shape, structure.shape
             if out > p or into > m:
                 raise InputError(
@@ -174,7 +176,7 @@ def _read(value: Any, where: str) -> Content:
     return _matrix(value, where)
 
 
-def _system_read(written: Mapping[str, Any], where: str) -> LtiSystem:
+def _decode_system(written: Mapping[str, Any], where: str) -> LtiSystem:
     fields = {name.lower(): value for name, value in written.items()}
     if len(fields) < len(written):
         raise InputError(f"{where} has fields that differ in case only: {', '.join(written)}")
@@ -198,7 +200,7 @@ def _system_read(written: Mapping[str, Any], where: str) -> LtiSystem:
             f"{where}.Ts must be a period in seconds, 0 in continuous time, got {period}"
         )
     names = {
-        attribute: _names_read(fields[field.lower()], f"{where}.{field}")
+        attribute: _decode_names(fields[field.lower()], f"{where}.{field}")
         for field, attribute in _NAMES
         if field.lower() in fields
     }
@@ -215,7 +217,7 @@ def _check_time(fields: Mapping[str, Any], where: str) -> None:
                 f"{where}.{name}: delays are not read; in MATLAB, replace them by states before "
                 "saving: P = pade(P, 3), or in discrete time P = absorbDelay(P)"
             )
-        if name.lower() == "timeunit" and set(_names_read(value, f"{where}.{name}")) - {
+        if name.lower() == "timeunit" and set(_decode_names(value, f"{where}.{name}")) - {
             "",
             "seconds",
         }:
@@ -245,7 +247,7 @@ def _explicit(a: Numbers, b: Numbers, e: Numbers, where: str) -> tuple[Numbers, 
 
 
 def _unique(names: tuple[str, ...], otherwise: str) -> tuple[str, ...]:
-    """Return names of which each stands once: those that stand twice get numbers, from one on."""
+    """Return unique names: repeated ones get numbers, from one on."""
     filled = [name or otherwise for name in names]
     count: dict[str, int] = {}
     made = []
@@ -256,12 +258,12 @@ def _unique(names: tuple[str, ...], otherwise: str) -> tuple[str, ...]:
     return tuple(made)
 
 
-def _blocks_read(fields: Mapping[str, Any], where: str) -> BlockStructure:
+def _decode_blocks(fields: Mapping[str, Any], where: str) -> BlockStructure:
     rows = _matrix(fields["blocks"], f"{where}.blocks")
     if rows.ndim != 2 or rows.shape[1] != 2 or np.iscomplexobj(rows):
         raise InputError(f"{where}.blocks must have two columns, those of mussv's block structure")
     names = (
-        _names_read(fields["BlockName"], f"{where}.BlockName")
+        _decode_names(fields["BlockName"], f"{where}.BlockName")
         if "BlockName" in fields
         else ("",) * len(rows)
     )
@@ -284,7 +286,7 @@ def _block(r: float, c: float, name: str, where: str) -> Block:
     raise InputError(f"{where}.blocks: [{r:g} {c:g}] is no block of mussv's")
 
 
-def _names_read(value: Any, where: str) -> tuple[str, ...]:
+def _decode_names(value: Any, where: str) -> tuple[str, ...]:
     cells = [value] if isinstance(value, str) else list(np.ravel(value))
     names = []
     for cell in cells:

@@ -1,4 +1,4 @@
-"""Discretisation of a system whose inputs are held between samples, exact at the samples."""
+"""Zero-order hold discretisation: inputs held between samples, exact at the samples."""
 
 from __future__ import annotations
 
@@ -9,14 +9,18 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem, real_matrix
 
-__all__ = ["averaged", "discretised", "held"]
+__all__ = ["mean_output_hold", "zero_order_hold", "zero_order_hold_matrices"]
 
 _WHOLE = 1e-9
+"""Share of a period by which a delay may differ from a whole number of periods by rounding; the
+rest then counts as none and costs no states."""
 _MOST_DELAYED = 10_000
+"""Periods of delay at most. Each adds a state per input, and more than this is a wrong unit rather
+than a delay."""
 
 
-def discretised(a: Array, b: Array, h: float) -> tuple[Array, Array]:
-    r"""Discretise ẋ = A x + B e exactly for an e that is held [1]_.
+def zero_order_hold_matrices(a: Array, b: Array, h: float) -> tuple[Array, Array]:
+    r"""Return the zero-order hold matrices of ẋ = A x + B e, exact for an e that is held [1]_.
 
     Parameters
     ----------
@@ -51,12 +55,11 @@ def discretised(a: Array, b: Array, h: float) -> tuple[Array, Array]:
     return found[:m, :m], found[:m, m:]
 
 
-def averaged(system: LtiSystem, dt_s: float) -> LtiSystem:
-    r"""Return a system as `held` does, but with the means of its outputs over the periods.
+def mean_output_hold(system: LtiSystem, dt_s: float) -> LtiSystem:
+    r"""Discretise with held inputs and with the outputs' means over the periods.
 
-    Of a controller whose outputs are held that is the one with the same
-    :math:`\int u\,dt` over every period as the system itself between the samples: what it does to
-    errors that are held begins at once, not a period later.
+    For a controller with held outputs this keeps :math:`\int u\,dt` over every period equal to that
+    of the continuous system. Its response to held errors begins at once, not a period later.
 
     Parameters
     ----------
@@ -76,8 +79,9 @@ def averaged(system: LtiSystem, dt_s: float) -> LtiSystem:
         If the system is one in discrete time already, or the period not positive.
     """
     (p, _), n = system.shape, system.order
+    # append the integrals of the outputs as states: their growth over a period is the mean times it
     integral = np.block([[system.a, np.zeros((n, p))], [system.c, np.zeros((p, p))]])
-    both = held(
+    both = zero_order_hold(
         LtiSystem(integral, np.vstack([system.b, system.d]), np.zeros((0, n + p)),
                   np.zeros((0, system.shape[1]))), dt_s,
     )  # fmt: skip
@@ -87,8 +91,8 @@ def averaged(system: LtiSystem, dt_s: float) -> LtiSystem:
     )  # fmt: skip
 
 
-def held(system: LtiSystem, dt_s: float, delay_s: float = 0.0) -> LtiSystem:
-    """Return what a computer sees of a system: inputs held, outputs taken at the same times.
+def zero_order_hold(system: LtiSystem, dt_s: float, delay_s: float = 0.0) -> LtiSystem:
+    """Discretise a system with held inputs and sampled outputs, and an optional input delay.
 
     Parameters
     ----------
@@ -123,8 +127,8 @@ def held(system: LtiSystem, dt_s: float, delay_s: float = 0.0) -> LtiSystem:
     if part <= _WHOLE * dt_s:
         part = 0.0
     (p, m), n = system.shape, system.order
-    over, new = discretised(system.a, system.b, dt_s - part)
-    before, old = discretised(system.a, system.b, part)
+    over, new = zero_order_hold_matrices(system.a, system.b, dt_s - part)
+    before, old = zero_order_hold_matrices(system.a, system.b, part)
     # the older input acts first, for `part`
     a, old = over @ before, over @ old
     length = whole + (1 if part else 0)
@@ -132,6 +136,7 @@ def held(system: LtiSystem, dt_s: float, delay_s: float = 0.0) -> LtiSystem:
         return LtiSystem(
             a, new, system.c, system.d, dt_s, system.inputs, system.outputs, system.states
         )
+    # inputs on their way are a shift register of states, the oldest one first
     size = n + length * m
     whole_a, whole_b = np.zeros((size, size)), np.zeros((size, m))
     whole_c = np.zeros((p, size))

@@ -1,4 +1,4 @@
-"""Systems connected by the names of their signals, with summing junctions."""
+"""Interconnection of systems by the names of their signals, with summing junctions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.systems.algebra import append, fed_back, gain
+from hillsphere_controllers.systems.algebra import append, close_with_gain, gain
 
 __all__ = ["connect", "with_names"]
 
@@ -114,8 +114,9 @@ def connect(
     f = np.zeros((whole.shape[1], whole.shape[0]))
     first = len(outside)
     for row, name in enumerate(into):
+        # each input of a part is fed from the one output of its name
         f[first + row, place[name]] = 1.0
-    closed = fed_back(whole, f)
+    closed = close_with_gain(whole, f)
     rows = [place[name] for name in wanted]
     return LtiSystem(
         closed.a, closed.b[:, :first], closed.c[rows], closed.d[rows, :first], closed.dt_s,
@@ -125,7 +126,7 @@ def connect(
 
 @dataclass(frozen=True)
 class _Sum:
-    """A summing junction: its output, and signs and names of what it adds."""
+    """A summing junction: its output, and the signs and names of its terms."""
 
     output: str
     terms: tuple[tuple[float, str], ...]
@@ -147,7 +148,7 @@ class _Sum:
 
 
 class _Names:
-    """What a name stands for: a signal, or all that have it with a number."""
+    """Signals by name: a name means one signal, or all signals with this name and a number."""
 
     def __init__(self, signals: Iterable[str]) -> None:
         numbered: dict[str, dict[int, str]] = {}
@@ -185,7 +186,7 @@ class _Names:
         return self._known.get(name, [name])
 
     def spread(self, sums: Sequence[_Sum]) -> None:
-        """Give the names that only sums have the width of what they are added to."""
+        """Give names that occur only in sums the width of the signals that they are added to."""
         settled = False
         while not settled:
             settled = True

@@ -26,6 +26,8 @@ __all__ = ["MatFileError", "parse_mat"]
 Value: TypeAlias = np.ndarray[Any, Any]
 
 _HEAD = 128
+"""Bytes of the header of a version 5 file [1]_: 116 of text, 8 of offset, 2 of version, 2 of byte
+order."""
 _MATRIX, _COMPRESSED = 14, 15
 """Kinds of data elements that hold others [1]_, table 1-1."""
 
@@ -43,7 +45,10 @@ _CLASSES = {
 """Classes of arrays of numbers [1]_, table 1-3."""
 
 _CELL, _STRUCT, _OBJECT, _CHAR, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
+"""Classes of arrays that are not numeric [1]_, table 1-3; 16 and 17 are undocumented: function
+handles and new-style objects."""
 _COMPLEX = 0x0800
+"""Bit of the array flags that announces an imaginary part [1]_."""
 
 _DEEPEST = 16
 """Deepest nesting of cells and structs. What is read here has three levels; each costs three calls
@@ -51,7 +56,7 @@ of Python's thousand."""
 
 
 class MatFileError(ValueError):
-    """The file is damaged, or holds what is not read; the message says what."""
+    """The file is damaged, or holds an unsupported element; the message names it."""
 
 
 def parse_mat(data: bytes) -> dict[str, Value]:
@@ -87,7 +92,7 @@ def parse_mat(data: bytes) -> dict[str, Value]:
     for kind, content in reader.elements(memoryview(data)[_HEAD:]):
         body = content
         if kind == _COMPRESSED:
-            kind, body = reader.one(memoryview(reader.unpacked(content)))
+            kind, body = reader.one(memoryview(reader.decompress(content)))
         if kind != _MATRIX:
             raise MatFileError(f"a variable is of kind {kind}, which is no array")
         name, value = reader.array(body, 0)
@@ -121,8 +126,8 @@ class _Reader:
         if self._bytes > MAX_UNPACKED_BYTES:
             raise MatFileError(f"it unpacks to more than {MAX_UNPACKED_BYTES} bytes")
 
-    def unpacked(self, data: memoryview) -> bytes:
-        """Return what a compressed element holds; a thousand zeros are one byte of zlib's."""
+    def decompress(self, data: memoryview) -> bytes:
+        """Return the content of a compressed element; zlib packs 1000 zeros in a byte."""
         unpacking = zlib.decompressobj()
         parts: list[bytes] = []
         rest: bytes | memoryview = data
@@ -217,7 +222,7 @@ class _Reader:
         return _word(bytes(content))
 
     def _values(self, parts: Iterator[tuple[int, memoryview]], form: str, count: int) -> Value:
-        """Return so many numbers in the form of their array, whatever form they are kept in."""
+        """Return a number of values in the type of their array, whatever type the file stores."""
         kind, content = self._next(parts)
         held = _NUMBERS.get(kind)
         if held is None:

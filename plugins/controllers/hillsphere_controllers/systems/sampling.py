@@ -1,4 +1,4 @@
-"""Controllers as a computer runs them, and the loop as it then is."""
+"""Controllers at samples, and sampled loops in discrete time."""
 
 from __future__ import annotations
 
@@ -8,18 +8,20 @@ from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.systems.algebra import series
 from hillsphere_controllers.systems.bilinear import discrete
-from hillsphere_controllers.systems.holding import averaged, held
+from hillsphere_controllers.systems.holding import mean_output_hold, zero_order_hold
 
 __all__ = ["Method", "sampled_controller", "sampled_loop"]
 
 Method = Literal["bilinear", "held", "mean"]
 _SAME = 1e-9
+"""Relative difference up to which two periods are the same: they may come from different products
+of decimal numbers."""
 
 
 def sampled_controller(
     controller: LtiSystem, dt_s: float, method: Method = "bilinear"
 ) -> LtiSystem:
-    """Return a controller that acts at samples.
+    """Return a controller in discrete time that acts at the samples.
 
     Parameters
     ----------
@@ -28,9 +30,10 @@ def sampled_controller(
     dt_s : float
         Period, s.
     method : {"bilinear", "held", "mean"}
-        The bilinear map has the phase of the controller, so that what is lost in the loop is that
-        of the hold alone, half a period; the discretisation for held inputs costs one that is
-        strictly proper another half, unless the mean over the period stands for its output.
+        "bilinear" keeps the phase of the controller; the loop then loses only the half period of
+        the hold. "held" discretises for held inputs, which adds another half period of delay to a
+        strictly proper controller. "mean" does the same with the mean output over the period,
+        without that delay.
 
     Raises
     ------
@@ -48,8 +51,8 @@ def sampled_controller(
             )
         return controller
     if method == "mean":
-        return averaged(controller, dt_s)
-    return discrete(controller, dt_s) if method == "bilinear" else held(controller, dt_s)
+        return mean_output_hold(controller, dt_s)
+    return discrete(controller, dt_s) if method == "bilinear" else zero_order_hold(controller, dt_s)
 
 
 def sampled_loop(
@@ -60,10 +63,10 @@ def sampled_loop(
     delay_s: float = 0.0,
     method: Method = "bilinear",
 ) -> LtiSystem:
-    """Return the loop, cut at the controls, of a plant that a computer controls.
+    """Return the discrete-time loop, cut at the controls, of a plant and a sampled controller.
 
-    Its margins (`hillsphere_controllers.analysis`) are those of what flies, the hold and the delay
-    included; those of the loop in continuous time promise more than that has.
+    Its margins (`hillsphere_controllers.analysis`) include the hold and the delay; those of the
+    loop in continuous time are too optimistic.
 
     Parameters
     ----------
@@ -84,6 +87,8 @@ def sampled_loop(
     Raises
     ------
     InputError
-        If the two do not fit, or as `sampled_controller` and `held` do.
+        If the two do not fit, or as `sampled_controller` and `zero_order_hold` do.
     """
-    return series(held(plant, dt_s, delay_s), sampled_controller(controller, dt_s, method))
+    return series(
+        zero_order_hold(plant, dt_s, delay_s), sampled_controller(controller, dt_s, method)
+    )

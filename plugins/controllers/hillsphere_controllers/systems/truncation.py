@@ -17,7 +17,7 @@ __all__ = ["balanced_truncation"]
 
 
 def balanced_truncation(system: LtiSystem, order: int) -> LtiSystem:
-    """Return a system without the states that matter least between inputs and outputs.
+    """Reduce a system by balanced truncation: drop the states of the smallest Hankel values.
 
     Unstable states are kept.
 
@@ -44,6 +44,7 @@ def balanced_truncation(system: LtiSystem, order: int) -> LtiSystem:
     reach = solve_continuous_lyapunov(stable.a, -stable.b @ stable.b.T)
     see = solve_continuous_lyapunov(stable.a.T, -stable.c.T @ stable.c)
     left, right = _root(reach), _root(see)
+    # square-root method: the singular values are the Hankel singular values
     u, values, v = np.linalg.svd(right.T @ left)
     kept = min(kept, int(np.sum(values > 1e-14 * values.max(initial=1e-300))))
     scale = np.sqrt(values[:kept])
@@ -58,6 +59,7 @@ def _split(system: LtiSystem) -> tuple[LtiSystem, LtiSystem]:
     t, z, count = schur(system.a, sort="lhp")
     b, c = z.T @ system.b, system.c @ z
     first, last = slice(0, count), slice(count, None)
+    # block-diagonalise the ordered Schur form
     x = solve_sylvester(t[first, first], -t[last, last], -t[first, last])
     stable = LtiSystem(t[first, first], b[first] - x @ b[last], c[:, first], system.d)
     rest = LtiSystem(t[last, last], b[last], c[:, last] + c[:, first] @ x, np.zeros_like(system.d))

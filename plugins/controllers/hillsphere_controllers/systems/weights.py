@@ -1,4 +1,4 @@
-r"""Weights by what they say: gains at low and high frequency, and where they change.
+r"""Weights given by their gains at low and high frequency and their crossover.
 
 .. math::
 

@@ -1,16 +1,16 @@
-r"""Least squares over an arc of measurements, from one or many starts, all cases at once.
+r"""Least squares over an arc of measurements, from one or several starts, for all cases at once.
 
-Levenberg's and Marquardt's method: of the whitened rows A and residuals b of prior and
-measurements, steps d solve
+The method is that of Levenberg and Marquardt. With the rows A and residuals b of prior and
+measurements, in units of their noise, a step d solves
 
 .. math:: \min_d\; |A d - b|^2 + \lambda |D d|^2,
 
-D the lengths of the columns of A; λ falls after a step that lessens the sum of squares and rises
-after one that does not, in each lane by itself [1]_. States are counted from the prior's means in
-its own root, x = x̄ + S z, so that no damped step leaves what is known well for what is not; the
-rows enter by orthogonal triangularisation, and normal equations are never formed. Where the sum has
-several minima, as with angles that leave the distance open, it is solved from several starts and
-the least is taken.
+D the lengths of the columns of A. λ is divided by 10 after a step that reduces the sum of squares
+and multiplied by 10 after one that does not, case by case [1]_. The unknowns are z with x = x̄ + S
+z, x̄ and S mean and root of the prior: a damped step then does not move what the prior knows well.
+The rows enter by QR decomposition, and the normal equations are never formed. The sum of squares
+may have several minima, as with angles that leave the distance open; it is minimised from several
+starts, and the least of the results is taken.
 
 References
 ----------
@@ -31,23 +31,26 @@ from hillsphere_estimators.innovations import usable
 from hillsphere_estimators.orbit_refinement.motion import BodiesModel
 from hillsphere_estimators.roots import lower_root, upper_triangle
 
-__all__ = ["ArcFit", "ArcRows", "arc_fit", "arc_rows", "prior_rows", "screened"]
+__all__ = ["ArcFit", "ArcRows", "arc_fit", "arc_rows", "prior_rows", "select_starts"]
 
-_RESTED = 1e-2
+_CONVERGED = 1e-2
+"""Length of the last step, in standard deviations, below which a fit has converged. A longer limit
+would leave an error that the covariance does not state; at a shorter one rounding may decide which
+of two sums of squares is less, and a converged fit would be reported as not converged."""
 
 
 @dataclass(frozen=True)
 class ArcRows:
-    """An arc linearised about states at its start, in units of the noise.
+    """The measurements of an arc linearised about states at its start, in units of the noise.
 
     Parameters
     ----------
     slopes : ndarray, shape (N, K, m, n)
-        By z at the start.
+        Derivatives of the measurements by z at the start.
     residual : ndarray, shape (N, K, m)
-        Measured minus shown.
+        Measured minus predicted.
     path : ndarray, shape (n, K, N)
-        States.
+        States along the arc.
     phi : ndarray, shape (N, K, n, n)
         Their derivatives by z.
     """
@@ -58,7 +61,7 @@ class ArcRows:
     phi: Array
 
     def flat(self) -> Array:
-        """Return slopes beside residuals (N, K m, n + 1)."""
+        """Return derivatives and residuals as rows of one matrix (N, K · m, n + 1)."""
         cases, n = len(self.slopes), self.slopes.shape[-1]
         return np.concatenate(
             [self.slopes.reshape(cases, -1, n), self.residual.reshape(cases, -1, 1)], axis=2
@@ -72,13 +75,13 @@ class ArcFit:
     Parameters
     ----------
     belief : Belief
-        Of the states at the start.
+        States at the start, given all measurements.
     squares : ndarray, shape (N,)
-        Sum of the squared residuals in units of their noise, the prior's with them.
+        Sum of the squared residuals, with those of the prior, in units of their noise.
     rows : ndarray, shape (N,)
-        How many values were measured.
+        Number of measured values.
     settled : ndarray of bool, shape (N,)
-        Where the last step was shorter than a hundredth of a standard deviation.
+        Whether the last step was shorter than a hundredth of a standard deviation.
     """
 
     belief: Belief
@@ -101,23 +104,23 @@ def arc_fit(
     Parameters
     ----------
     model : BodiesModel
-        Motion and sensors; its noise is not used.
+        Motion and sensors; its process noise is not used.
     prior : Belief
-        Of the states (n, N) at the first time; wide where little is known.
+        States (n, N) at the first time; wide where little is known.
     sets : sequence of MeasurementSet
         At K times, in order.
     starts : ndarray, shape (n, S, N), optional
-        States to begin from; left out: the prior's means.
+        States from which the search starts; by default the prior's means.
     rounds : int
         Steps at most.
     farthest : float
-        No step leads farther from the prior's means, in its standard deviations: linearised far
-        from the truth, one may point to where there is no orbit.
+        Largest distance of the states from the prior's means, in its standard deviations. A
+        linearisation far from the truth may otherwise lead to states without an orbit.
 
     Returns
     -------
     ArcFit
-        For each case from the best of its starts.
+        For each case that of the start with the least sum of squares.
     """
     n, cases = prior.x.shape
     begun = prior.x[:, None] if starts is None else starts
@@ -136,52 +139,58 @@ def arc_fit(
         ]  # fmt: skip
     x = np.ascontiguousarray(begun.reshape(n, -1))
     upper, squares = _problem(model, prior, x, sets)
+    # a small λ at first: nearly a Gauss-Newton step, which is right if the start is good
     damping = np.full(x.shape[1], 1e-6)
     settled = np.zeros(x.shape[1], dtype=bool)
     for _ in range(rounds):
-        step = _damped(upper, damping)
+        step = _solve_damped(upper, damping)
+        # |U d|: length of the step in standard deviations of the fit
         length = np.linalg.norm(upper[:, :n, :n] @ step[:, :, None], axis=(1, 2))
-        there = np.where(settled, x, x + _along(prior, _shortened(prior, x, step, farthest)))
+        there = np.where(
+            settled, x, x + _state_change(prior, _limit_step(prior, x, step, farthest))
+        )
         new, reached = _problem(model, prior, there, sets)
         better = (reached <= squares) & ~settled
-        # below a hundredth of a standard deviation rounding may decide which sum is less
-        settled |= (length < _RESTED) & (damping < 1.0)
+        # converged although the sum may have risen: so close to the minimum rounding decides which
+        # sum is less. A strongly damped step is short anywhere and proves nothing.
+        settled |= (length < _CONVERGED) & (damping < 1.0)
         x = np.where(better, there, x)
         upper = np.where(better[:, None, None], new, upper)
         squares = np.where(better, reached, squares)
         damping = np.clip(np.where(better, 0.1 * damping, 10.0 * damping), 1e-18, 1e12)
         if settled.all():
             break
+    # covariance of z is U⁻¹ U⁻ᵀ, that of the states S U⁻¹ U⁻ᵀ Sᵀ
     root = prior.root @ np.linalg.inv(upper[:, :n, :n])
-    found = Belief(x, lower_root(np.swapaxes(root, 1, 2)), prior.t_s)
+    fits = Belief(x, lower_root(np.swapaxes(root, 1, 2)), prior.t_s)
     best = np.argmin(squares.reshape(tries, cases), axis=0) * cases + np.arange(cases)
     rows = sum(usable(m)[1].sum(axis=0) for m in sets)
     return ArcFit(
-        Belief(found.x[:, best], found.root[best], found.t_s[best]),
+        Belief(fits.x[:, best], fits.root[best], fits.t_s[best]),
         squares[best],
         np.asarray(rows, dtype=float)[best],
         settled[best],
     )
 
 
-def screened(model: BodiesModel, measured: MeasurementSet, starts: Array, keep: int) -> Array:
-    """Return those of many starts that fit the measurements of the first time best.
+def select_starts(model: BodiesModel, measured: MeasurementSet, starts: Array, keep: int) -> Array:
+    """Return the starts that fit the measurements of the first time best.
 
     Parameters
     ----------
     model : BodiesModel
-        What sensors show.
+        Sensors.
     measured : MeasurementSet
         At the first time.
     starts : ndarray, shape (n, S, N)
         States.
     keep : int
-        How many are wanted of each case.
+        Number of starts that are kept for each case.
 
     Returns
     -------
     ndarray, shape (n, keep, N)
-        By the sum of squared residuals, the least first.
+        In rising order of the sum of squared residuals.
     """
     n, tries, cases = starts.shape
     layout, used = usable(measured)
@@ -196,14 +205,14 @@ def screened(model: BodiesModel, measured: MeasurementSet, starts: Array, keep: 
 
 
 def prior_rows(prior: Belief, x: Array) -> Array:
-    """Return the prior's rows (N, n, n + 1) about x (n, N), by z."""
+    """Return the rows (N, n, n + 1) of the prior about x (n, N): 1 and S⁻¹ (x̄ − x)."""
     off = np.linalg.solve(prior.root, (prior.x - x).T[:, :, None])
     one = np.broadcast_to(np.eye(len(x)), prior.root.shape)
     return np.concatenate([one, off], axis=2)
 
 
 def arc_rows(model: BodiesModel, x: Array, sets: Sequence[MeasurementSet], root: Array) -> ArcRows:
-    """Linearise an arc about states at its start.
+    """Linearise the measurements of an arc about states at its start.
 
     Parameters
     ----------
@@ -214,7 +223,7 @@ def arc_rows(model: BodiesModel, x: Array, sets: Sequence[MeasurementSet], root:
     sets : sequence of MeasurementSet
         At K times.
     root : ndarray, shape (N, n, n)
-        S of the prior, by whose columns derivatives are taken.
+        S of the prior: derivatives are by z.
 
     Returns
     -------
@@ -244,14 +253,17 @@ def arc_rows(model: BodiesModel, x: Array, sets: Sequence[MeasurementSet], root:
 def _problem(
     model: BodiesModel, prior: Belief, x: Array, sets: Sequence[MeasurementSet]
 ) -> tuple[Array, Array]:
-    """Return the triangle (N, n + 1, n + 1) of all rows about x, and the sum of squares."""
+    """Return the triangle (N, n + 1, n + 1) of all rows about x, and the sum of squares (N,)."""
     rows = arc_rows(model, x, sets, prior.root).flat()
     every = np.concatenate([prior_rows(prior, x), rows], axis=1)
     return upper_triangle(every), np.sum(every[:, :, -1] ** 2, axis=1)
 
 
-def _damped(upper: Array, damping: Array) -> Array:
-    """Return the damped steps (N, n) of z."""
+def _solve_damped(upper: Array, damping: Array) -> Array:
+    """Return the damped steps (N, n) of z.
+
+    The damping is n more rows √λ D below the triangle.
+    """
     n = upper.shape[1] - 1
     size = np.linalg.norm(upper[:, :, :n], axis=1)
     held = np.zeros((len(upper), n, n + 1))
@@ -260,17 +272,18 @@ def _damped(upper: Array, damping: Array) -> Array:
     return np.asarray(np.linalg.solve(solved[:, :n, :n], solved[:, :n, n:])[:, :, 0])
 
 
-def _along(prior: Belief, step: Array) -> Array:
-    """Return the change of the states (n, N) of one of z (N, n)."""
+def _state_change(prior: Belief, step: Array) -> Array:
+    """Return the change S d of the states (n, N) by a step d (N, n) of z."""
     return np.asarray((prior.root @ step[:, :, None])[:, :, 0].T)
 
 
-def _shortened(prior: Belief, x: Array, step: Array, farthest: float) -> Array:
-    """Return steps (N, n) of z that lead no farther from the prior's means than is allowed."""
+def _limit_step(prior: Belief, x: Array, step: Array, farthest: float) -> Array:
+    """Return steps (N, n) of z shortened to the largest distance from the prior's means."""
     if not np.isfinite(farthest):
         return step
     z = np.linalg.solve(prior.root, (x - prior.x).T[:, :, None])[:, :, 0]
     a, b = np.sum(step * step, axis=1), np.sum(z * step, axis=1)
+    # |z + s d|² = f² is s² a + 2 s b − c = 0; the positive root in the form without cancellation
     c = np.maximum(farthest**2 - np.sum(z * z, axis=1), 0.0)
     share = c / np.maximum(b + np.sqrt(b * b + a * c), 1e-300)
     return np.asarray(step * np.minimum(1.0, share)[:, None])

@@ -1,24 +1,25 @@
-"""Table and figure of first beliefs."""
+"""Table, figure and verdict of the stage ``initialisation``."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.stats import chi2, kstest
 
-from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
+from hillsphere.show.tables import column, tabulate
 from hillsphere_estimators.consistency import chi_square_band
 from hillsphere_estimators.initialisation.products import StartingBelief
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure
 
-__all__ = ["judged", "present_beginning"]
+__all__ = ["judge_consistency", "present_beginning"]
 
 _DOUBTFUL = 0.01
-"""Probability below which a distribution is not taken for χ²."""
+"""Probability of the Kolmogorov-Smirnov test below which the NEES do not count as χ² distributed:
+one consistent stage in a hundred falls below it."""
 
 
 def present_beginning(product: StartingBelief) -> Presentation:
@@ -27,56 +28,48 @@ def present_beginning(product: StartingBelief) -> Presentation:
     Parameters
     ----------
     product : StartingBelief
-        Of the stage.
+        Beliefs and true states.
 
     Returns
     -------
     Presentation
-        Errors of each spacecraft beside their standard deviations, the distribution of the NEES.
+        Errors of each spacecraft beside their standard deviations, and the distribution of the
+        NEES.
     """
     n, cases = product.means.shape
     off = product.means - product.truths
     variances = np.diagonal(product.covariances, axis1=1, axis2=2).T
-    rows: list[Mapping[str, Cell]] = []
-    for first in range(0, n, 6):
-        place, speed = slice(first, first + 3), slice(first + 3, first + 6)
-        rows.append(
-            {
-                "spacecraft": first // 6 + 1,
-                "position_rms_m": _root(off[place] ** 2),
-                "position_sigma_m": _root(variances[place]),
-                "velocity_rms_mm_s": 1e3 * _root(off[speed] ** 2),
-                "velocity_sigma_mm_s": 1e3 * _root(variances[speed]),
-            }
-        )
+    places = [slice(first, first + 3) for first in range(0, n, 6)]
+    speeds = [slice(first + 3, first + 6) for first in range(0, n, 6)]
     columns = [
-        Column("spacecraft", "-", "spacecraft"),
-        Column("position_rms_m", "m", "position, rms", 4),
-        Column("position_sigma_m", "m", "σ", 4),
-        Column("velocity_rms_mm_s", "mm/s", "velocity, rms", 4),
-        Column("velocity_sigma_mm_s", "mm/s", "σ", 4),
+        column("spacecraft", range(1, n // 6 + 1), "spacecraft"),
+        column("position_rms_m", [_root(off[own] ** 2) for own in places], "position, rms", 4),
+        column("position_sigma_m", [_root(variances[own]) for own in places], "σ", 4),
+        column("velocity_rms_mm_s", [_root(off[own] ** 2) for own in speeds], "velocity, rms", 4),
+        column("velocity_sigma_mm_s", [_root(variances[own]) for own in speeds], "σ", 4),
     ]
     nees = product.nees
     low, high = chi_square_band(n, cases)
     mean, fits = float(nees.mean()), float(kstest(nees, chi2(n).cdf).pvalue)
+    answer = judge_consistency(mean, low, high, fits)
     inside = "lies" if low <= mean <= high else "does not lie"
     verdict = (
         f"From sensors alone, over {product.t_s / 3600:.3g} h: first beliefs are "
-        f"{judged(mean, low, high, fits)}. The mean NEES of {n} states, {mean:.4g}, {inside} in "
+        f"{answer}. The mean NEES of {n} states, {mean:.4g}, {inside} in "
         f"the 99.9 % band {low:.4g} … {high:.4g}; probability of the distribution under χ²: "
         f"{fits:.2g} (Kolmogorov and Smirnov; below {_DOUBTFUL:g} it counts as inconsistent)."
     )
     missed = int((product.settled == 0).sum())
     lines = [verdict]
     if missed:
-        lines.append(f"Not converged, and counted all the same: {missed} of {cases} fits.")
+        lines.append(f"{missed} of {cases} fits did not converge; the statistics include them.")
     return Presentation(
         metrics={
             "initialisation_mean_nees": Metric(mean),
             "initialisation_chi_square_probability": Metric(fits),
             "initialisation_settled": Metric(float(product.settled.mean())),
         },
-        tables={"initialisation": Table("First beliefs, from sensors alone", columns, rows)},
+        tables={"initialisation": tabulate("First beliefs, from sensors alone", columns)},
         figures={
             "initialisation": Figure(
                 "Consistency of the first beliefs",
@@ -89,11 +82,19 @@ def present_beginning(product: StartingBelief) -> Presentation:
     )
 
 
-def judged(mean: float, low: float, high: float, probability: float) -> str:
-    """Return what a mean NEES, its band and the probability of its distribution say."""
+def judge_consistency(mean: float, low: float, high: float, probability: float) -> str:
+    """Return the verdict on beliefs by their mean NEES.
+
+    Parameters
+    ----------
+    mean, low, high : float
+        Mean NEES and its band.
+    probability : float
+        That of the distribution of the NEES, see `_DOUBTFUL`.
+    """
     if low <= mean <= high:
         return "consistent" if probability >= _DOUBTFUL else "not consistent"
-    return "cautious: errors are smaller than is said" if mean < low else "overconfident"
+    return "cautious: errors are smaller than stated" if mean < low else "overconfident"
 
 
 def _draw(figure: MatplotlibFigure, product: StartingBelief) -> None:

@@ -1,46 +1,38 @@
-"""What is believed at first."""
+"""Product of the stage ``initialisation``: beliefs before a navigation begins."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from hillsphere.interfaces import Array
+from hillsphere.products.fields import Shape
 
 __all__ = ["StartingBelief"]
 
 
 @dataclass(frozen=True)
 class StartingBelief:
-    """Beliefs from sensors alone, of M random cases.
+    """Beliefs from sensors alone, of many random cases, with the true states beside them."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        The states.
-    t_s : float
-        When, s.
-    means : ndarray, shape (n, M)
-        Means, SI.
-    covariances : ndarray, shape (M, n, n)
-        Covariances, SI.
-    truths : ndarray, shape (n, M)
-        True states then.
-    squares, rows : ndarray, shape (M,)
-        Sums of the squared residuals in units of their noise, and how many values were measured.
-    settled : ndarray, shape (M,)
-        1 where the fit converged, else 0.
-    """
-
-    names: tuple[str, ...]
+    names: Annotated[tuple[str, ...], Shape("states")]
+    """Names of the states."""
     t_s: float
-    means: Array
-    covariances: Array
-    truths: Array
-    squares: Array
-    rows: Array
-    settled: Array
+    """Time of the beliefs, that of the last measurement."""
+    means: Annotated[Array, Shape("states", "cases")]
+    """Means, SI."""
+    covariances: Annotated[Array, Shape("cases", "states", "states")]
+    """Covariances, SI."""
+    truths: Annotated[Array, Shape("states", "cases")]
+    """True states at that time, SI."""
+    squares: Annotated[Array, Shape("cases")]
+    """Sum of the squared residuals of the fit, in units of their noise."""
+    rows: Annotated[Array, Shape("cases")]
+    """Number of measured values of the fit."""
+    settled: Annotated[Array, Shape("cases")]
+    """1 where the fit converged, else 0."""
 
     @property
     def mean(self) -> Array:

@@ -23,7 +23,7 @@ class BeginningSpec(Spec):
 
 
 class InitialisationSpec(StageSpec):
-    """What sensors alone tell of where spacecraft are, nothing being known before."""
+    """A first belief of the states of spacecraft, from their sensors alone."""
 
     produces = "hillsphere_estimators.initialisation.products:StartingBelief"
     examples = (
@@ -39,26 +39,26 @@ class InitialisationSpec(StageSpec):
     )
 
     plant: Ref = reference("plant", "motion of the spacecraft, six states each, without control")
-    sensors: tuple[Ref, ...] = reference("sensor", "what measures")
+    sensors: tuple[Ref, ...] = reference("sensor", "the sensors")
     spacecraft: tuple[BeginningSpec, ...] = option(
         "true states at first, in the order of the plant's", min_length=1, max_length=20
     )
-    duration_s: float = quantity("time", "how long is measured", gt=0)
+    duration_s: float = quantity("time", "length of the arc of measurements", gt=0)
     interval_s: float = quantity("time", "between measurements", gt=0)
     seeds: int = option("random cases", default=100, ge=2, le=10000)
     depths_m: tuple[float, ...] = quantity(
-        "length", "distances to begin from along each camera's line of sight; every combination "
-        "of the spacecraft is tried",
+        "length", "distances along each line of sight from which the search starts, in every "
+        "combination of the spacecraft",
         gt=0, min_length=1, max_length=20,
     )  # fmt: skip
-    tries: int = option("from how many, the best at the first measurement, it is solved",
+    tries: int = option("number of starts, the best at the first measurement, that are solved",
                         default=3, ge=1, le=50)  # fmt: skip
     speed_m_s: float = quantity(
-        "speed", "greatest speed that is thought of, each axis: weight of the start", default=1.0,
+        "speed", "largest speed, each axis; a tenth of the prior's standard deviation", default=1.0,
         gt=0,
     )  # fmt: skip
     pointing_rad: float = quantity(
-        "angle", "how far off, each axis, a spacecraft looks at first from the asteroid's centre",
+        "angle", "standard deviation, each axis, of the pointing from the asteroid's centre",
         default=0.03, ge=0, lt=1,
     )  # fmt: skip
     step_s: float = quantity("time", "longest step of the step map", default=60.0, gt=0)
@@ -82,7 +82,7 @@ class InitialisationSpec(StageSpec):
     def misfits(
         self, tables: Mapping[str, Mapping[str, Spec]]
     ) -> Iterator[tuple[tuple[str | int, ...], str]]:
-        """Yield which sensors would find nothing to look at, and which no fit can weigh."""
+        """Yield the sensors that would find nothing to measure, or have no noise."""
         sensors = [(("sensors", i), ref) for i, ref in enumerate(self.sensors)]
         yield from noiseless(sensors, tables)
         yield from unseen(sensors, [self.plant], tables, takes_earth=False)

@@ -1,4 +1,4 @@
-"""The posterior Cramér-Rao bound along the planned flight of a navigation."""
+"""The posterior Cramér-Rao bound along the planned flights of a navigation."""
 
 from __future__ import annotations
 
@@ -13,30 +13,38 @@ from hillsphere.interfaces import Array, EstimationModel, Integers, Scene
 from hillsphere_estimators.cramer_rao import cramer_rao
 from hillsphere_estimators.plant_model import PlantModel
 
-__all__ = ["planned_bound"]
+__all__ = ["bound_along_plan"]
 
 
 @dataclass(frozen=True)
-class _Timed:
-    """A model in whose surroundings each time has its own."""
+class _ModelInScenes:
+    """A model whose sensors have another scene at each time.
+
+    Parameters
+    ----------
+    model : PlantModel
+        Motion and sensors.
+    scenes : dict of float to Scene
+        Scene of the sensors by time, s.
+    """
 
     model: PlantModel
     scenes: dict[float, Scene]
 
     def advance(self, x: Array, t0_s: Array, t1_s: Array, control: Array, case: Integers) -> Array:
-        """Return the states later."""
+        """Return the states (n, N) at later times."""
         return self.model.advance(x, t0_s, t1_s, control, case)
 
     def process_noise(self, x: Array, t0_s: Array, t1_s: Array, control: Array) -> Array:
-        """Return roots of the noise."""
+        """Return roots (N, n, r) of the covariance of the process noise."""
         return self.model.process_noise(x, t0_s, t1_s, control)
 
     def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
-        """Return what sensors show."""
+        """Return the measurements (m, N) of perfect sensors in the scene of this time."""
         return self.model.within(self.scenes[float(t_s[0])]).observe(x, t_s, case)
 
 
-def planned_bound(
+def bound_along_plan(
     model: PlantModel,
     starts: Array,
     prior: Array,
@@ -46,34 +54,35 @@ def planned_bound(
     scene: Callable[[Array, Array], Scene],
     heard: Callable[[float], NDArray[np.bool_]],
 ) -> Sequence[Belief]:
-    """Return the bounds at the times of the measurements, along undisturbed flights.
+    """Return the Cramér-Rao bounds at the times of the measurements, along undisturbed flights.
 
-    There the law is told the truth: a filter comes close to it with the first measurements. How far
-    the law then moves the spacecraft, and against what background, decides what is seen.
+    On these flights the law is given the true states, to which the estimates come close after the
+    first measurements. The motion under the law determines the geometry, and so the information of
+    the measurements.
 
     Parameters
     ----------
     model : PlantModel
-        What is believed of the world, with sensors that are differentiable.
+        The filter's model of the world, with sensors that are differentiable.
     starts : ndarray, shape (n, N)
         States at which the flights begin.
     prior : ndarray, shape (N, n, n)
-        Covariances there.
+        Their covariances.
     times_s : ndarray, shape (K,)
         Times of the plant.
     goal : ndarray, shape (n, K)
         Reference.
     control : callable
-        (estimate, reference), each (n, N) → what the motion is told.
+        (estimate, reference), each (n, N) → controls of the motion model.
     scene : callable
-        (t_s (N,), believed (n, N)) → surroundings.
+        (t_s (N,), believed states (n, N)) → scene of the sensors.
     heard : callable
         Time since the start → rows (m,) that are not silent.
 
     Returns
     -------
     sequence of Belief
-        N cases; the covariances are the bounds.
+        One for each time, of N cases; the covariances are the bounds.
     """
     x, cases = starts, starts.shape[1]
     every = np.arange(cases)
@@ -95,5 +104,5 @@ def planned_bound(
         )
         path.append(x)
         controls.append(control(x, np.repeat(goal[:, k : k + 1], cases, axis=1)))
-    timed: EstimationModel = _Timed(model, scenes)
+    timed: EstimationModel = _ModelInScenes(model, scenes)
     return cramer_rao(timed, path, prior, sets, controls[:-1])

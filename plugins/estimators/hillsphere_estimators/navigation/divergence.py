@@ -1,10 +1,10 @@
-"""Which filters have diverged, and which say so.
+"""Detection of divergence, by the errors and by the innovations.
 
-A filter that has diverged may go on for ever, certain of states that are not so. A simulation knows
-by its errors. A real system has its innovations, which are then far larger than it expects, set
-after set, or its gate leaves most of them out. One set alone says little: an outlier does the same
-to it. Sensors that are not as believed look alike, even where the estimate is good: that is an
-alarm, but no divergence.
+A diverged filter may continue for ever with a small covariance about wrong states. In a simulation
+its errors show it. A real system has only the innovations: they exceed their covariance in one set
+of measurements after another, or the gate rejects most of them. A single set proves nothing, since
+an outlier has the same effect. Sensors that differ from their model raise the same alarm even where
+the estimate is good; that is an alarm, but no divergence.
 """
 
 from __future__ import annotations
@@ -17,39 +17,49 @@ from hillsphere.interfaces import Array
 from hillsphere.simulation import Flights
 from hillsphere_estimators.navigation.metrics import Record
 
-__all__ = ["SEEN", "SILENT", "alarmed", "ending", "endings"]
+__all__ = [
+    "DIVERGED_WITHOUT_ALARM",
+    "DIVERGED_WITH_ALARM",
+    "detect_divergence",
+    "endings",
+    "format_ending",
+]
 
-SEEN, SILENT = "diverged (innovations)", "diverged (errors)"
-"""Endings of flights with an estimate that has diverged."""
-_SETS = 5
-"""Last sets of measurements, of those that brought anything, that all have to say so."""
-_CHANCE = 1e-6
-"""Of a consistent filter to be beyond a limit."""
+DIVERGED_WITH_ALARM, DIVERGED_WITHOUT_ALARM = "diverged (innovations)", "diverged (errors)"
+"""Endings of flights whose estimate has diverged, with and without an alarm by the innovations."""
+_ALARM_SETS = 5
+"""Last sets with measurements that must all exceed the limit. One may be an outlier, and with
+outliers in 10 % of the sets five in a row have a probability of 1e-5; more would delay the
+alarm."""
+_FALSE_ALARM = 1e-6
+"""Probability with which a consistent filter exceeds a limit."""
 
 
-def alarmed(nis: Array, used: Array, sent: Array, beyond: float) -> NDArray[np.bool_]:
-    """Return which flights' innovations are far outside of what chance explains.
+def detect_divergence(nis: Array, used: Array, sent: Array, beyond: float) -> NDArray[np.bool_]:
+    """Return which flights' innovations are larger than chance explains.
 
     Parameters
     ----------
     nis, used, sent : ndarray, shape (K, N)
-        Normalised innovations squared, the rows that were used of them, and those that were sent.
-        The first set counts for nothing: it meets a wide prior.
+        Normalised innovations squared, number of rows that were used, and number that were sent.
+        The first set does not count: it meets the wide prior.
     beyond : float
-        So many times the degrees of freedom, which are the mean of a consistent filter, is too
-        much, if one of 1e6 consistent ones would not exceed it; that matters below five rows.
+        Limit of the NIS per degree of freedom, which is 1 on average for a consistent filter. The
+        limit is raised where a consistent filter would exceed it more often than once in 1e6, which
+        happens below five rows.
 
     Returns
     -------
     ndarray of bool, shape (N,)
-        Those of which each of the last five sets that brought anything had too large a NIS, or
-        less than half of its rows within the gate; of flights with fewer sets all, by NIS alone.
+        True if each of the last five sets with measurements had too large a NIS or more than half
+        of its rows rejected. In flights with fewer sets all must have too large a NIS.
     """
     there = sent[1:] > 0.0
-    last = there & (np.cumsum(there[::-1], axis=0)[::-1] <= _SETS)
+    # counted from the end: the last sets that have measurements
+    last = there & (np.cumsum(there[::-1], axis=0)[::-1] <= _ALARM_SETS)
     many = last.sum(axis=0)
-    shut = (used[1:] < 0.5 * sent[1:]) & (many == _SETS)
-    out = _astray(nis[1:], used[1:], beyond) | shut
+    shut = (used[1:] < 0.5 * sent[1:]) & (many == _ALARM_SETS)
+    out = _exceeds_limit(nis[1:], used[1:], beyond) | shut
     return np.asarray((many > 0) & (out | ~last).all(axis=0))
 
 
@@ -61,39 +71,41 @@ def endings(
     Parameters
     ----------
     record : Record
-        What was measured of them.
+        Measured quantities of the flights.
     flights : Flights
-        As the simulation has it.
+        Their endings by the simulation.
     beyond : float
-        See `alarmed`; likewise NEES at the end is too large beyond so many times the states.
+        The factor of `detect_divergence`. A NEES at the end beyond this factor times the number of
+        states counts as diverged, likewise.
 
     Returns
     -------
     status, cause : tuple of str
-        Of each flight. ``diverged`` is one whose filter is no number any more (``filter``), or
-        whose NEES is too large at the end: with an alarm (``innovations``), or without
-        (``errors``).
+        Of each flight. The status is ``diverged`` if the filter has become non-finite (cause
+        ``filter``), or if its NEES at the end is too large, with an alarm by the innovations
+        (``innovations``) or without (``errors``).
     """
     status, cause = list(flights.status), list(flights.cause)
     lost = np.isnan(record.nees[-1])
-    wrong = _astray(record.nees[-1], np.array(float(len(record.error))), beyond)
-    alarm = alarmed(record.nis, record.used, record.sent, beyond)
+    wrong = _exceeds_limit(record.nees[-1], np.array(float(len(record.error))), beyond)
+    alarm = detect_divergence(record.nis, record.used, record.sent, beyond)
     for lane in range(len(status)):
         if wrong[lane]:
             status[lane], cause[lane] = "diverged", "innovations" if alarm[lane] else "errors"
-        elif not lost[lane]:  # what comes after the last measurement is none of its business
+        elif not lost[lane]:  # an ending after the last measurement does not concern navigation
             status[lane], cause[lane] = "completed", ""
         elif status[lane] == "completed":
             status[lane], cause[lane] = "diverged", "filter"
     return tuple(status), tuple(cause)
 
 
-def ending(status: str, cause: str) -> str:
-    """Return both in one."""
+def format_ending(status: str, cause: str) -> str:
+    """Return status and cause as one text."""
     return f"{status} ({cause})" if cause and cause != status else status
 
 
-def _astray(squares: Array, dof: Array, beyond: float) -> NDArray[np.bool_]:
+def _exceeds_limit(squares: Array, dof: Array, beyond: float) -> NDArray[np.bool_]:
+    """Return where χ² numbers exceed the limit of `detect_divergence`; `dof` are their degrees."""
     some = np.maximum(dof, 1.0)
-    limit = np.maximum(beyond * some, chi2.isf(_CHANCE, some))
+    limit = np.maximum(beyond * some, chi2.isf(_FALSE_ALARM, some))
     return np.asarray((dof > 0.0) & (squares > limit))

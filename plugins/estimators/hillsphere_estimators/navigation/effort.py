@@ -1,4 +1,4 @@
-"""What a law spends: Δv of its commands, without what shakes the plant beside them."""
+"""Δv of the commands of a law, without random accelerations."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from hillsphere.interfaces import Array, Plant
 from hillsphere.simulation import ContinuousLaw
 from hillsphere_estimators.plant_flow import PlantFlow
 
-__all__ = ["spent"]
+__all__ = ["law_delta_v"]
 
 
-def spent(
+def law_delta_v(
     plant: Plant,
     law: ContinuousLaw | None,
     method: str,
@@ -23,32 +23,33 @@ def spent(
     goal: Array,
     thrust: Array,
 ) -> Array:
-    """Return the Δv of each flight.
+    """Return the Δv of each flight's commands.
 
-    The simulator counts whatever pushes the plant, random accelerations too. Between two samples a
-    law knows nothing but the estimate at the first, so its commands are found again from that.
+    The simulator's Δv counts all accelerations, random ones included. Between two samples the law
+    knows only the estimate at the first of them, so that its commands can be computed again from
+    the estimates.
 
     Parameters
     ----------
     plant : Plant
-        What the law believes in.
+        The plant in the law's model.
     law : ContinuousLaw, optional
-        Whose commands; none: nothing is spent.
+        Its commands; without a law Δv is zero.
     method, step_s
-        Formula and longest step, s.
+        Formula, and longest step, s.
     times_s : ndarray, shape (K,)
         Times of the samples, s.
     estimate : ndarray, shape (n, K, N)
-        What the law was told; NaN where a flight was lost.
+        Estimates that the law was given; NaN after a flight was lost.
     goal : ndarray, shape (n, K)
         Reference.
     thrust : ndarray, shape (N,)
-        What is done of a command.
+        Thrust as a part of the command.
 
     Returns
     -------
     ndarray, shape (N,)
-        Until the last sample, m/s, sums over the spacecraft; NaN where a flight was lost.
+        Sum over the spacecraft until the last sample, m/s; NaN if the flight was lost.
     """
     cases = estimate.shape[2]
     if law is None:
@@ -66,5 +67,6 @@ def spent(
         duration = np.full(cases, times_s[k + 1] - times_s[k])
         steps = max(1, ceil(float(duration[0]) / step_s - 1e-9))
         end = flow.steps.propagate(y, duration, steps, told, np.full(cases, times_s[k]))
+        # the last state of the closed loop is its Δv
         total += np.where(lost, np.nan, end[-1])
     return total

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE
 from hillsphere_estimators.consistency import chi_square_band
@@ -17,13 +18,15 @@ if TYPE_CHECKING:
 __all__ = ["COLOURS", "draw_control", "draw_errors", "draw_nees", "hours_or_days"]
 
 COLOURS = ("blue", "vermillion", "green", "purple", "orange", "sky", "black")
-_LONG_S = 3.0 * 86400.0
+_LONG_S = 3.0 * DAY_S
+"""Flights longer than this are drawn over days: an axis in hours would have labels of three
+digits."""
 
 
 def hours_or_days(time_s: Array) -> tuple[Array, str]:
-    """Return times in hours, or days if there are many, and the label of their axis."""
+    """Return times in hours, or in days for a long flight, and the label of their axis."""
     if time_s[-1] > _LONG_S:
-        return time_s / 86400.0, "time [d]"
+        return time_s / DAY_S, "time [d]"
     return time_s / 3600.0, "time [h]"
 
 

@@ -1,4 +1,4 @@
-"""Sensors and a filter in the loop: from true states to what the law believes."""
+"""Sensors and a filter in the loop: from true states to the estimate that the law is given."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from numpy.typing import NDArray
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel, Estimator, Scene
 from hillsphere.sensor_suite import SensorSuite
-from hillsphere_estimators.bias_states import Biased
+from hillsphere_estimators.bias_states import BiasAugmentedModel
 from hillsphere_estimators.consistency import nees
 from hillsphere_estimators.covariance_intersection import covariance_intersection
-from hillsphere_estimators.navigation.world import Faults
+from hillsphere_estimators.navigation.world import FaultySensors
 
-__all__ = ["FilterLog", "Filtering", "Views", "updated"]
+__all__ = ["FilterLog", "Filtering", "SensorScenes", "update_members"]
 
 
 @dataclass
 class FilterLog:
-    """What a filter did with one block, sample by sample; each entry (…, N).
+    """Record of a filter over one block of cases, one entry (…, N) per sample.
 
     Parameters
     ----------
     error, sigma : list of ndarray, shape (n, N)
-        Estimate minus truth, and what the filter believes of it.
+        Estimate minus truth, and the standard deviations by the filter.
     nees, nis, used, sent : list of ndarray, shape (N,)
-        Normalised errors and innovations squared; rows used, and rows that were sent.
+        Normalised errors and innovations squared; number of rows used and of rows sent.
     seen : list of ndarray, shape (B, N)
-        Which of B sensors measured something.
+        Whether each of B sensors measured something.
     """
 
     error: list[Array] = field(default_factory=list)
@@ -43,15 +43,15 @@ class FilterLog:
 
 
 @dataclass(frozen=True)
-class Views:
-    """Surroundings of the sensors, at times (N,) and for believed states (n, N).
+class SensorScenes:
+    """Scenes of the sensors, as functions of times (N,) and believed states (n, N).
 
     Parameters
     ----------
     believed, true : callable
-        (t_s, believed) → scene: as the filter has it, and as it is.
+        (t_s, believed) → scene: in the filter's model, and in truth.
     aim : callable
-        (believed, true) → states by which the spacecraft turn.
+        (believed, true) → states by which the spacecraft point.
     """
 
     believed: Callable[[Array, Array], Scene]
@@ -61,7 +61,19 @@ class Views:
 
 @dataclass(frozen=True)
 class _Memory:
-    """Between two samples: belief, what the motion was told, the sensors' constants, lost lanes."""
+    """State of the filter between two samples.
+
+    Parameters
+    ----------
+    belief : Belief
+        After the measurements of the last sample.
+    control : ndarray, shape (p, N)
+        Controls of the motion model until the next sample.
+    constant : ndarray
+        Normal numbers of the sensors' constant errors.
+    lost : ndarray of bool, shape (N,)
+        Cases whose filter has become non-finite, or whose flight has ended.
+    """
 
     belief: Belief
     control: Array
@@ -71,47 +83,43 @@ class _Memory:
 
 @dataclass(frozen=True)
 class Filtering:
-    """A `hillsphere.simulation.Navigation`: sensors of the true states, and a filter.
+    """Sensors of the true states and a filter, as a `hillsphere.simulation.Navigation`.
 
     Parameters
     ----------
-    model : PlantModel or Biased
-        What the filter believes of the world.
+    model : PlantModel or BiasAugmentedModel
+        The filter's model of the world.
     within : callable
         scene → that model in this scene.
-    faults : Faults
+    faults : FaultySensors
         The true sensors.
     believed : SensorSuite
-        Those that the filter believes in: they state the sigmas.
-    views : Views
-        Surroundings.
+        The sensors of the filter's model, which state the standard deviations.
+    views : SensorScenes
+        Scenes of both.
     estimators : tuple of Estimator
         Of the first updates, and of all others.
     gate_after : int
         Number of the first updates.
     members : tuple of ndarray of bool, shape (m,)
-        Rows of each member of a decentralised filter; one for a joint one.
-    start : Callable
-        (t_s, x, w) → belief before the first measurement.
-    rows : int
-        Number n of the plant's states.
-    starting : int
-        Normal numbers that `start` takes.
+        Rows of each member of a decentralised filter; one for a joint filter.
+    start : Belief
+        Before the first measurement.
     control : callable
-        (estimate (n, N), reference (n, N)) → what the model's motion is told.
+        (estimate (n, N), reference (n, N)) → controls of the motion model.
     goal : ndarray, shape (n, K)
         Reference at the samples.
     interval_s : float
         Time between samples.
     log : FilterLog
-        Filled on the way.
+        Filled during the flight.
     """
 
     model: EstimationModel
     within: Callable[[Scene], EstimationModel]
-    faults: Faults
+    faults: FaultySensors
     believed: SensorSuite
-    views: Views
+    views: SensorScenes
     estimators: tuple[Estimator, Estimator]
     gate_after: int
     members: tuple[NDArray[np.bool_], ...]
@@ -123,14 +131,14 @@ class Filtering:
 
     @property
     def noise(self) -> int:
-        """Normal numbers of each case: those of the start, or those of a sample."""
+        """Normal numbers of each case: the larger of those of the start and those of a sample."""
         return max(self.faults.suite.draws[0], self.faults.noise)
 
     def initial(self, t_s: Array, x: Array, w: Array) -> _Memory:
         """Return the belief before the first measurement."""
         belief = self.start
-        if isinstance(self.model, Biased):
-            belief = self.model.started(belief)
+        if isinstance(self.model, BiasAugmentedModel):
+            belief = self.model.append_biases(belief)
         constant = w[: self.faults.suite.draws[0]]
         lost = np.zeros(len(t_s), dtype=bool)
         return _Memory(belief, np.zeros((0, len(t_s))), constant, lost)
@@ -138,13 +146,32 @@ class Filtering:
     def observe(
         self, k: int, t_s: Array, x: Array, u: Array, w: Array, memory: _Memory
     ) -> tuple[Array, _Memory]:
-        """Return the estimate (n, N) after the measurements of sample k."""
+        """Predict, measure and update; return the estimate (n, N) and the new memory.
+
+        Parameters
+        ----------
+        k : int
+            Number of the sample.
+        t_s : ndarray, shape (N,)
+            Times, s.
+        x : ndarray, shape (n, N)
+            True states.
+        u : ndarray
+            Not used: the command follows from the estimate.
+        w : ndarray, shape (noise, N)
+            Normal numbers.
+        memory : _Memory
+            Of the last sample.
+        """
         n, belief = len(self.start.x), memory.belief
         estimator = self.estimators[0 if k < self.gate_after else 1]
         if k:
             belief = estimator.predict(self.model, belief, t_s, memory.control)
         goal = np.repeat(self.goal[:, k : k + 1], len(t_s), axis=1)
-        belief, lost = _kept(belief, memory.belief, goal, memory.lost | ~np.isfinite(x).all(axis=0))
+        belief, lost = _reset_lost_lanes(
+            belief, memory.belief, goal, memory.lost | ~np.isfinite(x).all(axis=0)
+        )
+        # lost lanes are measured as if they were on the reference, so that all numbers stay finite
         truth = np.where(lost, goal, x)
         look = belief.x[:n]
         aim = self.views.aim(look, truth)
@@ -154,8 +181,10 @@ class Filtering:
             truth, t_s, k * self.interval_s, self.views.true(t_s, aim), memory.constant,
             w[: self.faults.noise], sigma,
         )  # fmt: skip
-        after, innovations = updated(estimator, self.within(seen), belief, measured, self.members)
-        after, lost = _kept(after, belief, goal, lost)
+        after, innovations = update_members(
+            estimator, self.within(seen), belief, measured, self.members
+        )
+        after, lost = _reset_lost_lanes(after, belief, goal, lost)
         self._note(x, after, innovations, measured, lost)
         estimate = np.where(lost, np.nan, after.x[:n])
         told = self.control(after.x[:n], goal)
@@ -165,6 +194,7 @@ class Filtering:
         self, x: Array, belief: Belief, innovations: Sequence[Innovation],
         measured: MeasurementSet, lost: NDArray[np.bool_],
     ) -> None:  # fmt: skip
+        """Append errors, innovations and sensors of this sample to the log, NaN in lost cases."""
         n, log = len(self.start.x), self.log
         truth = np.concatenate([x, belief.x[n:]])
 
@@ -173,6 +203,7 @@ class Filtering:
 
         log.error.append(noted(belief.x[:n] - x))
         log.sigma.append(noted(belief.sigma[:n]))
+        # the simulator's states of ended flights are NaN
         finite = np.where(np.isfinite(truth), truth, belief.x)
         log.nees.append(noted(nees(belief, finite, None if len(belief.x) == n else np.arange(n))))
         log.nis.append(noted(np.sum([one.nis for one in innovations], axis=0)))
@@ -183,19 +214,32 @@ class Filtering:
         log.seen.append(noted(np.logical_or.reduceat(measured.present, first, axis=0)))
 
 
-def updated(
+def update_members(
     estimator: Estimator,
     model: EstimationModel,
     belief: Belief,
     measured: MeasurementSet,
     members: Sequence[NDArray[np.bool_]],
 ) -> tuple[Belief, list[Innovation]]:
-    """Return the belief after measurements, and what they brought.
+    """Return the belief after the update of all members, and their innovations.
 
-    With several members each updates the common belief by its own rows; the results, whose errors
-    are correlated by what they share, are joined by covariance intersection, one after the other.
+    Each member updates the common prior by its own rows. The errors of the results are correlated
+    by the prior in an unknown way, and are fused one after the other by covariance intersection.
+
+    Parameters
+    ----------
+    estimator : Estimator
+        Of all members.
+    model : EstimationModel
+        The filter's model.
+    belief : Belief
+        The common prior.
+    measured : MeasurementSet
+        All measurements.
+    members : sequence of ndarray of bool, shape (m,)
+        Rows of each member.
     """
-    found: Belief | None = None
+    fused: Belief | None = None
     innovations = []
     for rows in members:
         own = measured
@@ -203,15 +247,19 @@ def updated(
             own = replace(measured, present=measured.present & rows[:, None])
         after, innovation = estimator.update(model, belief, own)
         innovations.append(innovation)
-        found = after if found is None else covariance_intersection(found, after)[0]
-    assert found is not None
-    return found, innovations
+        fused = after if fused is None else covariance_intersection(fused, after)[0]
+    assert fused is not None
+    return fused, innovations
 
 
-def _kept(
+def _reset_lost_lanes(
     new: Belief, old: Belief, goal: Array, lost: NDArray[np.bool_]
 ) -> tuple[Belief, NDArray[np.bool_]]:
-    """Return a belief whose lost lanes are harmless numbers, and which are lost now."""
+    """Return a belief with finite numbers in lost lanes, and which lanes are lost now.
+
+    A lost lane is put on the reference with its last finite covariance: the batch of lanes is
+    computed as a whole, and a lane of NaN would stop it.
+    """
     whole = np.isfinite(new.x).all(axis=0) & np.isfinite(new.root).all(axis=(1, 2))
     gone = lost | ~whole
     if not gone.any():

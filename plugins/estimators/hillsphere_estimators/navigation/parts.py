@@ -1,4 +1,4 @@
-"""What a navigation is made of: sensors, the filter's model with its biases, its start."""
+"""Parts of a navigation: sensors, the filter's model with its biases, and its prior."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from hillsphere.simulation import ContinuousLaw
 from hillsphere.spec import Ref
 from hillsphere_estimators.bias_states import BiasStates
 from hillsphere_estimators.navigation.specs import OWN, BiasSpec, NavigationSpec
-from hillsphere_estimators.navigation.world import Faults, noise_of
+from hillsphere_estimators.navigation.world import FaultySensors, noise_of
 from hillsphere_estimators.plant_model import PlantModel
 
 __all__ = [
-    "Beginnings",
+    "InitialBeliefs",
     "biases_of",
     "check_scales",
-    "checked_law",
+    "continuous_law",
     "faults_of",
     "intervals_of",
     "members_of",
@@ -38,29 +38,31 @@ __all__ = [
     "usable_beliefs",
 ]
 
-_WHOLE = 1e-6
+_ROUNDING = 1e-6
+"""Relative excess of a duration over whole intervals that is rounding of the units in a mission
+(hours to seconds), and must not add an interval."""
 _POSITIVE = ("gm", "semi_major_axis", "rotation_rate")
 
 
-class Beginnings(Protocol):
-    """Beliefs before the first measurement, and the truth behind them, of M cases.
+class InitialBeliefs(Protocol):
+    """Beliefs before the first measurement, with the true states, of M cases.
 
-    What the stage ``initialisation`` yields: means and truths (n, M), covariances (M, n, n).
+    The stage ``initialisation`` produces them.
     """
 
     @property
     def means(self) -> Array:
-        """Believed states (n, M), SI."""
+        """Means (n, M), SI."""
         ...
 
     @property
     def covariances(self) -> Array:
-        """Their covariances (M, n, n)."""
+        """Covariances (M, n, n), SI."""
         ...
 
     @property
     def truths(self) -> Array:
-        """True states (n, M)."""
+        """True states (n, M), SI."""
         ...
 
     @property
@@ -70,22 +72,23 @@ class Beginnings(Protocol):
 
     @property
     def t_s(self) -> float:
-        """When, s."""
+        """Time of the beliefs, s."""
         ...
 
     @property
     def settled(self) -> Array:
-        """1 where a belief can be relied upon, else 0 (M,)."""
+        """1 where the fit converged, else 0 (M,)."""
         ...
 
 
-def usable_beliefs(spec: NavigationSpec, plant: Plant, given: Beginnings) -> Integers:
-    """Return which cases of an earlier stage's beliefs flights may begin with.
+def usable_beliefs(spec: NavigationSpec, plant: Plant, given: InitialBeliefs) -> Integers:
+    """Return the cases of given beliefs whose fit has converged.
 
     Raises
     ------
     InputError
-        If they are of other states or of another time than the flight, or if none has converged.
+        If the beliefs are of other states or of another time than the flight, or none has
+        converged.
     """
     names = tuple(variable.name for variable in plant.states)
     if given.names != names:
@@ -108,17 +111,17 @@ def usable_beliefs(spec: NavigationSpec, plant: Plant, given: Beginnings) -> Int
 
 
 def intervals_of(spec: NavigationSpec) -> int:
-    """Return how many whole intervals a flight lasts."""
-    return max(1, ceil(spec.duration_s / spec.interval_s * (1.0 - _WHOLE)))
+    """Return the number of whole intervals of a flight, at least one."""
+    return max(1, ceil(spec.duration_s / spec.interval_s * (1.0 - _ROUNDING)))
 
 
-def checked_law(spec: NavigationSpec, plant: Plant) -> ContinuousLaw | None:
-    """Return the law, if there is one.
+def continuous_law(spec: NavigationSpec, plant: Plant) -> ContinuousLaw | None:
+    """Return the law of the stage, None without one.
 
     Raises
     ------
     InputError
-        If it does not act continuously on an estimate of all states of the plant.
+        If the law is not continuous, or does not act on an estimate of all states of the plant.
     """
     if spec.law is None:
         return None
@@ -137,13 +140,17 @@ def checked_law(spec: NavigationSpec, plant: Plant) -> ContinuousLaw | None:
 
 
 def check_scales(scale: Mapping[str, float], nominal: Mapping[str, float]) -> None:
-    """Check that scaled parameters still make sense.
+    """Raise `InputError` if scaled parameters of the true plant are impossible.
 
-    Raises
-    ------
-    InputError
-        For a gravitational parameter, a semi-major axis or a rotation rate of zero, and for an
-        eccentricity that is none of an ellipse.
+    A gravitational parameter, a semi-major axis and a rotation rate must not be zero; an
+    eccentricity must be that of an ellipse.
+
+    Parameters
+    ----------
+    scale : mapping
+        Factors by name.
+    nominal : mapping
+        Nominal values by name.
     """
     for name, factor in scale.items():
         last = name.rpartition(".")[2]
@@ -158,23 +165,23 @@ def check_scales(scale: Mapping[str, float], nominal: Mapping[str, float]) -> No
 
 
 def sensors_of(refs: Sequence[Ref]) -> tuple[Sensor, ...]:
-    """Return the sensors that references hold."""
-    found = []
+    """Return the sensors of references."""
+    sensors = []
     for ref in refs:
         sensor: object = ref.get()
         if not isinstance(sensor, Sensor):
             raise InputError(f"sensors: a sensor is needed, got a {type(sensor).__name__}")
-        found.append(sensor)
-    return tuple(found)
+        sensors.append(sensor)
+    return tuple(sensors)
 
 
 def true_sensors(spec: NavigationSpec, believed: SensorSuite) -> SensorSuite:
-    """Return the true sensors.
+    """Return the suite of the true sensors.
 
     Raises
     ------
     InputError
-        If their channels are not those that the filter believes in.
+        If their channels differ from those of the filter's model.
     """
     if not spec.truth.sensors:
         return believed
@@ -187,8 +194,8 @@ def true_sensors(spec: NavigationSpec, believed: SensorSuite) -> SensorSuite:
     return suite
 
 
-def faults_of(spec: NavigationSpec, suite: SensorSuite) -> Faults:
-    """Return the true sensors with what goes wrong."""
+def faults_of(spec: NavigationSpec, suite: SensorSuite) -> FaultySensors:
+    """Return the true sensors with dropouts, outliers and outages."""
     names = [ref.name for ref in spec.sensors]
     silent = [
         (
@@ -197,13 +204,13 @@ def faults_of(spec: NavigationSpec, suite: SensorSuite) -> Faults:
         )
         for out in spec.outages
     ]
-    return Faults(
+    return FaultySensors(
         suite, spec.dropouts, spec.outliers, spec.outlier_sigmas, silent, spec.faults_from_s
     )
 
 
 def members_of(spec: NavigationSpec, suite: SensorSuite) -> tuple[NDArray[np.bool_], ...]:
-    """Return the rows (m,) of each member of the filter."""
+    """Return the rows (m,) of each member of the filter; all for a joint filter."""
     if not spec.members:
         return (np.ones(suite.rows, dtype=bool),)
     names = [ref.name for ref in spec.sensors]
@@ -214,7 +221,7 @@ def members_of(spec: NavigationSpec, suite: SensorSuite) -> tuple[NDArray[np.boo
 def model_of(
     spec: NavigationSpec, plant: Plant, suite: SensorSuite, law: ContinuousLaw | None
 ) -> PlantModel:
-    """Return what the filter believes of the world, without biases."""
+    """Return the filter's model of the world, without biases."""
     return PlantModel(
         plant,
         suite,
@@ -229,12 +236,12 @@ def model_of(
 def biases_of(
     spec: NavigationSpec, plant: Plant, suite: SensorSuite, law: ContinuousLaw | None
 ) -> BiasStates | None:
-    """Return the further states of the filter; None without any.
+    """Return the bias states of the filter, None without any.
 
     Raises
     ------
     InputError
-        If a channel or a control is unknown.
+        If a channel or a control is unknown, or a thrust bias is given without a law.
     """
     if not spec.biases:
         return None
@@ -247,6 +254,7 @@ def biases_of(
         if bias.of == "thrust" and law is None:
             raise InputError("biases: 'thrust' needs a law; without one nothing is commanded")
         if bias.of == "acceleration":
+            # one bias for each axis; its rows follow the law's estimate and reference
             groups = [[first + i] for i in _axes_of(bias, plant)]
         elif bias.of == "thrust":  # the same for all axes of a spacecraft
             size = count // thrust_vectors(count)
@@ -269,7 +277,10 @@ def biases_of(
 
 
 def prior_sigma(spec: NavigationSpec, rows: Rows, start: Array) -> Array:
-    """Return the standard deviations (n,) of the states before the first measurement."""
+    """Return the standard deviations (n,) of the states before the first measurement.
+
+    For a position it is the larger of an absolute value and a part of the distance from the origin.
+    """
     belief = spec.belief
     sigma = np.full(len(rows.names), belief.velocity_m_s)
     places = start[rows.positions].reshape(-1, 3 if len(rows.positions) % 3 == 0 else 1)
@@ -279,13 +290,13 @@ def prior_sigma(spec: NavigationSpec, rows: Rows, start: Array) -> Array:
 
 
 def prior_of(sigma: Array, x: Array, t_s: Array) -> Belief:
-    """Return a belief of means x (n, N) and independent standard deviations (n,)."""
+    """Return a belief of means x (n, N) with independent standard deviations (n,)."""
     root = np.repeat(np.diag(sigma)[None], x.shape[1], axis=0)
     return Belief(np.ascontiguousarray(x), root, t_s)
 
 
 def _axes_of(bias: BiasSpec, plant: Plant) -> list[int]:
-    """Return the controls beside which an acceleration that lasts acts."""
+    """Return the controls to which a constant acceleration is added."""
     names = [control.name for control in plant.controls]
     if bias.channel and bias.channel not in names:
         raise InputError(
@@ -295,8 +306,8 @@ def _axes_of(bias: BiasSpec, plant: Plant) -> list[int]:
 
 
 def _rows_of(spec: NavigationSpec, bias: BiasSpec, suite: SensorSuite) -> list[int]:
-    """Return the rows of a sensor's channels that have a bias of their own."""
-    first, found, known = 0, [], []
+    """Return the rows of a sensor's channels that have a bias."""
+    first, rows, known = 0, [], []
     for ref, block in zip(spec.sensors, suite.blocks, strict=True):
         for channel in block:
             if ref.name == bias.of:
@@ -307,13 +318,13 @@ def _rows_of(spec: NavigationSpec, bias: BiasSpec, suite: SensorSuite) -> list[i
                             f"biases: channel {channel.name!r} of {bias.of!r} is a direction, "
                             "which cannot have one; take a sensor that shows angles"
                         )
-                    found.append(first)
+                    rows.append(first)
             first += channel.rows
-    if not found:
+    if not rows:
         raise InputError(
             f"biases: sensor {bias.of!r} has no channel {bias.channel!r}; it has {', '.join(known)}"
         )
-    return found
+    return rows
 
 
 def _channels(suite: SensorSuite) -> str:

@@ -1,4 +1,4 @@
-"""What flights along one reference share: where they are planned to be, and what is known of it."""
+"""The plan that all flights along one reference share: start, reference and first belief."""
 
 from __future__ import annotations
 
@@ -10,35 +10,37 @@ from hillsphere.engine.course import Course, Rows, course_along, course_at
 from hillsphere.errors import InputError, PropagationError
 from hillsphere.interfaces import Array, Integers, Plant
 from hillsphere.products import FlightSet
-from hillsphere_estimators.navigation.parts import Beginnings, prior_sigma, usable_beliefs
+from hillsphere_estimators.navigation.parts import InitialBeliefs, prior_sigma, usable_beliefs
 from hillsphere_estimators.navigation.specs import NavigationSpec
 from hillsphere_estimators.plant_model import PlantModel
 
-__all__ = ["Plan", "check_step", "given_start", "plan_of"]
+__all__ = ["Plan", "check_step", "plan_of", "read_start"]
 
 _MOST_SAMPLES = 12
-"""Samples from which the step map is tried."""
+"""Intervals of the reference at which the step is checked, spread evenly. Each costs two short
+flights from 2n points; far fewer might miss the fastest part of the reference."""
 
 _NEGLIGIBLE = 1e-3
-"""Part of the first belief that a step map may be off by."""
+"""Error of the step map, as a part of the first belief, that is always accepted: its square adds a
+millionth to the variance."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What flights along one reference share.
+    """Plan of flights along one reference.
 
     Parameters
     ----------
     start : ndarray, shape (n,)
-        State at which the flight is planned to begin, SI.
+        Planned state at the start, SI.
     goal : ndarray, shape (n, K)
         Reference at the measurements, SI.
     sigma : ndarray, shape (n,)
-        How well the start is known, SI.
+        Standard deviations of the start, SI.
     begin_s : float
-        When flights begin, s.
+        Time of the plant at the start.
     beliefs : ndarray of int
-        Cases of an earlier stage's beliefs, with which flights begin in turn; none without.
+        Cases of an earlier stage's beliefs with which flights begin in turn; empty without.
     """
 
     start: Array
@@ -54,24 +56,24 @@ def plan_of(
     rows: Rows,
     since_s: Array,
     product: FlightSet | None,
-    belief: Beginnings | None,
+    belief: InitialBeliefs | None,
 ) -> Plan:
-    """Return the plan of flights.
+    """Return the plan of the flights.
 
     Parameters
     ----------
     spec : NavigationSpec
-        Start, belief, which trajectory of the reference.
+        Start, belief, and the trajectory that is followed.
     plant : Plant
-        What is believed to fly.
+        The plant of the filter's model.
     rows : Rows
         Its positions and velocities.
     since_s : ndarray, shape (K,)
         Times of the measurements since the start, s.
     product : FlightSet, optional
-        What is followed; none: the start is held.
-    belief : StartingBelief, optional
-        What is believed at the start.
+        Trajectories of which one is the reference; without it the start is held.
+    belief : InitialBeliefs, optional
+        Beliefs at the start.
 
     Returns
     -------
@@ -81,9 +83,9 @@ def plan_of(
     Raises
     ------
     InputError
-        If the start has another number of components than the plant, or a belief does not fit.
+        If the start has another number of components than the plant, or the beliefs do not fit.
     """
-    given = given_start(spec, rows)
+    given = read_start(spec, rows)
     begin_s, cases = spec.start.time_s, np.zeros(0, dtype=np.int64)
     if belief is not None:
         begin_s, cases = belief.t_s, usable_beliefs(spec, plant, belief)
@@ -101,8 +103,8 @@ def plan_of(
     return Plan(start, goal, prior_sigma(spec, rows, start), begin_s, cases)
 
 
-def given_start(spec: NavigationSpec, rows: Rows) -> Array:
-    """Return the start as the Spec gives it (n,); NaN where a product of an earlier stage does.
+def read_start(spec: NavigationSpec, rows: Rows) -> Array:
+    """Return the start of the Spec (n,); NaN where the reference gives it.
 
     Raises
     ------
@@ -111,23 +113,24 @@ def given_start(spec: NavigationSpec, rows: Rows) -> Array:
     """
     given = np.full(len(rows.names), np.nan)
     if spec.start.position_m is not None:
-        given[rows.positions] = _checked(spec.start.position_m, "position_m", rows)
+        given[rows.positions] = _check_length(spec.start.position_m, "position_m", rows)
         given[rows.velocities] = 0.0
     if spec.start.velocity_m_s is not None:
-        given[rows.velocities] = _checked(spec.start.velocity_m_s, "velocity_m_s", rows)
+        given[rows.velocities] = _check_length(spec.start.velocity_m_s, "velocity_m_s", rows)
     return given
 
 
 def check_step(
     plan: Plan, rows: Rows, model: PlantModel, finer: PlantModel, since_s: Array
 ) -> None:
-    """Refuse a step that is too long for the motion about the plan.
+    """Raise `InputError` if the step of the model is too long for the motion about the plan.
 
-    From measurements on, one standard deviation of the first belief off the reference on either
-    side of each axis, the flight to the next measurement is followed with the model's step and with
-    half of it. They may differ by what the process noise adds in that time, or by a thousandth of
-    the first belief, whichever is more (of a speed also by what makes that of the position in one
-    interval): the error is no noise that a filter knows of.
+    From states one standard deviation of the first belief off the reference, on either side of each
+    axis, the flight over one interval is computed with the model's step and with half of it. The
+    difference estimates the error of the step map, which is no noise of the filter's model. It may
+    be as large as the process noise of that interval, or a thousandth of the first belief,
+    whichever is larger. (For a velocity, the latter is at least the thousandth that moves the
+    position by its own thousandth in one interval.)
 
     Parameters
     ----------
@@ -136,7 +139,7 @@ def check_step(
     rows : Rows
         Positions and velocities of the plant.
     model, finer : PlantModel
-        Of the step that is asked for, and of half of it; without biases.
+        With the step of the Spec, and with half of it; without biases.
     since_s : ndarray, shape (K,)
         Times of the measurements since the start, s.
 
@@ -154,14 +157,14 @@ def check_step(
     off = np.concatenate([off, -off], axis=1)
     goal, t0, t1 = plan.goal[:, samples], since_s[samples], since_s[samples + 1]
     there = (goal, plan.begin_s + t0, plan.begin_s + t1)
-    roots = model.process_noise(*there, _told(model, goal, goal))
+    roots = model.process_noise(*there, _model_control(model, goal, goal))
     added = np.repeat(np.sqrt(np.sum(roots**2, axis=2)).T, 2 * n, axis=1)
     goal, t0, t1 = (np.repeat(one, 2 * n, axis=-1) for one in there)
     x = goal + np.tile(off, len(samples))
-    flown = (x, t0, t1, _told(model, x, goal), np.zeros(x.shape[1], dtype=np.int64))
+    flown = (x, t0, t1, _model_control(model, x, goal), np.zeros(x.shape[1], dtype=np.int64))
     try:
         difference = np.abs(model.advance(*flown) - finer.advance(*flown))
-    except PropagationError:  # such a belief reaches what cannot be flown: the flights will tell
+    except PropagationError:  # a state within the belief cannot be flown: the flights report it
         return
     scale = plan.sigma.copy()
     crossing = np.max(scale[rows.positions]) / (since_s[1] - since_s[0])
@@ -171,19 +174,20 @@ def check_step(
     if difference[worst] > allowed[worst]:
         unit = "m/s" if model.plant.states[worst[0]].time else "m"
         raise InputError(
-            f"step_s: {model.step_s:g} s is too long: from states that the first belief holds "
-            f"possible the step map errs by {difference[worst]:.2g} {unit} within one interval of "
+            f"step_s: {model.step_s:g} s is too long: from states one standard deviation off the "
+            f"reference the step map errs by {difference[worst]:.2g} {unit} within one interval of "
             f"{t1[worst[1]] - t0[worst[1]]:g} s, where the process noise adds "
             f"{added[worst]:.2g} {unit}; take a shorter one"
         )
 
 
-def _told(model: PlantModel, estimate: Array, goal: Array) -> Array:
-    """Return what the model's motion is told: the law's estimate and reference, if any."""
+def _model_control(model: PlantModel, estimate: Array, goal: Array) -> Array:
+    """Return the controls of the motion model: estimate and reference of the law, if any."""
     return np.zeros((0, goal.shape[1])) if model.law is None else np.concatenate([estimate, goal])
 
 
-def _checked(given: tuple[float, ...], key: str, rows: Rows) -> Array:
+def _check_length(given: tuple[float, ...], key: str, rows: Rows) -> Array:
+    """Return the numbers of a key of the start, one for each position, or raise `InputError`."""
     count = len(rows.positions)
     if len(given) != count:
         raise InputError(f"start.{key}: {len(given)} numbers, the plant has {count}")

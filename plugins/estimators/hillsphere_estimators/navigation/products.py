@@ -1,87 +1,75 @@
-"""What the stage ``navigation`` hands on."""
+"""Product of the stage ``navigation``."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from hillsphere.interfaces import Array
+from hillsphere.products.fields import Label, Shape
 
 __all__ = ["NavigationFlight"]
 
 
 @dataclass(frozen=True)
 class NavigationFlight:
-    """64 flights with different draws, measurement by measurement; NaN where one was lost.
+    """64 flights with different random numbers, measurement by measurement.
 
-    Parameters
-    ----------
-    frame : str
-        Frame of the states.
-    spacecraft : tuple of str
-        Names of the S spacecraft.
-    states : tuple of str
-        Names of the n states.
-    time_s : ndarray, shape (K,)
-        Times of the measurements since the start.
-    x, estimate, goal : ndarray, shape (n, K)
-        True states, those believed and those of the reference, SI, of the first flight.
-    sigma : ndarray, shape (n, K)
-        Standard deviations that its filter believes in.
-    position_error_m, velocity_error_m_s : ndarray, shape (S, K, N)
-        Of the estimates.
-    position_sigma_m : ndarray, shape (S, K, N)
-        Root of the summed variances of the three axes.
-    control_error_m : ndarray, shape (S, K, N)
-        Distance of the true positions from the reference.
-    nees, nis, used, sent : ndarray, shape (K, N)
-        Normalised errors squared of the n states; normalised innovations squared, the rows that
-        were used of them, and those that were sent.
-    bounds_m : ndarray, shape (S, K, N)
-        Posterior Cramér-Rao bounds of the position errors, each along the flight's own planned
-        path.
-    sensors : tuple of str
-        Names of the B sensors.
-    seen : ndarray, shape (B, N)
-        Share of the measurements at which a sensor saw something.
-    matched : bool
-        Whether the filter's world is the true one.
-    lost : int
-        How many of the flights did not come to their end.
-    endings : tuple of str
-        How each of the N flights ended, and why: ``"completed"``, ``"diverged (filter)"``.
-    metrics, units : tuple of str
-        Names and units of the m metrics.
-    values : ndarray, shape (m, N)
-        Their values.
+    Quantities of a flight are NaN from the time at which its filter was lost. All units are SI.
     """
 
     frame: str
-    spacecraft: tuple[str, ...]
-    states: tuple[str, ...]
-    time_s: Array
-    x: Array
-    estimate: Array
-    goal: Array
-    sigma: Array
-    position_error_m: Array
-    velocity_error_m_s: Array
-    position_sigma_m: Array
-    control_error_m: Array
-    nees: Array
-    nis: Array
-    used: Array
-    sent: Array
-    bounds_m: Array
-    sensors: tuple[str, ...]
-    seen: Array
+    """Frame of the states."""
+    spacecraft: Annotated[tuple[str, ...], Shape("spacecraft"), Label("spacecraft")]
+    """Names of the spacecraft."""
+    states: Annotated[tuple[str, ...], Shape("states")]
+    """Names of the states."""
+    time_s: Annotated[Array, Shape("times")]
+    """Times of the measurements since the start."""
+    x: Annotated[Array, Shape("states", "times")]
+    """True states of the first flight."""
+    estimate: Annotated[Array, Shape("states", "times")]
+    """States as the filter of the first flight estimates them."""
+    goal: Annotated[Array, Shape("states", "times")]
+    """States of the reference."""
+    sigma: Annotated[Array, Shape("states", "times")]
+    """Standard deviations by the filter of the first flight."""
+    position_error_m: Annotated[Array, Shape("spacecraft", "times", "flights")]
+    """Length of the error of the estimated position."""
+    velocity_error_m_s: Annotated[Array, Shape("spacecraft", "times", "flights")]
+    """Length of the error of the estimated velocity."""
+    position_sigma_m: Annotated[Array, Shape("spacecraft", "times", "flights")]
+    """Root of the summed variances of the three axes, by the filter."""
+    control_error_m: Annotated[Array, Shape("spacecraft", "times", "flights")]
+    """Distance of the true position from the reference."""
+    nees: Annotated[Array, Shape("times", "flights")]
+    """Normalised estimation error squared (NEES) of all states."""
+    nis: Annotated[Array, Shape("times", "flights")]
+    """Normalised innovation squared (NIS) of the rows that were used."""
+    used: Annotated[Array, Shape("times", "flights")]
+    """Number of measured rows that were used: the degrees of freedom of the NIS."""
+    sent: Annotated[Array, Shape("times", "flights")]
+    """Number of rows that the sensors sent; a gate may reject some of them."""
+    bounds_m: Annotated[Array, Shape("spacecraft", "times", "flights")]
+    """Posterior Cramér-Rao bound of the position error, along the planned path of each flight."""
+    sensors: Annotated[tuple[str, ...], Shape("sensors"), Label("sensor")]
+    """Names of the sensors."""
+    seen: Annotated[Array, Shape("sensors", "flights")]
+    """Share of the times at which a sensor measured something."""
     matched: bool
+    """Whether the filter's model of plant and sensors is the true one."""
     lost: int
-    endings: tuple[str, ...]
-    metrics: tuple[str, ...]
-    units: tuple[str, ...]
-    values: Array
+    """Number of flights whose filter was lost before the end."""
+    endings: Annotated[tuple[str, ...], Shape("flights")]
+    """How each flight ended, and why: ``"completed"``, ``"diverged (filter)"``."""
+    metrics: Annotated[tuple[str, ...], Shape("metrics")]
+    """Names of the metrics."""
+    units: Annotated[tuple[str, ...], Shape("metrics")]
+    """Their units."""
+    values: Annotated[Array, Shape("metrics", "flights")]
+    """Their values."""
 
     @property
     def bound_m(self) -> Array:

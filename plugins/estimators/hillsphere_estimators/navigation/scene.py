@@ -1,4 +1,4 @@
-"""What surrounds the sensors of spacecraft near a body, and where these are told to look."""
+"""The scene of sensors near a body, and the pointing of the spacecraft."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ __all__ = ["HeliocentricPlant", "ScenicPlant", "Sky", "aims", "proximity_scene",
 
 @runtime_checkable
 class ScenicPlant(Contract, Protocol):
-    """A plant that can say where the Sun stands and how the body is turned.
+    """A plant that gives the direction of the Sun and the orientation of the body.
 
-    Its Spec lists in ``gives`` what sensors find in its scene, by name: only then is a mission
-    valid that has them look at it.
+    Its Spec lists in ``gives`` the names of its scene, without which a mission whose sensors need
+    them is not valid.
     """
 
     def scene(self, t_s: Array, **values: Array | float) -> dict[str, Array]:
-        """Return arrays (…, N) at times (N,); values of parameters that are not nominal."""
+        """Return arrays (…, N) at times (N,); `values` are parameters that are not nominal."""
         ...
 
 
@@ -38,12 +38,12 @@ class HeliocentricPlant(Contract, Protocol):
 
     @property
     def epoch(self) -> str | None:
-        """Date and time (TDB) of time 0, if its body says so."""
+        """Date and time (TDB) of time 0, None if its body does not state it."""
         ...
 
     @property
     def oriented(self) -> bool:
-        """Whether its heliocentric axes are those of ecliptic and equinox J2000."""
+        """Whether its heliocentric axes are the ecliptic and equinox of J2000."""
         ...
 
     def heliocentric(self, t_s: Array, **values: Array | float) -> dict[str, Array]:
@@ -53,14 +53,14 @@ class HeliocentricPlant(Contract, Protocol):
 
 @dataclass(frozen=True)
 class Sky:
-    """What is far from the body, for sensors that look there.
+    """Ephemerides of distant bodies that sensors observe.
 
     Parameters
     ----------
     earth : Ephemeris, optional
         Of the Earth; none without stations on it.
     epoch : Epoch, optional
-        When time is 0.
+        Date of time 0.
     """
 
     earth: Ephemeris | None = None
@@ -69,35 +69,35 @@ class Sky:
     def around(
         self, plant: HeliocentricPlant, t_s: Array, **values: Array | float
     ) -> dict[str, Array]:
-        """Return where a plant's frame and the Earth stand at times (N,)."""
-        found = plant.heliocentric(t_s, **values)
+        """Return the heliocentric frame of a plant, and the Earth's states and axes."""
+        scene = plant.heliocentric(t_s, **values)
         if self.earth is not None and self.epoch is not None:
             times, which = np.unique(t_s, return_inverse=True)
             states, turns = earth_at(times, self.earth, self.epoch)
-            found |= {"earth": states[:, which], "earth_axes": turns[:, :, which]}
-        return found
+            scene |= {"earth": states[:, which], "earth_axes": turns[:, :, which]}
+        return scene
 
 
 def sky_of(
     sensors: Sequence[Sensor], plants: Sequence[Plant], earth: Any = None, epoch: str | None = None
 ) -> Sky | None:
-    """Return what sensors see far from the body; None if they do not look there.
+    """Return the ephemerides that the sensors need, None if they need none.
 
     Parameters
     ----------
     sensors : sequence of Sensor
-        Believed and true ones; what they take from the scene is in their `takes`.
+        Those of the filter's model and the true ones; their `takes` names what they need.
     plants : sequence of Plant
-        Believed and true one.
+        That of the filter's model and the true one.
     earth : object, optional
         The body.
     epoch : str, optional
-        Date and time (TDB) at which time is 0; left out: that of the plants.
+        Date and time (TDB) of time 0; by default that of the plants.
 
     Raises
     ------
     InputError
-        If a sensor would not find what it takes.
+        If a sensor would not find what it needs, or two dates of time 0 differ.
     """
     moving = [plant for plant in plants if isinstance(plant, HeliocentricPlant)]
     dates = {one for one in (epoch, *(plant.epoch for plant in moving)) if one is not None}
@@ -131,10 +131,19 @@ def sky_of(
 
 
 def aims(positions: list[int], believed: Array, true: Array, beyond_rad: float | None) -> Array:
-    """Return by which states (n, N) spacecraft turn that search for what they do not see.
+    """Return the states (n, N) by which the spacecraft point.
 
-    A spacecraft that looks farther than `beyond_rad` past the origin turns until it has found it,
-    and then looks there; none searches if that is left out.
+    A spacecraft points at the origin from where it believes to be. If that is farther than
+    `beyond_rad` from the origin it turns until it sees the body, and then points there.
+
+    Parameters
+    ----------
+    positions : list of int
+        Rows of the positions.
+    believed, true : ndarray, shape (n, N)
+        Estimated and true states.
+    beyond_rad : float or None
+        Half the field of view of its camera; None: no spacecraft searches.
     """
     if beyond_rad is None:
         return believed
@@ -143,9 +152,9 @@ def aims(positions: list[int], believed: Array, true: Array, beyond_rad: float |
     along = np.sum(told * place, axis=1)
     across = np.linalg.norm(np.cross(told, place, axis=1), axis=1)
     off = np.arctan2(across, along) > beyond_rad
-    found = believed.copy()
-    found[positions] = np.where(off[:, None, :], place, told).reshape(-1, believed.shape[1])
-    return found
+    states = believed.copy()
+    states[positions] = np.where(off[:, None, :], place, told).reshape(-1, believed.shape[1])
+    return states
 
 
 def proximity_scene(
@@ -156,35 +165,35 @@ def proximity_scene(
     sky: Sky | None = None,
     **values: Array | float,
 ) -> Scene:
-    """Return what sensors take from the scene.
+    """Return the scene of the sensors.
 
     Parameters
     ----------
     plant : Plant
-        Whose scene it is; of one that has none only the boresights are there.
+        Its scene is part of it; of a plant without one only the boresights are given.
     positions : list of int
         Rows of the positions, three a spacecraft.
     t_s : ndarray, shape (N,)
         Times, s.
     believed : ndarray, shape (n, N)
-        States by which the spacecraft turn: each looks at the origin of the plant's frame from
-        where it believes to be.
+        States by which the spacecraft point: each at the origin of the plant's frame from where it
+        believes to be.
     sky : Sky, optional
-        What is far from the body; left out: no sensor looks there.
+        Distant bodies; none by default.
     **values : ndarray, shape (N,), or float
         Parameters of the plant that are not nominal, SI.
 
     Returns
     -------
     dict of str to ndarray
-        That of the plant and of the sky; ``"boresight"``, shape (S, 3, N); ``"attitude"``,
-        (S, 3, 1), zero: the spacecraft stand as they are commanded to.
+        That of the plant and of the sky; ``"boresight"``, shape (S, 3, N); ``"attitude"``, shape
+        (S, 3, 1), the pointing errors, which are zero.
     """
-    found: dict[str, Array] = {}
+    scene: dict[str, Array] = {}
     if isinstance(plant, ScenicPlant):
-        found.update(plant.scene(np.asarray(t_s, dtype=float), **values))
+        scene.update(plant.scene(np.asarray(t_s, dtype=float), **values))
     if sky is not None and isinstance(plant, HeliocentricPlant):
-        found.update(sky.around(plant, np.asarray(t_s, dtype=float), **values))
-    found["boresight"] = -believed[positions].reshape(-1, 3, believed.shape[1])
-    found["attitude"] = np.zeros((len(found["boresight"]), 3, 1))
-    return found
+        scene.update(sky.around(plant, np.asarray(t_s, dtype=float), **values))
+    scene["boresight"] = -believed[positions].reshape(-1, 3, believed.shape[1])
+    scene["attitude"] = np.zeros((len(scene["boresight"]), 3, 1))
+    return scene

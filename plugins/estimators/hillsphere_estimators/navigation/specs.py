@@ -33,7 +33,7 @@ __all__ = [
 
 
 OWN = ("acceleration", "thrust")
-"""Biases that are not those of a sensor."""
+"""Biases of the motion, not of a sensor."""
 
 
 class NavigationNeeds(Spec):
@@ -46,15 +46,15 @@ class NavigationNeeds(Spec):
     )
     belief: Ref | None = need(
         "hillsphere_estimators.initialisation.products:StartingBelief",
-        "beliefs before the first measurement and the true states behind them, one for each case "
-        "in turn, instead of start and belief; flights begin at its time, and there on a "
-        "reference, or they hold the mean place; fits that have not converged are left out",
+        "beliefs before the first measurement, with their true states, instead of start and "
+        "belief: one for each case in turn, fits that did not converge left out. Flights begin at "
+        "their time, on the reference at that time or, without one, holding the mean position",
         default=None,
     )
 
 
 class BeliefSpec(Spec):
-    """How well the start is known, each axis on its own; the larger of two sigmas counts."""
+    """Standard deviations of the start, axis by axis; of a position the larger of two."""
 
     examples = ({"position_relative": 0.1, "velocity_mm_s": 1}, {"position_m": 50})
 
@@ -68,8 +68,8 @@ class BeliefSpec(Spec):
         "speed", "standard deviation of each velocity", default=1e-3, gt=0
     )
     off: Literal["truth", "estimate"] = option(
-        "what differs at random from the start: the truth (the estimate begins where the flight "
-        "was planned to begin), or the estimate",
+        "what differs at random from the planned start: the truth (the estimate begins there), or "
+        "the estimate",
         default="truth",
     )
 
@@ -81,7 +81,7 @@ class BeliefSpec(Spec):
 
 
 class TruthSpec(Spec):
-    """How the true world differs from the one that the filter believes in."""
+    """Differences between the true world and the filter's model."""
 
     examples = (
         {},
@@ -95,11 +95,10 @@ class TruthSpec(Spec):
         "sensor", "true sensors, of the same channels; left out: as believed", default=()
     )
     scale: dict[str, float] = option(
-        "parameters of the true plant by which factor they differ from nominal "
-        "(rotation_rate = 1.01)",
+        "factors of parameters of the true plant against nominal (rotation_rate = 1.01)",
         default={},
     )
-    thrust: float = option("what is done of what is commanded", default=1.0, gt=0, le=10)
+    thrust: float = option("thrust as a part of the command", default=1.0, gt=0, le=10)
 
     @model_validator(mode="after")
     def _scales(self) -> Self:
@@ -110,7 +109,7 @@ class TruthSpec(Spec):
 
 
 class OutageSpec(Spec):
-    """A time in which some sensors are silent."""
+    """An interval in which some sensors do not measure."""
 
     examples = ({"interval_h": [6, 30]}, {"sensors": ["lidar"], "interval_h": [6, 30]})
 
@@ -127,7 +126,7 @@ class OutageSpec(Spec):
 
 
 class BiasSpec(Spec):
-    """A further state of the filter: an error that lasts."""
+    """A bias as an additional state of the filter."""
 
     examples = (
         {"of": "camera", "channel": "azimuth", "sigma": 0.02},
@@ -136,7 +135,7 @@ class BiasSpec(Spec):
 
     of: str = option(
         "name of a sensor; 'acceleration': one for each component, beside the command; or "
-        "'thrust': for each spacecraft by what part more is done than commanded"
+        "'thrust': relative error of the thrust, one for each spacecraft"
     )
     channel: str = option(
         "of a sensor: which channel has it; of an acceleration: which control of the plant (ax1); "
@@ -145,20 +144,21 @@ class BiasSpec(Spec):
     )
     sigma: float = option("standard deviation, SI (m, rad, m/s²; a part of thrust)", gt=0)
     time_s: float | None = quantity(
-        "time", "in which it is forgotten (first-order Gauss-Markov); left out: never",
+        "time", "correlation time (first-order Gauss-Markov process); left out: a constant",
         default=None, gt=0,
     )  # fmt: skip
     considered: bool = option(
-        "whether it is not estimated, and only its uncertainty reckoned with", default=False
+        "whether the bias is not estimated and only its uncertainty counts (Schmidt)",
+        default=False,
     )
 
 
 class NavigationSpec(StageSpec):
-    """Spacecraft that find their way by sensors and a filter, and are controlled by its estimate.
+    """Spacecraft navigated by sensors and a filter, and controlled by its estimate.
 
-    What may differ from case to case: parameters of the true plant, as ``plant.NAME`` or, where
-    the truth has a plant of its own, ``truth.plant.NAME``; ``thrust``, what is done of a command.
-    The filter does not know of it. The orbit of the body is the same in all cases.
+    Inputs that may differ from case to case: parameters of the true plant, as ``plant.NAME`` or, if
+    the truth has a plant of its own, ``truth.plant.NAME``; and ``thrust``, the thrust as a part of
+    the command. The filter does not know them. The orbit of the body is the same in all cases.
     """
 
     produces = "hillsphere_estimators.navigation.products:NavigationFlight"
@@ -179,10 +179,10 @@ class NavigationSpec(StageSpec):
     plant: Ref = reference("plant", "equations of motion that the filter believes in")
     law: Ref | None = reference(
         "compensator",
-        "continuous law that acts on the estimate, at whatever interval; left out: nothing acts",
+        "continuous law that acts on the estimate; left out: free motion",
         default=None,
     )
-    sensors: tuple[Ref, ...] = reference("sensor", "what measures")
+    sensors: tuple[Ref, ...] = reference("sensor", "the sensors")
     earth: Ref | None = reference(
         "body", "the Earth, for stations on it; left out: there are none", default=None
     )
@@ -195,17 +195,17 @@ class NavigationSpec(StageSpec):
     estimator: Ref = reference("estimator", "the filter, of all states")
     opening: Ref | None = reference(
         "estimator",
-        "a filter that takes its place for the first updates (one without a gate, that a wide "
-        "belief would make reject what is good); left out: none",
+        "filter of the first updates (one without a gate, which might reject good measurements "
+        "while the belief is wide); left out: none",
         default=None,
     )
     gate_after: int = option(
-        "with opening: number of updates that it takes", default=0, ge=0, le=1_000_000
+        "with opening: number of updates by that filter", default=0, ge=0, le=1_000_000
     )
     members: tuple[tuple[str, ...], ...] = option(
-        "decentralised: names of the sensors of each member; each filters its own measurements, "
-        "and what they believe is joined by covariance intersection, which reckons with any "
-        "correlation; left out: one filter takes all",
+        "decentralised filter: names of the sensors of each member. Each member filters its own "
+        "measurements; the results are fused by covariance intersection, which allows for any "
+        "correlation. Left out: one joint filter",
         default=(),
     )
     follow: str = option(
@@ -230,30 +230,32 @@ class NavigationSpec(StageSpec):
     method: Literal["rk6", "dop853"] = option("formula of the step maps", default="rk6")
     search_beyond_rad: float | None = quantity(
         "angle",
-        "a spacecraft that looks farther past the body than this (half its camera's field of view) "
-        "searches until it has found it, and looks there; left out: it looks where it believes "
-        "the body to be, and may never see it",
+        "a spacecraft that points farther from the body than this (half its camera's field of "
+        "view) searches until it sees the body, and then points there; left out: it points where "
+        "it believes the body to be, and may never see it",
         default=None, gt=0,
     )  # fmt: skip
     truth: TruthSpec = option(
         "how the true world differs from the believed one; left out: not at all",
         default=TruthSpec(),
     )
-    dropouts: float = option("part of all blocks of measurements that is missing", default=0.0,
+    dropouts: float = option("probability that a block of measurements is missing", default=0.0,
         ge=0, lt=1,
     )  # fmt: skip
-    outliers: float = option("part of all blocks that is far off", default=0.0, ge=0, lt=1)
+    outliers: float = option("probability that a block is an outlier", default=0.0, ge=0, lt=1)
     outlier_sigmas: float = option(
-        "by how much, in the sigmas of their noise", default=30.0, ge=0, le=1e6
+        "error of an outlier in standard deviations of the noise", default=30.0, ge=0, le=1e6
     )
     faults_from_s: float = quantity(
         "time",
-        "time since the start from which there are dropouts and outliers: what comes before, "
-        "against a wide belief, no gate can tell from the truth",
+        "time since the start from which there are dropouts and outliers; a gate cannot reject "
+        "earlier outliers, while the belief is wide",
         default=0.0, ge=0,
     )  # fmt: skip
-    outages: tuple[OutageSpec, ...] = option("when which sensors are silent", default=())
-    biases: tuple[BiasSpec, ...] = option("further states of the filter", default=())
+    outages: tuple[OutageSpec, ...] = option(
+        "intervals in which sensors do not measure", default=()
+    )
+    biases: tuple[BiasSpec, ...] = option("biases as additional states of the filter", default=())
     report_at_s: tuple[float, ...] = quantity(
         "time", "times since the start at which errors are given besides those at the end",
         default=(),
@@ -262,10 +264,10 @@ class NavigationSpec(StageSpec):
         "time", "time since the start from which root mean squares count", default=0.0, ge=0
     )
     diverged_beyond: float = option(
-        "a filter has diverged, and the flight failed, where its NEES per state at the end is "
-        "greater than this (1 on average of a consistent one, which is called so less than once in "
-        "1e6). Its innovations give the alarm where NIS per row is in each of the last five sets "
-        "of measurements, or where its gate leaves out more than half of each",
+        "a filter has diverged, and the flight failed, if its NEES per state at the end is greater "
+        "than this (1 on average for a consistent filter, of which less than one in 1e6 is counted "
+        "as diverged). Its innovations give an alarm if the NIS per row is greater in each of the "
+        "last five sets of measurements, or if the gate rejects more than half of each",
         default=10.0, gt=1, le=1e6,
     )  # fmt: skip
     label: str = option(
@@ -347,7 +349,7 @@ class NavigationSpec(StageSpec):
     def misfits(
         self, tables: Mapping[str, Mapping[str, Spec]]
     ) -> Iterator[tuple[tuple[str | int, ...], str]]:
-        """Yield which sensors would find nothing to look at, and which no filter can weigh."""
+        """Yield the sensors that would find nothing to measure, or have no noise."""
         believed = [(("sensors", i), ref) for i, ref in enumerate(self.sensors)]
         true = [(("truth", "sensors", i), ref) for i, ref in enumerate(self.truth.sensors)]
         plants = [self.plant, *([self.truth.plant] if self.truth.plant else [])]

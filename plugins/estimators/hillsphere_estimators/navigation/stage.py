@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from hillsphere.base.seeds import draws
-from hillsphere.engine.course import Rows
+from hillsphere.engine.flight_metrics import FlightMetric
+from hillsphere.engine.flying_stage import FlyingStage, collect_histories
+from hillsphere.engine.requirements import Judgement
 from hillsphere.engine.start_states import with_placed_start_of
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
@@ -22,22 +24,26 @@ from hillsphere.interfaces import (
     Plant,
     Scene,
 )
-from hillsphere.interfaces.cases import CaseBatch, CaseResults
+from hillsphere.interfaces.cases import CaseBatch, Histories
 from hillsphere.presentation import Presentation
 from hillsphere.products import FlightSet
 from hillsphere.sensor_suite import SensorSuite
-from hillsphere.simulation import BLOCK, Cases, Flights, Simulator
-from hillsphere_estimators.bias_states import Biased
-from hillsphere_estimators.navigation.bounds import planned_bound
-from hillsphere_estimators.navigation.divergence import ending, endings
-from hillsphere_estimators.navigation.effort import spent
-from hillsphere_estimators.navigation.filtering import Filtering, FilterLog, Views
-from hillsphere_estimators.navigation.metrics import Record, histories_of, metrics_of
+from hillsphere.simulation import BLOCK, Cases, Simulator
+from hillsphere_estimators.bias_states import BiasAugmentedModel
+from hillsphere_estimators.navigation.bounds import bound_along_plan
+from hillsphere_estimators.navigation.divergence import endings, format_ending
+from hillsphere_estimators.navigation.effort import law_delta_v
+from hillsphere_estimators.navigation.filtering import Filtering, FilterLog, SensorScenes
+from hillsphere_estimators.navigation.metrics import (
+    Record,
+    navigation_histories,
+    navigation_metrics,
+)
 from hillsphere_estimators.navigation.parts import (
-    Beginnings,
+    InitialBeliefs,
     biases_of,
     check_scales,
-    checked_law,
+    continuous_law,
     faults_of,
     intervals_of,
     members_of,
@@ -46,24 +52,36 @@ from hillsphere_estimators.navigation.parts import (
     sensors_of,
     true_sensors,
 )
-from hillsphere_estimators.navigation.plan import Plan, check_step, given_start, plan_of
+from hillsphere_estimators.navigation.plan import Plan, check_step, plan_of, read_start
 from hillsphere_estimators.navigation.presentation import present_navigation
 from hillsphere_estimators.navigation.products import NavigationFlight
 from hillsphere_estimators.navigation.scene import aims, proximity_scene, sky_of
 from hillsphere_estimators.navigation.specs import NavigationSpec
-from hillsphere_estimators.navigation.world import AtInterval, Drift, ShakenReference, noise_of
+from hillsphere_estimators.navigation.world import (
+    NoControl,
+    PerturbedReference,
+    ResampledLaw,
+    noise_of,
+)
 from hillsphere_estimators.plant_model import PlantModel
 
 __all__ = ["NavigationStage"]
 
-_STREAM = "navigation"
 _ORBIT = ("primary_gm", "semi_major_axis", "eccentricity", "true_anomaly")
 """Parameters of the body's orbit. Kepler's equation is solved for a few lanes at a time, until all
 of them have converged: if these differed, a case would take other last bits from its neighbours."""
 
 
-class NavigationStage:
-    """Sensors, a filter and a law in a loop.
+@dataclass(frozen=True)
+class _Planned:
+    """A plan, and the beliefs of an earlier stage with which its flights begin, if any."""
+
+    plan: Plan
+    belief: InitialBeliefs | None
+
+
+class NavigationStage(FlyingStage[_Planned, Record]):
+    """Flights with sensors, a filter and a law in a closed loop.
 
     Parameters
     ----------
@@ -76,8 +94,10 @@ class NavigationStage:
         If plant, law, sensors and Spec do not fit together.
     """
 
+    kind = "navigation"
+
     def __init__(self, spec: NavigationSpec) -> None:
-        self.plant: Plant = spec.plant.get()
+        super().__init__(spec.plant.get())
         self.spec = spec = with_placed_start_of(spec, self.plant)
         self.true_plant: Plant = self.plant if spec.truth.plant is None else spec.truth.plant.get()
         names = [tuple(v.name for v in plant.states) for plant in (self.plant, self.true_plant)]
@@ -86,14 +106,13 @@ class NavigationStage:
                 f"truth.plant: its states are {', '.join(names[1])}, those of plant "
                 f"{', '.join(names[0])}; they must be the same"
             )
-        self.rows = Rows(self.plant)
         if self.rows.others:
             other = ", ".join(self.rows.names[i] for i in self.rows.others)
             raise InputError(
                 f"plant: navigation estimates positions and velocities; this one has {other} too"
             )
-        given_start(spec, self.rows)  # which refuses another number of components
-        self.law = checked_law(spec, self.plant)
+        read_start(spec, self.rows)  # which refuses another number of components
+        self.law = continuous_law(spec, self.plant)
         self._prefix = "plant." if spec.truth.plant is None else "truth.plant."
         self._nominal = {q.name: q for q in self.true_plant.parameters()}
         if unknown := sorted(set(spec.truth.scale) - set(self._nominal)):
@@ -116,36 +135,41 @@ class NavigationStage:
         self._opening: Estimator = opening.get()
         self._count = intervals_of(spec) + 1
         self._since: Array = np.arange(self._count, dtype=float) * spec.interval_s
-        self._known: tuple[object, object, Plan] | None = None
+        self._metrics = navigation_metrics(self.rows.vectors, self._since, spec.report_at_s)
+
+    @property
+    def metrics(self) -> tuple[FlightMetric[Record], ...]:
+        """Metrics of its flights; see `navigation_metrics`."""
+        return self._metrics
 
     def case_inputs(self) -> tuple[Parameter, ...]:
-        """Return what may differ from case to case, see `NavigationSpec`."""
+        """Return the inputs that may differ from case to case; see `NavigationSpec`."""
         scale = self.spec.truth.scale
-        found = [
+        inputs = [
             replace(q, name=self._prefix + q.name, value=q.value * scale.get(q.name, 1.0))
             for q in self._nominal.values()
             if q.name not in _ORBIT
         ]
         if self.law is not None:
-            found.append(Parameter("thrust", self.spec.truth.thrust))
-        return tuple(found)
+            inputs.append(Parameter("thrust", self.spec.truth.thrust))
+        return tuple(inputs)
 
     def run(
         self,
         ctx: Context,
         reference: FlightSet | None = None,
-        belief: Beginnings | None = None,
+        belief: InitialBeliefs | None = None,
     ) -> NavigationFlight:
-        """Fly a block of 64 cases of different draws, none of them dispersed.
+        """Fly a block of 64 cases with different random numbers and nominal inputs.
 
         Parameters
         ----------
         ctx : Context
             Seed and progress.
         reference : FlightSet, optional
-            What is followed.
-        belief : StartingBelief, optional
-            What is believed at the start.
+            Trajectories of which one is followed.
+        belief : InitialBeliefs, optional
+            Beliefs at the start.
 
         Returns
         -------
@@ -153,64 +177,17 @@ class NavigationStage:
             Case by case.
         """
         advance = ctx.track("navigation", BLOCK)
-        numbers = np.arange(BLOCK)
-        batch = CaseBatch(
-            numbers, numbers, np.zeros(BLOCK, bool), (), np.zeros((0, BLOCK)), ctx.seed, _STREAM
-        )
-        plan = self._plan(reference, belief)
-        record, flights = self._fly(plan, batch, belief)
+        planned = self._plan(reference=reference, belief=belief)
+        batch = self._own_batch(ctx.seed, BLOCK)
+        record = self._fly_block(planned, batch)
         advance(BLOCK)
-        return self._product(plan, record, flights)
-
-    def run_cases(
-        self,
-        batch: CaseBatch,
-        history: bool | Sequence[str] = False,
-        reference: FlightSet | None = None,
-        belief: Beginnings | None = None,
-    ) -> CaseResults:
-        """Fly a block of cases.
-
-        Parameters
-        ----------
-        batch : CaseBatch
-            Inputs by the names of `case_inputs`; noise by its draws.
-        history : bool or sequence of str
-            Whether to keep histories, or which, see `histories_of`.
-        reference : FlightSet, optional
-            What is followed.
-        belief : StartingBelief, optional
-            What is believed at the start.
-
-        Returns
-        -------
-        CaseResults
-            Metrics as in `metrics_of`. A flight that was lost, or whose filter has diverged, has
-            failed, see `endings`.
-        """
-        plan = self._plan(reference, belief)
-        record, flights = self._fly(plan, batch, belief)
-        names, units, values = self._metrics(record)
-        status, cause = endings(record, flights, self.spec.diverged_beyond)
-        kept = histories_of(record, plan.begin_s, history) if history else None
-        failed = np.array(status) != "completed"
-        return CaseResults(names, units, values, status, cause, failed, kept)
-
-    def prepare_cases(
-        self,
-        names: Sequence[str],
-        reference: FlightSet | None = None,
-        belief: Beginnings | None = None,
-    ) -> None:
-        """Compile what `run_cases` needs for batches of these inputs."""
-        self._plan(reference, belief)
-        self._simulator(self._run_time(names), None)
+        return self._product(planned, batch, record)
 
     def present(
         self,
         product: NavigationFlight,
         reference: FlightSet | None = None,
-        belief: Beginnings | None = None,
+        belief: InitialBeliefs | None = None,
     ) -> Presentation:
         """Show the flights."""
         return present_navigation(product, self.spec)
@@ -219,66 +196,67 @@ class NavigationStage:
     def _model(self) -> PlantModel:
         return model_of(self.spec, self.plant, self._suite, self.law)
 
-    def _stepping(self, factor: float) -> PlantModel:
-        """Return the model with a step so many times as long."""
+    def _model_with_step(self, factor: float) -> PlantModel:
+        """Return the filter's model with `factor` times its step."""
         spec = self.spec.model_copy(update={"step_s": factor * self.spec.step_s})
         return model_of(spec, self.plant, self._suite, self.law)
 
     def _control(self, estimate: Array, goal: Array) -> Array:
-        """Return what the model's motion is told: the law's estimate and reference, if any."""
+        """Return the controls of the motion model, with zeros for the biases.
+
+        They are the estimate and the reference of the law, if there is one.
+        """
         pushes = 0
         if self._biases is not None:
             pushes = len(self.plant.controls) * (1 if self.law is None else 2)
         told = [] if self.law is None else [estimate, goal]
         return np.concatenate([*told, np.zeros((pushes, estimate.shape[1]))])
 
-    def _untouched(self, estimate: Array, goal: Array) -> Array:
-        """Return the same for the model without biases."""
+    def _control_without_biases(self, estimate: Array, goal: Array) -> Array:
+        """Return the controls of the motion model without biases."""
         told = [] if self.law is None else [estimate, goal]
         return np.concatenate([*told, np.zeros((0, estimate.shape[1]))])
 
     def _scene(self, t_s: Array, believed: Array) -> Scene:
         return proximity_scene(self.plant, self.rows.positions, t_s, believed, self._sky)
 
-    def _plan(self, product: FlightSet | None, belief: Beginnings | None) -> Plan:
-        """Return what flights along this reference share, made once."""
-        known = self._known
-        if known is not None and known[0] is product and known[1] is belief:
-            return known[2]
-        plan = plan_of(self.spec, self.plant, self.rows, self._since, product, belief)
-        check_step(plan, self.rows, self._model, self._stepping(0.5), self._since)
-        self._known = (product, belief, plan)
-        return plan
+    def _make_plan(
+        self, reference: FlightSet | None = None, belief: InitialBeliefs | None = None
+    ) -> _Planned:
+        """Return what flights along this reference share."""
+        plan = plan_of(self.spec, self.plant, self.rows, self._since, reference, belief)
+        check_step(plan, self.rows, self._model, self._model_with_step(0.5), self._since)
+        return _Planned(plan, belief)
 
     def _bound(self, plan: Plan, x0: Array, start: Belief) -> Array:
-        """Return the bounds (S, K, N) of position errors along the flights' own planned paths."""
+        """Return the Cramér-Rao bounds (S, K, N) of the position errors along the planned paths."""
         rows, cases = self.rows, x0.shape[1]
         prior = start.covariance
         if (x0 == x0[:, :1]).all() and (prior == prior[:1]).all():  # all fly the same path
             x0, prior = x0[:, :1], prior[:1]
-        # of the sixth order: steps twice as long change bounds by 1e-5
-        found = planned_bound(
-            self._stepping(2.0), x0, prior, start.t_s[0] + self._since, plan.goal,
-            self._untouched, self._scene, self._faults.heard,
+        # with twice the step: the step map is of sixth order, and bounds change by 1e-5
+        bounds = bound_along_plan(
+            self._model_with_step(2.0), x0, prior, start.t_s[0] + self._since, plan.goal,
+            self._control_without_biases, self._scene, self._faults.heard,
         )  # fmt: skip
-        squares = np.array([one.sigma[rows.positions] ** 2 for one in found]).transpose(1, 0, 2)
+        squares = np.array([one.sigma[rows.positions] ** 2 for one in bounds]).transpose(1, 0, 2)
         each = squares.reshape(rows.vectors, -1, self._count, x0.shape[1]).sum(axis=1)
         return np.broadcast_to(np.sqrt(each), (rows.vectors, self._count, cases))
 
     def _run_time(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Return the true plant's parameters that are not nominal or differ, in its order."""
+        """Return the parameters of the true plant that are not nominal, or differ between cases."""
         differ = {n.removeprefix(self._prefix) for n in names} | set(self.spec.truth.scale)
         return tuple(name for name in self._nominal if name in differ)
 
     def _simulator(
         self, names: tuple[str, ...], navigation: Filtering | None,
-        reference: ShakenReference | None = None,
+        reference: PerturbedReference | None = None,
     ) -> Simulator:  # fmt: skip
         spec = self.spec
         law = (
-            Drift(spec.interval_s, self.plant.controls)
+            NoControl(spec.interval_s, self.plant.controls)
             if self.law is None
-            else AtInterval(self.law, spec.interval_s)
+            else ResampledLaw(self.law, spec.interval_s)
         )
         per = max(1, int(np.ceil(spec.interval_s / spec.step_s - 1e-9)))
         return Simulator(
@@ -287,7 +265,7 @@ class NavigationStage:
         )  # fmt: skip
 
     def _begin(
-        self, plan: Plan, batch: CaseBatch, belief: Beginnings | None, t0: Array
+        self, plan: Plan, batch: CaseBatch, belief: InitialBeliefs | None, t0: Array
     ) -> tuple[Array, Belief]:
         """Return true states (n, N) and beliefs before the first measurement."""
         if belief is not None:
@@ -303,15 +281,15 @@ class NavigationStage:
         truth, mean = (off, planned) if self.spec.belief.off == "truth" else (planned, off)
         return np.ascontiguousarray(truth), prior_of(plan.sigma, mean, t0)
 
-    def _fly(
-        self, plan: Plan, batch: CaseBatch, belief: Beginnings | None
-    ) -> tuple[Record, Flights]:
-        """Fly a block."""
+    def _compile(self, planned: _Planned, names: Sequence[str]) -> Simulator:
+        """Compile the simulation of cases that differ in these inputs."""
+        return self._simulator(self._run_time(names), None)
+
+    def _fly_block(self, planned: _Planned, batch: CaseBatch, *, history: bool = True) -> Record:
+        """Fly a block; the measurements are recorded whether histories are wanted or not."""
+        plan, belief = planned.plan, planned.belief
         spec, rows = self.spec, self.rows
-        known = {q.name: q.value for q in self.case_inputs()}
         fixed = {n: self._nominal[n].value * spec.truth.scale.get(n, 1.0) for n in self._nominal}
-        if unknown := [name for name in batch.names if name not in known]:
-            raise InputError(f"navigation has no input {', '.join(unknown)}")
         names = self._run_time(batch.names)
         width = len(batch.numbers)
         p = {name: batch.value(self._prefix + name, fixed[name]) for name in names}
@@ -319,7 +297,7 @@ class NavigationStage:
         t0 = np.full(width, plan.begin_s)
         x0, start = self._begin(plan, batch, belief, t0)
         # the random accelerations are those of the true plant
-        shaken = ShakenReference(
+        shaken = PerturbedReference(
             plan.goal, spec.interval_s, spec.noise_step_s, t0, noise_of(self.true_plant),
             thrust, batch.seed, batch.stream, batch.draws,
         )  # fmt: skip
@@ -336,14 +314,14 @@ class NavigationStage:
 
         def within(scene: Scene) -> EstimationModel:
             inner = model.within(scene)
-            return inner if biases is None else Biased(inner, n, biases)
+            return inner if biases is None else BiasAugmentedModel(inner, n, biases)
 
         navigation = Filtering(
-            model=model if biases is None else Biased(model, n, biases),
+            model=model if biases is None else BiasAugmentedModel(model, n, biases),
             within=within,
             faults=self._faults,
             believed=self._suite,
-            views=Views(
+            views=SensorScenes(
                 self._scene,
                 true_scene,
                 lambda told, x: aims(rows.positions, told, x, spec.search_beyond_rad),
@@ -369,25 +347,37 @@ class NavigationStage:
         assert flights.history is not None
         x = flights.history.x[:, : self._count]
         record = Record.of(
-            rows, log, self._since, x, plan.goal, self._bound(plan, x0, start), len(spec.sensors)
-        )
-        dv = spent(
+            rows, log, self._since, x, plan.goal, self._bound(plan, x0, start), len(spec.sensors),
+            spec.rms_from_s, flights,
+        )  # fmt: skip
+        dv = law_delta_v(
             self.plant, self.law, spec.method, spec.step_s, plan.begin_s + self._since,
             x + record.error, plan.goal, thrust,
         )  # fmt: skip
-        return replace(record, dv_m_s=dv), flights
+        return replace(record, dv_m_s=dv)
 
-    def _metrics(self, record: Record) -> tuple[tuple[str, ...], tuple[str, ...], Array]:
-        return metrics_of(record, self.spec.report_at_s, self.spec.rms_from_s)
+    def _judge(
+        self, planned: _Planned, batch: CaseBatch, record: Record, values: Array
+    ) -> Judgement:
+        """Return how flights ended; all fail whose filter was lost or diverged, see `endings`."""
+        status, cause = endings(record, record.flights, self.spec.diverged_beyond)
+        return status, cause, np.array(status) != "completed"
 
-    def _product(self, plan: Plan, record: Record, flights: Flights) -> NavigationFlight:
-        truth = self.spec.truth
-        names, units, values = self._metrics(record)
+    def _histories(
+        self, planned: _Planned, record: Record, wanted: bool | Sequence[str]
+    ) -> Histories:
+        """Return the histories that are wanted; see `navigation_histories`."""
+        times = record.time_s[:, None] + planned.plan.begin_s
+        time_s = np.where(np.isnan(record.nees), np.nan, times)
+        return collect_histories(navigation_histories(self.rows), record, time_s, wanted)
+
+    def _product(self, planned: _Planned, batch: CaseBatch, record: Record) -> NavigationFlight:
+        truth, plan = self.spec.truth, planned.plan
+        results = self._results(planned, batch, record)
         crafts = getattr(self.plant, "spacecraft", None)
         labels = tuple(crafts or (f"spacecraft {i + 1}" for i in range(self.rows.vectors)))
         matched = truth.plant is None and not truth.sensors and not truth.scale
         x = record.x[:, :, 0]
-        status, cause = endings(record, flights, self.spec.diverged_beyond)
         return NavigationFlight(
             frame=self.plant.frame,
             spacecraft=labels,
@@ -397,10 +387,10 @@ class NavigationStage:
             estimate=x + record.error[:, :, 0],
             goal=plan.goal,
             sigma=record.sigma[:, :, 0],
-            position_error_m=record.lengths(record.error, "position"),
-            velocity_error_m_s=record.lengths(record.error, "velocity"),
-            position_sigma_m=record.lengths(record.sigma, "position"),
-            control_error_m=record.lengths(record.x - plan.goal[:, :, None], "position"),
+            position_error_m=record.position_error_m,
+            velocity_error_m_s=record.velocity_error_m_s,
+            position_sigma_m=record.position_sigma_m,
+            control_error_m=record.control_error_m,
             nees=record.nees,
             nis=record.nis,
             used=record.used,
@@ -410,8 +400,8 @@ class NavigationStage:
             seen=np.mean(record.seen, axis=1),
             matched=matched and truth.thrust == 1.0,
             lost=int(np.isnan(record.nees[-1]).sum()),
-            endings=tuple(map(ending, status, cause)),
-            metrics=names,
-            units=units,
-            values=values,
+            endings=tuple(map(format_ending, results.status, results.cause)),
+            metrics=results.metrics,
+            units=results.units,
+            values=results.values,
         )

@@ -1,4 +1,4 @@
-"""The true world of a navigation: its random accelerations, and what its sensors really send."""
+"""The true world of a navigation: random accelerations, and sensors with faults."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from hillsphere.sensor_suite import SensorSuite
 from hillsphere.simulation import CommandSteps, ContinuousLaw
 from hillsphere.symbolic import Expr
 
-__all__ = ["AtInterval", "Drift", "Faults", "ShakenReference"]
+__all__ = ["FaultySensors", "NoControl", "PerturbedReference", "ResampledLaw"]
 
 
-class AtInterval:
-    """A continuous law whose samples are as far apart as the measurements.
+class ResampledLaw:
+    """A continuous law that is given an estimate at the interval of the measurements.
 
     Parameters
     ----------
     law : ContinuousLaw
-        Whose equations they are; they know nothing of the period.
+        Its equations do not depend on the interval.
     interval_s : float
         Time between samples.
     """
@@ -37,17 +37,17 @@ class AtInterval:
         self.inputs, self.states = law.inputs, law.states
 
     def initial(self, n_cases: int) -> Array:
-        """Return the law's own states."""
+        """Return the initial states of the law."""
         return self.equations.initial(n_cases)
 
     def sample(self, k: int, t_s: Array, y: Array, ref: Array, xc: Array) -> Array:
-        """Return them after a sample."""
+        """Return its states after a sample."""
         return self.equations.sample(k, t_s, y, ref, xc)
 
     def derivative(
         self, xc: tuple[Expr, ...], y: tuple[Expr, ...], ref: tuple[Expr, ...], t: Expr
     ) -> tuple[Expr, ...]:
-        """Return their rates."""
+        """Return the rates of its states."""
         return self.equations.derivative(xc, y, ref, t)
 
     def control(
@@ -58,8 +58,8 @@ class AtInterval:
 
 
 @dataclass(frozen=True)
-class Drift:
-    """A law that never acts.
+class NoControl:
+    """A law without commands.
 
     Parameters
     ----------
@@ -78,32 +78,33 @@ class Drift:
         return np.zeros((0, n_cases))
 
     def step(self, k: int, t_s: Array, y: Array, ref: Array, xc: Array) -> tuple[Array, Array]:
-        """Return zeros."""
+        """Return commands of zero."""
         return np.zeros((len(self.controls), y.shape[1])), xc
 
 
-class ShakenReference:
-    """A reference, and with it the random accelerations that are held over steps.
+class PerturbedReference:
+    """A reference together with random accelerations that are held over steps.
 
-    They enter as a feedforward command, so that law and filter know nothing of them. What is drawn
-    for a case depends on its number of draws and on the step since the start, not on the interval
-    between samples: flights of different intervals are shaken alike.
+    The accelerations enter as a feedforward command, which neither the law nor the filter knows.
+    The random numbers of a case depend on its number of draws and on the step since the start, not
+    on the interval between samples: flights with different intervals have the same accelerations.
 
     Parameters
     ----------
     table : ndarray, shape (q, K)
         Reference at the samples, SI.
     interval_s, step_s : float
-        Between samples, and over which an acceleration is held, as nearly as whole steps divide
-        the interval.
+        Time between samples, and time over which an acceleration is held, rounded so that whole
+        steps divide the interval.
     begun_s : ndarray, shape (N,)
         Times of the plant at the start.
     sigma : callable, optional
-        Times (N,) → standard deviations (p, N), m/s²; none if left out.
+        Times (N,) → standard deviations (p, N), m/s²; no accelerations by default.
     done : ndarray, shape (N,)
-        What is done of a command: random accelerations are divided by it, they are no commands.
+        Thrust as a part of the command. The accelerations are divided by it, since the thrust error
+        does not apply to them.
     seed, stream, numbers
-        Of the draws, as in `hillsphere.base.seeds.draws`; numbers (N,).
+        Of the random numbers, as in `hillsphere.base.seeds.draws`; numbers (N,).
     """
 
     def __init__(
@@ -123,14 +124,14 @@ class ShakenReference:
         self._steps = max(1, round(interval_s / step_s))
         self._random: Array | None = None
         if sigma is not None:
-            # the last sample's period is flown but not looked at: it is not shaken
+            # the period after the last sample does not count: it has no accelerations
             total = (table.shape[1] - 1) * self._steps
             rows = len(sigma(begun_s[:1]))
             self._random = draws(seed, stream, numbers, "accelerations", (total, rows))
 
     @property
     def steps(self) -> int:
-        """Steps of the accelerations in an interval."""
+        """Number of accelerations in an interval."""
         return self._steps
 
     def at(self, k: int, t_s: Array, y: Array, cases: Integers) -> Array:
@@ -138,32 +139,32 @@ class ShakenReference:
         return np.repeat(self._table[:, k : k + 1], len(t_s), axis=1)
 
     def feedforward(self, k: int, t_s: Array, cases: Integers) -> CommandSteps | None:
-        """Return the accelerations of the steps until the next sample."""
+        """Return the accelerations until the next sample, None without any."""
         count = self._steps
         if self._random is None or self._sigma is None or k >= self._table.shape[1] - 1:
             return None
-        found = self._random[k * count : (k + 1) * count].copy()
+        accelerations = self._random[k * count : (k + 1) * count].copy()
         begin = self._begun + k * self._interval
         for j in range(count):
-            found[j] *= self._sigma(begin + j * self._interval / count) / self._done
-        return CommandSteps(np.full(count, 1.0 / count), found)
+            accelerations[j] *= self._sigma(begin + j * self._interval / count) / self._done
+        return CommandSteps(np.full(count, 1.0 / count), accelerations)
 
 
-class Faults:
-    """Blocks of measurements that are missing, silent or far off.
+class FaultySensors:
+    """Sensors with dropouts, outliers and outages.
 
     Parameters
     ----------
     suite : SensorSuite
         The true sensors.
     dropouts, outliers : float
-        Parts of the blocks.
+        Probabilities that a block is missing, or far off.
     outlier_sigmas : float
-        What an outlier adds to each row, up or down, in units of the noise.
+        Error of an outlier in each row, with either sign, in units of the noise.
     silent : sequence of (sensors, from, to)
-        Places of sensors in the suite and times since the start, s, in which they are silent.
+        Outages: numbers of the sensors, and times since the start, s.
     from_s : float
-        Time since the start before which nothing is missing or far off.
+        Time since the start before which there are no dropouts and outliers.
     """
 
     def __init__(
@@ -187,7 +188,7 @@ class Faults:
         return self.suite.draws[1] + 2 * len(self.suite.blocks) + self.suite.rows
 
     def heard(self, since_s: float) -> NDArray[np.bool_]:
-        """Return which rows are not silent, (m,), at a time since the start."""
+        """Return which rows are not in an outage, (m,), at a time since the start."""
         there = np.ones(len(self._block), dtype=bool)
         for sensors, begin, end in self._silent:
             if begin <= since_s <= end:
@@ -198,7 +199,12 @@ class Faults:
         self, x: Array, t_s: Array, since_s: float, scene: Scene, constant: Array, w: Array,
         sigma: Array,
     ) -> MeasurementSet:  # fmt: skip
-        """Return what the sensors send of true states (n, N); sigma (m, N) is what is stated."""
+        """Return the measurements of true states (n, N); `sigma` (m, N) is the stated noise.
+
+        A missing block is NaN. The normal numbers `w` are, in this order, those of the sensors'
+        noise, one per block for dropouts, one per block for outliers, and one per row for the sign
+        of outliers.
+        """
         own, count = self.suite.draws[1], len(self.suite.blocks)
         values = self.suite.measure(x, t_s, scene, constant, w[:own])
         missing, far = w[own : own + count], w[own + count : own + 2 * count]
@@ -212,16 +218,16 @@ class Faults:
 
 
 def noise_of(plant: Plant) -> Callable[[Array], Array] | None:
-    """Return how large the random accelerations are that a plant declares; None if it does not."""
-    found: Callable[[Array], Array] | None = getattr(plant, "noise_sigma", None)
-    return found
+    """Return the standard deviations of a plant's random accelerations, None without any."""
+    sigma: Callable[[Array], Array] | None = getattr(plant, "noise_sigma", None)
+    return sigma
 
 
 def scene_values(names: Mapping[str, Array], known: Sequence[str]) -> dict[str, Array]:
-    """Return those parameters that a plant's scene depends on, by their names."""
+    """Return those parameters on which a plant's scene depends."""
     return {name: value for name, value in names.items() if name in known}
 
 
 def _threshold(probability: float) -> float:
-    """Return below which number a normal one falls with this probability."""
+    """Return the number below which a normal one lies with this probability."""
     return NormalDist().inv_cdf(probability) if probability > 0.0 else -np.inf

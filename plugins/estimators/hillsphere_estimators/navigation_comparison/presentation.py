@@ -1,17 +1,18 @@
-"""Tables, figures and sentences of the stage ``navigation_comparison``."""
+"""Tables, figures and verdict of the stage ``navigation_comparison``."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.presentation import PALETTE, Figure, Metric, Presentation, Table
+from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_estimators.consistency import chi_square_band
 from hillsphere_estimators.navigation.figures import COLOURS, hours_or_days
-from hillsphere_estimators.navigation.presentation import judged
+from hillsphere_estimators.navigation.presentation import judge_consistency
 from hillsphere_estimators.navigation_comparison.products import NavigationComparison
 from hillsphere_estimators.navigation_comparison.specs import NavigationComparisonSpec
 
@@ -21,54 +22,27 @@ if TYPE_CHECKING:
 
 __all__ = ["present_comparison"]
 
-_COLUMNS = [
-    Column("set", "", "sensors"),
-    Column("point", "", "at"),
-    Column("spacecraft", "", "spacecraft"),
-    Column("cases", "-", "flights"),
-    Column("lost", "-", "lost"),
-    Column("median_m", "m", "median error", 4),
-    Column("low_m", "m", "5 %", 4),
-    Column("high_m", "m", "95 %", 4),
-    Column("draw_m", "m", "published draw", 5),
-    Column("velocity_mm_s", "mm/s", "median velocity error", 4),
-    Column("draw_mm_s", "mm/s", "published draw", 5),
-    Column("rms_m", "m", "rms", 4),
-    Column("bound_m", "m", "bound", 4),
-    Column("ratio", "-", "rms over bound", 4),
-    Column("ratio_se", "-", "its standard error", 2),
-    Column("nees", "-", "mean NEES", 4),
-    Column("consistent", "", "within the band"),
-]
 _PUBLISHED = ("draw_m", "draw_mm_s")
+_OVER_SETS = ("sets", "points", "spacecraft")
 _LEAST, _MOST = 0.85, 1.2
-"""Of an rms error over its bound, for a filter that is as good as it can be."""
-_FLIGHTS = [
-    Column("set", "", "flights"),
-    Column("spacecraft", "", "spacecraft"),
-    Column("count", "-", "number"),
-    Column("lost", "-", "lost"),
-    Column("rms_m", "m", "rms error at the end", 4),
-    Column("nees", "-", "mean NEES", 4),
-    Column("answer", "", "the filter is"),
-]
+"""Range of an rms error over its bound for a filter that is as good as possible. The statistical
+error of 64 to 200 flights is 0.03 to 0.05, so that a ratio below 0.85 means a wrong bound."""
 _MARKS = "osD^v"
 _INSIDE = 6
-"""Entries of a legend that leaves room for curves."""
-_ORDER = [
-    Column("claim", "", "less error"),
-    Column("point", "", "at"),
-    Column("ratio", "-", "ratio of rms", 4),
-    Column("low", "-", "lower limit", 4),
-    Column("high", "-", "upper limit", 4),
-    Column("answer", "", "answer"),
-]
+"""Entries of a legend that fits inside the axes without covering curves."""
 
 
 def present_comparison(
     product: NavigationComparison, spec: NavigationComparisonSpec
 ) -> Presentation:
     """Show sets of sensors side by side.
+
+    Parameters
+    ----------
+    product : NavigationComparison
+        Of the stage.
+    spec : NavigationComparisonSpec
+        Label, confidence and requirement.
 
     Returns
     -------
@@ -87,18 +61,15 @@ def present_comparison(
     verdict: list[str] = []
     if product.cases.size:
         published = bool(np.isfinite(product.paper_position_m).any())
-        notes = ["Errors are lengths of vectors, of the flights that were not lost.",
-                 "The bound is the posterior Cramér-Rao bound, each flight's own along its planned "
-                 "path, and the root of their mean square.",
-                 "It leaves out that a filter with a gate rejects some measurements."]  # fmt: skip
+        notes = ["Errors are lengths of vectors, over the flights that were not lost.",
+                 "The bound is the root mean square of the posterior Cramér-Rao bounds of the "
+                 "flights, each along its planned path.",
+                 "It does not account for measurements that a gate rejects."]  # fmt: skip
         if published:
-            notes.append("A published draw is one flight, not a median, and its interval between "
-                         "measurements is not printed.")  # fmt: skip
-        tables[named("navigation_comparison")] = Table(
-            "Errors at the end of the flights",
-            [one for one in _COLUMNS if published or one.name not in _PUBLISHED],
-            _rows(product, published),
-            notes,
+            notes.append("A published draw is the error of one flight, not a median; the paper "
+                         "does not state its interval between measurements.")  # fmt: skip
+        tables[named("navigation_comparison")] = tabulate(
+            "Errors at the end of the flights", _set_columns(product, published), notes
         )
         figures[named("navigation_comparison")] = Figure(
             "Position errors at the end",
@@ -111,41 +82,41 @@ def present_comparison(
         verdict += _criteria(product, inside)
         metrics[named("navigation_consistent_share")] = Metric(float(np.mean(inside)))
     if product.answers:
-        rows, sentences = _order(product, spec.confidence)
-        tables[named("navigation_order")] = Table(
-            "Do the errors fall from set to set?", _ORDER, rows,
+        summary, sentence = _judge_order(product, spec.confidence)
+        tables[named("navigation_order")] = tabulate(
+            "Do the errors fall from set to set?", _order_columns(product),
             [f"Ratio of rms position errors on the same draws, {100 * spec.confidence:g} % "
              "interval of a paired bootstrap."],
         )  # fmt: skip
-        metrics[named("navigation_order")] = Metric(sentences[0])
-        verdict += sentences[1:]
+        metrics[named("navigation_order")] = Metric(summary)
+        verdict.append(sentence)
     if product.lightest:
         metrics[named("navigation_lightest")] = Metric(product.lightest)
         verdict.append(
-            f"The lightest set of sensors with rms position errors of at most "
-            f"{spec.required_position_m:g} m, and none lost: {product.lightest}."
+            f"Lightest set of sensors with rms position errors of at most "
+            f"{spec.required_position_m:g} m and no lost flight: {product.lightest}."
         )
     if product.time_s.size:
-        tables[named("navigation_flights")] = Table(
-            "Flights of the stages", _FLIGHTS, _flights(product)
+        tables[named("navigation_flights")] = tabulate(
+            "Flights of the stages", _flight_columns(product)
         )
         figures[named("navigation_courses")] = Figure(
             "Errors of the estimated positions",
-            lambda figure: _draw_courses(figure, product),
-            "The first flight of each; dashed: three standard deviations as its filter believes.",
+            lambda figure: _draw_histories(figure, product),
+            "The first flight of each; dashed: three standard deviations by its filter.",
             (8.0, 2.6 + 2.2 * len(product.spacecraft)),
         )
         figures[named("navigation_consistency")] = Figure(
             "Normalised errors squared",
             lambda figure: _draw_nees(figure, product),
-            "Mean over the flights of each stage; grey: where 99.9 % of such means of a "
-            "consistent filter lie.",
+            "Mean over the flights of each stage; grey: 99.9 % band of this mean for a consistent "
+            "filter.",
         )
     return Presentation(metrics=metrics, tables=tables, figures=figures, verdict=verdict)
 
 
 def _consistent(product: NavigationComparison) -> np.ndarray:
-    """Return where (C, P) the mean NEES is in its band and no flight was lost."""
+    """Return where the mean NEES is in its band and no flight was lost, (C, P)."""
     return np.asarray(
         (product.nees >= product.nees_low) & (product.nees <= product.nees_high)
         & (product.lost == 0)
@@ -153,7 +124,7 @@ def _consistent(product: NavigationComparison) -> np.ndarray:
 
 
 def _criteria(product: NavigationComparison, inside: np.ndarray) -> list[str]:
-    """Return what is said of bounds, bands and losses."""
+    """Return the sentences on bounds, bands and losses."""
     ratio, error = product.bound_ratio.reshape(2, -1)
     good = (ratio >= _LEAST) & (ratio <= _MOST)
     near = np.abs(ratio - np.clip(ratio, _LEAST, _MOST)) <= 2.0 * error
@@ -162,8 +133,8 @@ def _criteria(product: NavigationComparison, inside: np.ndarray) -> list[str]:
         f"Cramér-Rao bound; {int(good.sum())} of {ratio.size} lie within {_LEAST:g} to {_MOST:g}"
         + (f", {int((near & ~good).sum())} more within two standard errors of it."
            if (near & ~good).any() else "."),
-        f"The mean NEES lies in its 99.9 % band, and no flight is lost, in {int(inside.sum())} of "
-        f"{inside.size} sets and points.",
+        f"In {int(inside.sum())} of {inside.size} sets and points the mean NEES lies in its 99.9 % "
+        "band and no flight is lost.",
     ] if np.isfinite(ratio).any() else []  # fmt: skip
     if product.lost.any():
         worst = ", ".join(
@@ -171,95 +142,93 @@ def _criteria(product: NavigationComparison, inside: np.ndarray) -> list[str]:
             for label, gone, every in zip(product.labels, product.lost, product.cases, strict=True)
             if gone.any()
         )
-        said.append(f"Flights were lost: {worst}; what is left of these proves nothing.")
+        said.append(f"Flights were lost: {worst}. Statistics over the survivors prove nothing.")
     return said
 
 
-def _flights(product: NavigationComparison) -> list[Mapping[str, Cell]]:
-    rows: list[Mapping[str, Cell]] = []
-    for c, label in enumerate(product.labels):
-        runs, lost = int(product.flight_runs[c]), int(product.flight_lost[c])
-        last = product.mean_nees[c, np.isfinite(product.time_s[c])]
-        mean = float(last[-1]) if last.size else float("nan")
-        answer = judged(mean, int(product.flight_states[c]), runs, lost)[0]
-        for s, craft in enumerate(product.spacecraft):
-            rows.append(
-                {
-                    "set": label,
-                    "spacecraft": craft,
-                    "count": runs,
-                    "lost": lost,
-                    "rms_m": float(product.flight_rms_m[c, s]),
-                    "nees": mean,
-                    "answer": answer,
-                }
-            )
-    return rows
+def _flight_columns(product: NavigationComparison) -> list[FilledColumn]:
+    """Return the columns of the single stages, one row per stage and spacecraft."""
+    of = FieldColumns(product, "sets", "spacecraft")
+    runs, lost = product.flight_runs.astype(int), product.flight_lost.astype(int)
+    states = product.flight_states.astype(int)
+    last = [mean[np.isfinite(t)][-1:] for mean, t in zip(product.mean_nees, product.time_s,
+                                                         strict=True)]  # fmt: skip
+    means = np.array([float(one[0]) if one.size else np.nan for one in last])
+    answers = [judge_consistency(*one)[0]
+               for one in zip(means.tolist(), states.tolist(), runs.tolist(), lost.tolist(),
+                              strict=True)]  # fmt: skip
+    return [
+        of("labels", "set", "flights"),
+        of("spacecraft"),
+        column("count", of.spread(runs, "sets"), "number"),
+        column("lost", of.spread(lost, "sets"), "lost"),
+        of("flight_rms_m", "rms_m"),
+        column("nees", of.spread(means, "sets"), "mean NEES", 4),
+        text_column("answer", of.spread(tuple(answers), "sets"), "the filter is"),
+    ]
 
 
-def _rows(product: NavigationComparison, published: bool) -> list[Mapping[str, Cell]]:
-    consistent = _consistent(product)
-    rows: list[Mapping[str, Cell]] = []
-    for c, label in enumerate(product.labels):
-        for p, point in enumerate(product.points):
-            nees = float(product.nees[c, p])
-            for s, craft in enumerate(product.spacecraft):
-                low, median, high = product.position_m[:, c, p, s].tolist()
-                rms, bound = float(product.rms_m[c, p, s]), float(product.bound_m[c, p, s])
-                draw, speed = product.paper_position_m[c, s], product.paper_velocity_m_s[c, s]
-                ratio, error = product.bound_ratio[:, c, p, s].tolist()
-                row: dict[str, Cell] = {
-                    "set": label,
-                    "point": point,
-                    "spacecraft": craft,
-                    "cases": int(product.cases[c, p]),
-                    "lost": int(product.lost[c, p]),
-                    "median_m": median,
-                    "low_m": low,
-                    "high_m": high,
-                    "draw_m": _given(draw),
-                    "velocity_mm_s": 1e3 * float(product.velocity_m_s[c, p, s]),
-                    "draw_mm_s": _given(1e3 * speed),
-                    "rms_m": rms,
-                    "bound_m": bound,
-                    "ratio": ratio,
-                    "ratio_se": error,
-                    "nees": nees,
-                    "consistent": "yes" if consistent[c, p] else "no",
-                }
-                rows.append({k: v for k, v in row.items() if published or k not in _PUBLISHED})
-    return rows
+def _set_columns(product: NavigationComparison, published: bool) -> list[FilledColumn]:
+    """Return the columns of the campaign, one row per set, point and spacecraft.
+
+    The published errors of single flights stand beside ours if there are any.
+    """
+    of = FieldColumns(product, "sets", "points", "spacecraft")
+    low, median, high = (of.spread(q, *_OVER_SETS) for q in product.position_m)
+    ratio, error = (of.spread(one, *_OVER_SETS) for one in product.bound_ratio)
+    inside = np.where(_consistent(product), "yes", "no")
+    paper = [np.where(np.isfinite(one), one, np.nan)
+             for one in (product.paper_position_m, product.paper_velocity_m_s)]  # fmt: skip
+    position, velocity = (of.spread(one, "sets", "spacecraft") for one in paper)
+    columns = [
+        of("labels", "set"),
+        of("points", "point"),
+        of("spacecraft"),
+        column("cases", of.spread(product.cases.astype(int), "sets", "points"), "flights"),
+        column("lost", of.spread(product.lost.astype(int), "sets", "points"), "lost"),
+        column("median_m", median, "median error", 4),
+        column("low_m", low, "5 %", 4),
+        column("high_m", high, "95 %", 4),
+        column("draw_m", position, "published draw", 5),
+        of("velocity_m_s", "velocity_mm_s"),
+        column("draw_mm_s", velocity, "published draw", 5),
+        of("rms_m"),
+        of("bound_m"),
+        column("ratio", ratio, "rms over bound", 4),
+        column("ratio_se", error, "its standard error", 2),
+        of("nees"),
+        text_column("consistent", of.spread(inside, "sets", "points"), "within the band"),
+    ]
+    return [one for one in columns if published or one.name not in _PUBLISHED]
 
 
-def _order(
-    product: NavigationComparison, confidence: float
-) -> tuple[list[Mapping[str, Cell]], list[str]]:
-    """Return the rows of the table, and the summary with sentences for the head of the report."""
-    rows: list[Mapping[str, Cell]] = []
-    answers = iter(product.answers)
-    for c in range(len(product.labels) - 1):
-        for p, point in enumerate(product.points):
-            low, value, high = product.ratio[:, c, p].tolist()
-            rows.append(
-                {
-                    "claim": f"{product.labels[c + 1]} than {product.labels[c]}",
-                    "point": point,
-                    "ratio": value,
-                    "low": low,
-                    "high": high,
-                    "answer": next(answers),
-                }
-            )
+def _order_columns(product: NavigationComparison) -> list[FilledColumn]:
+    """Return the columns of the comparison of neighbouring sets, one row per pair and point."""
+    of = FieldColumns(product, "neighbours", "points")
+    claims = tuple(f"{later} than {before}" for before, later in pairwise(product.labels))
+    low, value, high = (of.spread(part, "neighbours", "points") for part in product.ratio)
+    return [
+        text_column("claim", of.spread(claims, "neighbours"), "less error"),
+        of("points", "point"),
+        column("ratio", value, "ratio of rms", 4),
+        column("low", low, "lower limit", 4),
+        column("high", high, "upper limit", 4),
+        text_column("answer", product.answers, "answer"),
+    ]
+
+
+def _judge_order(product: NavigationComparison, confidence: float) -> tuple[str, str]:
+    """Return whether the errors fall from set to set, as one word and as a sentence."""
     kinds = set(product.answers)
     summary = (
         "confirmed" if kinds == {"confirmed"} else "refuted" if "refuted" in kinds else "undecided"
     )
     sentence = (
-        f"Errors fall from {' to '.join(product.labels)}: {summary} at {100 * confidence:g} % "
-        f"confidence on the same draws ({sum(a == 'confirmed' for a in product.answers)} of "
+        f"The errors fall from {' to '.join(product.labels)}: {summary} at {100 * confidence:g} % "
+        f"confidence, for paired draws ({sum(a == 'confirmed' for a in product.answers)} of "
         f"{len(product.answers)} steps confirmed)."
     )
-    return rows, [summary, sentence]
+    return summary, sentence
 
 
 def _draw_sets(
@@ -273,7 +242,7 @@ def _draw_sets(
             low, median, high = product.position_m[:, :, p, s]
             colour = PALETTE[COLOURS[p % len(COLOURS)]]
             axes.errorbar(median, place, xerr=[median - low, high - median], fmt="o", color=colour,
-                          capsize=3, label=_spaced(point) or "median")  # fmt: skip
+                          capsize=3, label=_format_point(point) or "median")  # fmt: skip
             axes.plot(product.bound_m[:, p, s], place, "|", color=colour, markersize=14)
             axes.plot(product.rms_m[:, p, s], place, "s", color=colour, markersize=5,
                       fillstyle="none")  # fmt: skip
@@ -292,8 +261,8 @@ def _draw_sets(
     figure.legend(handles, names, loc="outside lower center", ncols=5)
 
 
-def _spaced(point: str) -> str:
-    """Return a point's name for a legend: times as they are written, 10 min instead of 10min."""
+def _format_point(point: str) -> str:
+    """Return the name of a point for a legend: 10 min instead of 10min."""
     return re.sub(
         r"\b(\d+)(?:p(\d+))?(h|min|s)\b",
         lambda m: f"{m[1]}{'.' + m[2] if m[2] else ''} {m[3]}",
@@ -301,13 +270,13 @@ def _spaced(point: str) -> str:
     )
 
 
-def _draw_courses(figure: MatplotlibFigure, product: NavigationComparison) -> None:
+def _draw_histories(figure: MatplotlibFigure, product: NavigationComparison) -> None:
     every = np.atleast_1d(figure.subplots(len(product.spacecraft), 1, sharex=True))
     label = ""
     for c, name in enumerate(product.labels):
         there = np.isfinite(product.time_s[c])
         time, label = hours_or_days(product.time_s[c, there])
-        colour, marks = _told_apart(c, time.size)
+        colour, marks = _curve_style(c, time.size)
         for s, axes in enumerate(every):
             axes.plot(time, product.error_m[c, s, there], color=colour, label=name, **marks)
             axes.plot(time, 3.0 * product.sigma_m[c, s, there], "--", color=colour, linewidth=1.0)
@@ -323,14 +292,14 @@ def _draw_nees(figure: MatplotlibFigure, product: NavigationComparison) -> None:
     flown = np.maximum(product.flight_runs - product.flight_lost, 1.0)
     band = np.array(chi_square_band(product.flight_states, flown))
     high = float(band[1].max())
-    # one grey for all, where they do not differ; else the widest says what all must keep to
+    # one band if all stages have as many flights, else the widest, that of the fewest
     label = "99.9 % band" + ("" if np.ptp(flown) == 0 else ", fewest flights")
     axes.axhspan(band[0].min(), high, color="#999999", alpha=0.4, linewidth=0, label=label)
     label = ""
     for c, name in enumerate(product.labels):
         there = np.isfinite(product.time_s[c])
         time, label = hours_or_days(product.time_s[c, there])
-        colour, marks = _told_apart(c, time.size)
+        colour, marks = _curve_style(c, time.size)
         axes.plot(time, product.mean_nees[c, there], color=colour, label=name, **marks)
     if np.nanmax(product.mean_nees) > 5.0 * high:
         axes.set_yscale("log")
@@ -339,8 +308,8 @@ def _draw_nees(figure: MatplotlibFigure, product: NavigationComparison) -> None:
     _legend(figure, axes)
 
 
-def _told_apart(number: int, points: int) -> tuple[str, dict[str, Any]]:
-    """Return the colour of a curve, and marks once all colours are taken."""
+def _curve_style(number: int, points: int) -> tuple[str, dict[str, Any]]:
+    """Return colour and marks of a curve; marks only once all colours are taken."""
     colour, lap = PALETTE[COLOURS[number % len(COLOURS)]], number // len(COLOURS)
     if not lap:
         return colour, {}
@@ -352,13 +321,9 @@ def _told_apart(number: int, points: int) -> tuple[str, dict[str, Any]]:
 
 
 def _legend(figure: MatplotlibFigure, axes: Axes) -> None:
-    """Set the legend inside, or below where it would cover curves."""
+    """Place the legend inside the axes, or below them if it would cover curves."""
     handles, names = axes.get_legend_handles_labels()
     if len(names) <= _INSIDE:
         axes.legend(loc="best")
     else:
         figure.legend(handles, names, loc="outside lower center", ncols=3)
-
-
-def _given(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

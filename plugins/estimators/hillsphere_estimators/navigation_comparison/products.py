@@ -1,80 +1,77 @@
-"""What the stage ``navigation_comparison`` hands on."""
+"""Product of the stage ``navigation_comparison``."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from hillsphere.interfaces import Array
+from hillsphere.products.fields import Label, Shape
 
 __all__ = ["NavigationComparison"]
 
 
 @dataclass(frozen=True)
 class NavigationComparison:
-    """C sets of sensors side by side; S spacecraft, P swept points; NaN where there is nothing.
+    """Sets of sensors side by side, from a campaign, from single stages, or from both.
 
-    Parameters
-    ----------
-    labels, spacecraft, points : tuple of str
-        Names of the sets, the spacecraft and the points.
-    cases, lost : ndarray, shape (C, P)
-        Numbers of flights of the campaign, and of those that failed; what follows is that of the
-        others.
-    position_m : ndarray, shape (3, C, P, S)
-        5 %, 50 % and 95 % of the position errors at the end.
-    velocity_m_s : ndarray, shape (C, P, S)
-        Median velocity errors.
-    rms_m, bound_m : ndarray, shape (C, P, S)
-        Root mean square position errors and their bound.
-    bound_ratio : ndarray, shape (2, C, P, S)
-        Of the two, and its standard error.
-    nees, nees_low, nees_high : ndarray, shape (C, P)
-        Mean normalised errors squared at the end, with the 99.9 % band.
-    paper_position_m, paper_velocity_m_s : ndarray, shape (C, S)
-        Published single draws.
-    ratio : ndarray, shape (3, C - 1, P)
-        Rms position error of all spacecraft, of each set to the one before: lower limit, value,
-        upper limit; empty if no order is claimed.
-    answers : tuple of str
-        ``confirmed``, ``refuted`` or ``undecided``, for each pair and point in turn.
-    lightest : str
-        The lightest set that meets the requirement at every point without losing a flight, with
-        its mass; ``""`` if none was asked for.
-    time_s : ndarray, shape (C, K)
-        Times of the flights' measurements.
-    error_m, sigma_m : ndarray, shape (C, S, K)
-        Position error of the first flight, and what its filter believes.
-    mean_nees : ndarray, shape (C, K)
-        Over the flights of the stage that were not lost.
-    flight_rms_m : ndarray, shape (C, S)
-        Root mean square position errors at their end.
-    flight_states, flight_runs, flight_lost : ndarray, shape (C,)
-        Numbers of states, of flights, and of those that were lost.
+    The sets are those of the campaign or, without one, the stages. The points are those of the
+    other swept keys. A value that does not exist is NaN.
     """
 
-    labels: tuple[str, ...]
-    spacecraft: tuple[str, ...]
-    points: tuple[str, ...]
-    cases: Array
-    lost: Array
-    position_m: Array
-    velocity_m_s: Array
-    rms_m: Array
-    bound_m: Array
-    bound_ratio: Array
-    nees: Array
-    nees_low: Array
-    nees_high: Array
-    paper_position_m: Array
-    paper_velocity_m_s: Array
-    ratio: Array
+    labels: Annotated[tuple[str, ...], Shape("sets"), Label("sensors")]
+    """Names of the sets of sensors."""
+    spacecraft: Annotated[tuple[str, ...], Shape("spacecraft"), Label("spacecraft")]
+    """Names of the spacecraft."""
+    points: Annotated[tuple[str, ...], Shape("points"), Label("at")]
+    """Names of the points."""
+    cases: Annotated[Array, Shape("sets", "points")]
+    """Number of flights of the campaign."""
+    lost: Annotated[Array, Shape("sets", "points")]
+    """Number of these that failed; the statistics below are over the others."""
+    position_m: Annotated[Array, Shape(3, "sets", "points", "spacecraft")]
+    """5 %, 50 % and 95 % quantile of the position error at the end."""
+    velocity_m_s: Annotated[
+        Array, Shape("sets", "points", "spacecraft"), Label("median velocity error", 4, "mm_s")
+    ]
+    """Median of the velocity error at the end."""
+    rms_m: Annotated[Array, Shape("sets", "points", "spacecraft"), Label("rms", 4)]
+    """Root mean square of the position error at the end."""
+    bound_m: Annotated[Array, Shape("sets", "points", "spacecraft"), Label("bound", 4)]
+    """Root mean square of its Cramér-Rao bounds, each flight's own."""
+    bound_ratio: Annotated[Array, Shape(2, "sets", "points", "spacecraft")]
+    """Rms error over bound, and the standard error of this ratio."""
+    nees: Annotated[Array, Shape("sets", "points"), Label("mean NEES", 4)]
+    """Mean normalised estimation error squared at the end."""
+    nees_low: Annotated[Array, Shape("sets", "points")]
+    """Lower limit of the 99.9 % band of this mean for a consistent filter."""
+    nees_high: Annotated[Array, Shape("sets", "points")]
+    """Upper limit of this band."""
+    paper_position_m: Annotated[Array, Shape("sets", "spacecraft")]
+    """Published position error of one flight."""
+    paper_velocity_m_s: Annotated[Array, Shape("sets", "spacecraft")]
+    """Published velocity error of one flight."""
+    ratio: Annotated[Array, Shape(3, "neighbours", "points")]
+    """Rms position error of all spacecraft with a set over that with the set before: lower limit,
+    value, upper limit. There are no neighbours if no order is claimed."""
     answers: tuple[str, ...]
+    """``confirmed``, ``refuted`` or ``undecided``, for each pair of neighbours at each point."""
     lightest: str
-    time_s: Array
-    error_m: Array
-    sigma_m: Array
-    mean_nees: Array
-    flight_rms_m: Array
-    flight_states: Array
-    flight_runs: Array
-    flight_lost: Array
+    """Lightest set that meets the requirement at every point without a lost flight, with its mass;
+    ``""`` without a requirement."""
+    time_s: Annotated[Array, Shape("sets", "times")]
+    """Times of the measurements of the single stages."""
+    error_m: Annotated[Array, Shape("sets", "spacecraft", "times")]
+    """Position error of the first flight of each stage."""
+    sigma_m: Annotated[Array, Shape("sets", "spacecraft", "times")]
+    """Standard deviation of this error by its filter."""
+    mean_nees: Annotated[Array, Shape("sets", "times")]
+    """Mean NEES over the flights of the stage that were not lost."""
+    flight_rms_m: Annotated[Array, Shape("sets", "spacecraft"), Label("rms error at the end", 4)]
+    """Root mean square of their position errors at the end."""
+    flight_states: Annotated[Array, Shape("sets")]
+    """Number of states: degrees of freedom of the NEES."""
+    flight_runs: Annotated[Array, Shape("sets")]
+    """Number of flights of the stage."""
+    flight_lost: Annotated[Array, Shape("sets")]
+    """Number of these that were lost."""

@@ -24,7 +24,7 @@ __all__ = ["NavigationComparisonNeeds", "NavigationComparisonSpec"]
 
 
 class NavigationComparisonNeeds(Spec):
-    """What is compared: flights, the sets of a campaign, or both."""
+    """Flights, the sets of a campaign, or both."""
 
     examples = ({"flights": ["navigation", "navigation"]}, {"campaign": "sets"})
 
@@ -42,7 +42,7 @@ class NavigationComparisonNeeds(Spec):
 
 
 class NavigationComparisonSpec(StageSpec):
-    """Sets of sensors side by side: errors beside published ones, their order, their bound."""
+    """Sets of sensors side by side: errors, published errors, order and bound."""
 
     produces = "hillsphere_estimators.navigation_comparison.products:NavigationComparison"
     examples = (
@@ -79,7 +79,7 @@ class NavigationComparisonSpec(StageSpec):
         "mass", "of each set of sensors, for the choice of the lightest", default=()
     )
     required_position_m: float | None = quantity(
-        "length", "what the rms position error of every spacecraft may be at most",
+        "length", "largest allowed rms position error of every spacecraft",
         default=None, gt=0,
     )  # fmt: skip
     label: str = option(
@@ -109,7 +109,7 @@ class NavigationComparisonSpec(StageSpec):
     def misfits(
         self, tables: Mapping[str, Mapping[str, Spec]]
     ) -> Iterator[tuple[tuple[str | int, ...], str]]:
-        """Yield what a campaign sweeps otherwise, as far as its table tells."""
+        """Yield mismatches between the sets and the campaign's sweep, if that is known."""
         if self.needs.campaign is None:
             return
         campaign = tables.get("stage", {}).get(self.needs.campaign.name)
@@ -119,11 +119,11 @@ class NavigationComparisonSpec(StageSpec):
             swept = {}
         else:
             return
-        found = [given for key, given in swept.items() if key.rpartition(".")[2] == self.sets]
-        if len(found) != 1:
+        sets = [given for key, given in swept.items() if key.rpartition(".")[2] == self.sets]
+        if len(sets) != 1:
             yield ("needs", "campaign"), self.no_sets(swept)
-        elif isinstance(found[0], tuple) and len(found[0]) != len(self.labels):
-            yield ("labels",), self.miscounted(len(found[0]))
+        elif isinstance(sets[0], tuple) and len(sets[0]) != len(self.labels):
+            yield ("labels",), self.miscounted(len(sets[0]))
 
     def no_sets(self, swept: Iterable[str]) -> str:
         """Say that a campaign sweeps something else."""

@@ -1,4 +1,4 @@
-"""The stage ``navigation_comparison``: which sensors give which errors."""
+"""The stage ``navigation_comparison``: errors of sets of sensors, side by side."""
 
 from __future__ import annotations
 
@@ -19,16 +19,19 @@ from hillsphere_estimators.navigation_comparison.presentation import present_com
 from hillsphere_estimators.navigation_comparison.products import NavigationComparison
 from hillsphere_estimators.navigation_comparison.specs import NavigationComparisonSpec
 
-__all__ = ["NavigationComparisonStage", "paired_rms_ratio", "published_errors"]
+__all__ = ["NavigationComparisonStage", "paired_rms_ratio", "read_published_errors"]
 
 _RESAMPLES = 2000
+"""Resamples of the bootstrap. 50 of them lie beyond each limit of a 95 % interval, so that the
+probability beyond it is uncertain by 0.35 percentage points (binomial); ten times more would add
+one digit to it for ten times the time."""
 _COLUMNS = ("case", "spacecraft", "position_error_m", "velocity_error_mm_s")
 _STATES = 6
-"""Of each spacecraft."""
+"""States of each spacecraft: degrees of freedom of the NEES."""
 
 
 class NavigationComparisonStage:
-    """Navigation stages, and sets of sensors in a campaign of one, side by side.
+    """Comparison of navigation stages, and of the sets of sensors of a campaign.
 
     Parameters
     ----------
@@ -39,8 +42,8 @@ class NavigationComparisonStage:
     def __init__(self, spec: NavigationComparisonSpec) -> None:
         self.spec = spec
         if spec.reference is not None:
-            # How many spacecraft there are only the flights tell: then it is read again.
-            published_errors(Path(spec.reference), len(spec.labels))
+            # checked now; read again in `run`, when the number of spacecraft is known
+            read_published_errors(Path(spec.reference), len(spec.labels))
 
     def run(
         self,
@@ -53,7 +56,7 @@ class NavigationComparisonStage:
         Parameters
         ----------
         ctx : Context
-            Not used: it takes no time.
+            Not used.
         flights : tuple of NavigationFlight
             Shown in one figure.
         campaign : CaseTable or None
@@ -68,7 +71,7 @@ class NavigationComparisonStage:
         ------
         InputError
             If the campaign is not one of a navigation stage over as many sets as there are labels,
-            each at the same points, or flights are not those of the same spacecraft.
+            each at the same points, or the flights are not those of the same spacecraft.
         """
         spec = self.spec
         labels = spec.labels or tuple(ref.name for ref in spec.needs.flights)
@@ -78,9 +81,11 @@ class NavigationComparisonStage:
         if campaign is not None:
             places, points = _places(campaign, spec)
         shape = (*places.shape, len(crafts))
-        found = _Tables(shape)
-        errors = [] if campaign is None else found.fill(places, campaign, len(crafts))
-        low, high = chi_square_band(_STATES * len(crafts), np.maximum(found.cases - found.lost, 1))
+        statistics = _Tables(shape)
+        errors = [] if campaign is None else statistics.fill(places, campaign, len(crafts))
+        low, high = chi_square_band(
+            _STATES * len(crafts), np.maximum(statistics.cases - statistics.lost, 1)
+        )
         ratio, answers = np.zeros((3, 0, shape[1])), []
         if spec.ordered:
             ratio = np.zeros((3, shape[0] - 1, shape[1]))
@@ -90,35 +95,35 @@ class NavigationComparisonStage:
                         errors[c + 1][p], errors[c][p], spec.confidence
                     )
                     least, _, most = ratio[:, c, p]
-                    if found.lost[c : c + 2, p].any() or np.isnan(least):
-                        answers.append("undecided")  # survivors prove nothing
+                    if statistics.lost[c : c + 2, p].any() or np.isnan(least):
+                        answers.append("undecided")  # statistics over survivors prove nothing
                         continue
                     answers.append(
                         "confirmed" if most < 1.0 else "refuted" if least > 1.0 else "undecided"
                     )
         paper = np.full((2, shape[0], len(crafts)), np.nan)
         if spec.reference is not None:
-            paper = published_errors(Path(spec.reference), shape[0], len(crafts))
+            paper = read_published_errors(Path(spec.reference), shape[0], len(crafts))
         return NavigationComparison(
             labels=labels,
             spacecraft=crafts,
             points=points,
-            cases=found.cases,
-            lost=found.lost,
-            position_m=found.position,
-            velocity_m_s=found.velocity,
-            rms_m=found.rms,
-            bound_m=found.bound,
-            bound_ratio=found.bound_ratio,
-            nees=found.nees,
+            cases=statistics.cases,
+            lost=statistics.lost,
+            position_m=statistics.position,
+            velocity_m_s=statistics.velocity,
+            rms_m=statistics.rms,
+            bound_m=statistics.bound,
+            bound_ratio=statistics.bound_ratio,
+            nees=statistics.nees,
             nees_low=np.asarray(low, dtype=float).reshape(shape[:2]),
             nees_high=np.asarray(high, dtype=float).reshape(shape[:2]),
             paper_position_m=paper[0],
             paper_velocity_m_s=paper[1],
             ratio=ratio,
             answers=tuple(answers),
-            lightest=self._lightest(labels, found.rms, found.lost),
-            **_courses(flights, len(labels), len(crafts)),
+            lightest=self._lightest(labels, statistics.rms, statistics.lost),
+            **_histories(flights, len(labels), len(crafts)),
         )
 
     def present(
@@ -127,13 +132,13 @@ class NavigationComparisonStage:
         flights: tuple[NavigationFlight, ...] = (),
         campaign: CaseTable | None = None,
     ) -> Presentation:
-        """Show them."""
+        """Show the comparison."""
         return present_comparison(product, self.spec)
 
     def _lightest(self, labels: tuple[str, ...], rms: Array, lost: Array) -> str:
-        """Return the lightest set whose rms position errors are as required at every point.
+        """Return the lightest set that meets the requirement at every point, with its mass.
 
-        A flight that is lost violates any requirement.
+        A lost flight violates any requirement.
         """
         masses, most = self.spec.masses_kg, self.spec.required_position_m
         if most is None:
@@ -146,7 +151,7 @@ class NavigationComparisonStage:
 
 
 class _Tables:
-    """What is filled from a campaign, (C, P, …)."""
+    """Statistics over a campaign, arrays (C, P, …)."""
 
     def __init__(self, shape: tuple[int, int, int]) -> None:
         self.cases, self.lost = np.zeros((2, *shape[:2]))
@@ -156,18 +161,30 @@ class _Tables:
         self.nees = np.full(shape[:2], np.nan)
 
     def fill(self, places: Integers, table: CaseTable, crafts: int) -> list[list[Array]]:
-        """Take a campaign whose points stand at places (C, P).
+        """Compute the statistics of a campaign.
 
-        Return position errors and draws (S + 1, N) of each set at each point, in order of draws.
+        Parameters
+        ----------
+        places : ndarray of int, shape (C, P)
+            Points of the campaign for each set and point.
+        table : CaseTable
+            The campaign.
+        crafts : int
+            Number of spacecraft, S.
+
+        Returns
+        -------
+        list of list of ndarray, shape (S + 1, N)
+            Position errors and, in the last row, the draws, of each set at each point.
         """
-        found: list[list[Array]] = [[] for _ in places]
+        errors: list[list[Array]] = [[] for _ in places]
         for (c, p), place in np.ndenumerate(places):
             here = table.point == place
             at = np.flatnonzero(here & ~table.failed)
             at = at[np.argsort(table.draw[at], kind="stable")]
             error = np.array([_column(table, f"position_error_{s + 1}")[at]
                               for s in range(crafts)])  # fmt: skip
-            found[c].append(np.vstack([error, table.draw[at]]))
+            errors[c].append(np.vstack([error, table.draw[at]]))
             self.cases[c, p] = np.sum(here)
             self.lost[c, p] = self.cases[c, p] - len(at)
             if not len(at):
@@ -181,7 +198,7 @@ class _Tables:
                 self.bound[c, p, s] = np.sqrt(np.mean(bound**2))
                 self.bound_ratio[:, c, p, s] = ratio_to_bound(error[s], bound)
             self.nees[c, p] = np.mean(_column(table, "nees")[at])
-        return found
+        return errors
 
 
 def paired_rms_ratio(first: Array, second: Array, confidence: float) -> Array:
@@ -190,7 +207,7 @@ def paired_rms_ratio(first: Array, second: Array, confidence: float) -> Array:
     Parameters
     ----------
     first, second : ndarray, shape (S + 1, N)
-        Errors of S spacecraft and, in the last row, the draws; only draws that both have count.
+        Errors of S spacecraft and, in the last row, the draws. Only draws in both count.
     confidence : float
         Of the interval.
 
@@ -205,7 +222,7 @@ def paired_rms_ratio(first: Array, second: Array, confidence: float) -> Array:
     count = squares.shape[1]
     if not count:
         return np.full(3, np.nan)
-    # the same resamples for any two of as many cases: an answer must not depend on the run
+    # seeded by the number of pairs: the same data must give the same answer in every run
     lots = np.random.default_rng(count).integers(0, count, (_RESAMPLES, count))
     sums = squares[:, lots].sum(axis=2)
     tail = 0.5 * (1.0 - confidence)
@@ -215,9 +232,9 @@ def paired_rms_ratio(first: Array, second: Array, confidence: float) -> Array:
 
 
 def _places(table: CaseTable, spec: NavigationComparisonSpec) -> tuple[Integers, tuple[str, ...]]:
-    """Return which points of a sweep (C, P) are those of each set, and the P names of the rest.
+    """Return the points of a sweep (C, P) by set, and the names of the P points of the other keys.
 
-    The name of the only point of a sweep over nothing but sets is empty.
+    A sweep over sets alone has one point, with an empty name.
     """
     keys = [name.rpartition(".")[2] for name in table.swept]
     if table.points is None or keys.count(spec.sets) != 1:
@@ -247,6 +264,7 @@ def _places(table: CaseTable, spec: NavigationComparisonSpec) -> tuple[Integers,
 
 
 def _column(table: CaseTable, metric: str) -> Array:
+    """Return the values of a metric of a campaign, or raise `InputError` if it has none."""
     if metric not in table.metrics:
         raise InputError(
             f"needs.campaign: expected one that repeats a stage 'navigation' of as many "
@@ -256,6 +274,7 @@ def _column(table: CaseTable, metric: str) -> Array:
 
 
 def _spacecraft(flights: Sequence[NavigationFlight], campaign: CaseTable | None) -> tuple[str, ...]:
+    """Return the names of the spacecraft of flights, or numbers for those of a campaign."""
     if flights:
         crafts = flights[0].spacecraft
         for flight in flights:
@@ -270,7 +289,7 @@ def _spacecraft(flights: Sequence[NavigationFlight], campaign: CaseTable | None)
     return tuple(f"spacecraft {i + 1}" for i in range(max(count, 1)))
 
 
-def published_errors(path: Path, sets: int, crafts: int | None = None) -> Array:
+def read_published_errors(path: Path, sets: int, crafts: int | None = None) -> Array:
     """Read published errors of navigation.
 
     Parameters
@@ -315,14 +334,14 @@ def published_errors(path: Path, sets: int, crafts: int | None = None) -> Array:
             )
         rows.append((int(case) - 1, int(craft) - 1, position_m, 1e-3 * velocity_mm_s))
     count = max((row[1] + 1 for row in rows), default=0) if crafts is None else crafts
-    found = np.full((2, sets, count), np.nan)
+    errors = np.full((2, sets, count), np.nan)
     for place, one, position, velocity in rows:
-        found[:, place, one] = position, velocity
-    return found
+        errors[:, place, one] = position, velocity
+    return errors
 
 
-def _courses(flights: Sequence[NavigationFlight], sets: int, crafts: int) -> dict[str, Array]:
-    """Return the flights over time, padded with NaN to the longest."""
+def _histories(flights: Sequence[NavigationFlight], sets: int, crafts: int) -> dict[str, Array]:
+    """Return the histories of the flights, padded with NaN to the longest."""
     longest = max((len(flight.time_s) for flight in flights), default=0)
     time, mean = np.full((2, sets, longest), np.nan)
     error, sigma = np.full((2, sets, crafts, longest), np.nan)

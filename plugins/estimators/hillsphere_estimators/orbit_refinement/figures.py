@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hillsphere.base.constants import AU_M, DAY_S
 from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE
 from hillsphere_estimators.consistency import chi_square_band
-from hillsphere_estimators.orbit_refinement.gains import held
+from hillsphere_estimators.orbit_refinement.gains import geometries_with_tracking
 from hillsphere_estimators.orbit_refinement.products import OrbitRefinement
 from hillsphere_estimators.orbit_refinement.verdict import silences
 
@@ -18,24 +19,22 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_consistency", "draw_optical", "draw_tracked"]
 
-_AU = 1.495978707e11
-_DAY = 86400.0
 _NAMES = ("blue", "vermillion", "green", "purple", "orange", "sky", "black")
 _COLOURS = (*(PALETTE[name] for name in _NAMES), "#888888")
 _MARKERS = "osD^v<>Pph*"
 
 
 def draw_optical(figure: MatplotlibFigure, product: OrbitRefinement) -> None:
-    """Draw errors while the asteroid is observed from the Earth, a line a geometry."""
+    """Draw the errors during the optical part, one line per geometry."""
     position, velocity = figure.subplots(2, 1, sharex=True)
     known = product.optical
-    t = known.t_s / _DAY
+    t = known.t_s / DAY_S
     for g in np.argsort(product.earth_distance_m):
         style: dict[str, Any] = {
             "color": _COLOURS[g % len(_COLOURS)], "marker": _MARKERS[g % len(_MARKERS)],
             "markevery": (int(g) % 5, 5), "markersize": 4,
         }  # fmt: skip
-        label = f"{product.geometries[g]} ({product.earth_distance_m[g] / _AU:.2f} au)"
+        label = f"{product.geometries[g]} ({product.earth_distance_m[g] / AU_M:.2f} au)"
         position.plot(t, np.median(known.position_m[:, g], axis=1) / 1e3, label=label, **style)
         velocity.plot(t, np.median(known.velocity_m_s[:, g], axis=1), **style)
         faint = {"color": style["color"], "linestyle": "--", "linewidth": 0.9}
@@ -52,7 +51,7 @@ def draw_optical(figure: MatplotlibFigure, product: OrbitRefinement) -> None:
 
 
 def draw_tracked(figure: MatplotlibFigure, product: OrbitRefinement) -> None:
-    """Draw errors while spacecraft are tracked, for the nearest and the farthest geometry."""
+    """Draw the errors during tracking, for the nearest and the farthest geometry."""
     ends = [int(np.argmin(product.earth_distance_m)), int(np.argmax(product.earth_distance_m))]
     shown = list(dict.fromkeys(ends))
     grid = figure.subplots(2, len(shown), sharex=True, sharey="row", squeeze=False)
@@ -73,7 +72,7 @@ def draw_tracked(figure: MatplotlibFigure, product: OrbitRefinement) -> None:
             craft = product.craft_velocity_sigma_m_s[a][:, g]
             if craft.any():
                 velocity.plot(t, _rms(craft), color=colour, linewidth=1.3, linestyle=":")
-        away = product.earth_distance_m[g] / _AU
+        away = product.earth_distance_m[g] / AU_M
         position.set_title(f"{product.geometries[g]} ({away:.2f} au from the Earth)")
         velocity.set_xlabel("since tracking began [h]")
         position.set_ylabel("position [km]")
@@ -83,13 +82,13 @@ def draw_tracked(figure: MatplotlibFigure, product: OrbitRefinement) -> None:
 
 
 def draw_consistency(figure: MatplotlibFigure, product: OrbitRefinement) -> None:
-    """Draw the mean normalised error squared over time, a line an arm."""
+    """Draw the mean NEES of the asteroid's six states over time, one line per arm."""
     axes = figure.subplots()
     cases = product.settled.size
     low, high = chi_square_band(6, cases)
     worst = 0.0
     for a, (arm, known) in enumerate(zip(product.arms, product.tracked, strict=True)):
-        some = held(product, a)
+        some = geometries_with_tracking(product, a)
         if not some.size:
             continue
         t = (known.t_s - known.t_s[0]) / 3600.0
@@ -104,7 +103,7 @@ def draw_consistency(figure: MatplotlibFigure, product: OrbitRefinement) -> None
 
 
 def _shade(upper: Any, lower: Any, t: Array, rows: Array) -> None:
-    """Shade the times at which less is measured than at the best."""
+    """Shade the times at which fewer values are measured than at most."""
     for before, last in silences(rows):
         for axes in (upper, lower):
             axes.axvspan(t[before + 1], t[last], color="#bbbbbb", alpha=0.35, linewidth=0)

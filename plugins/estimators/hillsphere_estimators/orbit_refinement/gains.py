@@ -1,38 +1,47 @@
-"""By what errors of an asteroid's orbit fall while spacecraft near it are tracked."""
+"""Gains of the tracking part: ratios of rms errors before and after."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.interfaces import Array, Integers
 from hillsphere_estimators.orbit_refinement.products import Knowledge, OrbitRefinement
 from hillsphere_estimators.orbit_refinement.specs import OrbitRefinementSpec
 
-__all__ = ["gain_ranges", "gains", "held", "median_gain_range", "observed", "reported", "rms"]
+__all__ = [
+    "gain_ranges",
+    "gains",
+    "geometries_with_observations",
+    "geometries_with_tracking",
+    "median_gain_range",
+    "report_times",
+    "rms",
+]
 
-_DAY = 86400.0
 _AGAIN = 400
-"""How often cases are drawn anew for the range of a ratio."""
+"""Bootstrap samples. Twenty of them lie beyond each of the 5 % and 95 % limits, which determines
+these probabilities to about one percentage point."""
 
 
-def reported(spec: OrbitRefinementSpec, known: Knowledge) -> list[tuple[float, int]]:
-    """Return when the table shows what is known: s after tracking began, and its index."""
+def report_times(spec: OrbitRefinementSpec, known: Knowledge) -> list[tuple[float, int]]:
+    """Return the times of the table, s after tracking began, each with its index."""
     since = known.t_s - known.t_s[0]
-    wanted = list(spec.reported_s) or [_DAY * k for k in range(1, int(since[-1] // _DAY) + 1)]
+    wanted = list(spec.reported_s) or [DAY_S * k for k in range(1, int(since[-1] // DAY_S) + 1)]
     indices = sorted({int(np.argmin(np.abs(since - t))) for t in wanted} | {len(since) - 1})
     return [(float(since[k]), k) for k in indices]
 
 
-def observed(product: OrbitRefinement) -> Integers:
-    """Return the geometries in which a telescope saw the asteroid: elsewhere nothing is fitted."""
+def geometries_with_observations(product: OrbitRefinement) -> Integers:
+    """Return the geometries in which a telescope observed the asteroid; the others have no fit."""
     return np.flatnonzero(product.optical.rows.sum(axis=0) > 0.0)
 
 
-def held(product: OrbitRefinement, arm: int) -> Integers:
+def geometries_with_tracking(product: OrbitRefinement, arm: int) -> Integers:
     """Return the geometries in which tracking did not diverge.
 
-    It did where it converged in no case, or where an error is not finite: such numbers are shown in
-    their rows, and enter nothing that is said over geometries.
+    It diverged where it converged in no case, or where an error is not finite. The rows of such a
+    geometry show its numbers, but statistics over geometries leave it out.
     """
     known = product.tracked[arm]
     errors = known.position_m + known.velocity_m_s + known.nees
@@ -46,7 +55,7 @@ def rms(values: Array) -> Array:
 
 
 def gains(product: OrbitRefinement, arm: int, at: int = -1) -> tuple[Array, Array]:
-    """Return by what rms errors of position and velocity fell (G,)."""
+    """Return the gains of position and velocity (G,): rms error before over that at `at`."""
     known = product.tracked[arm]
     return (
         rms(known.position_m[0]) / rms(known.position_m[at]),
@@ -55,31 +64,31 @@ def gains(product: OrbitRefinement, arm: int, at: int = -1) -> tuple[Array, Arra
 
 
 def gain_ranges(product: OrbitRefinement, arm: int, at: int = -1) -> tuple[Array, Array]:
-    """Return 5 % and 95 % (2, G) of the gains of position and velocity over cases drawn anew."""
+    """Return the 5 % and 95 % quantiles (2, G) of both gains over bootstrap samples."""
     position, velocity = (
-        np.percentile(anew, [5.0, 95.0], axis=-1) for anew in _drawn_anew(product, arm, at)
+        np.percentile(anew, [5.0, 95.0], axis=-1) for anew in _bootstrap_gains(product, arm, at)
     )
     return position, velocity
 
 
 def median_gain_range(product: OrbitRefinement, arm: int, at: int) -> tuple[Array, Array]:
-    """Return 5 % and 95 % (2,) of the median over geometries of the gains, likewise.
+    """Return the 5 % and 95 % quantiles (2,) of the median gains over geometries, likewise.
 
-    Over those in which tracking `held`, at least one.
+    Over those of `geometries_with_tracking`, of which there must be one.
     """
-    some = held(product, arm)
+    some = geometries_with_tracking(product, arm)
     position, velocity = (
         np.percentile(np.median(anew[some], axis=0), [5.0, 95.0])
-        for anew in _drawn_anew(product, arm, at)
+        for anew in _bootstrap_gains(product, arm, at)
     )
     return position, velocity
 
 
-def _drawn_anew(product: OrbitRefinement, arm: int, at: int) -> list[Array]:
-    """Return the gains (G, B) of position and velocity of B samples of the cases."""
+def _bootstrap_gains(product: OrbitRefinement, arm: int, at: int) -> list[Array]:
+    """Return the gains (G, B) of position and velocity for B bootstrap samples of the cases."""
     known = product.tracked[arm]
     cases = known.position_m.shape[-1]
-    # the same samples for every set of sensors and time, so that these can be compared
+    # the same samples for all arms and times, so that these can be compared
     some = np.random.default_rng(0).integers(cases, size=(_AGAIN, cases))
     return [
         rms(errors[0][:, some]) / rms(errors[at][:, some])

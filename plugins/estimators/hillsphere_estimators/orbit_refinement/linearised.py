@@ -1,11 +1,11 @@
-"""Bodies whose motion and sensors are linearised about one path, however far the estimate is off.
+"""Motion and sensors linearised about one path, however far the estimate is from it.
 
-A filter that linearises each measurement about its own belief of that moment, while a distance is
-hardly known, puts together slopes that belong to different distances: what no sensor sees seems to
-be seen, and the filter believes too much [1]_. Linearised about one path all slopes agree. If the
-path is that of the fit itself, and this is repeated until it rests, the filter's last belief is the
-Gauss-Newton solution of all measurements with the random accelerations among the unknowns: an
-iterated smoother [2]_.
+A filter that linearises each measurement about its current estimate combines derivatives that
+belong to different distances, while the distance is hardly known. Directions in the state space
+that no sensor observes then seem observed, and the covariance becomes too small [1]_. Linearised
+about one path all derivatives are consistent. If this is repeated along the path of the result
+until it converges, the last belief of the filter is the Gauss-Newton solution for all measurements
+with the random accelerations among the unknowns: an iterated smoother [2]_.
 
 References
 ----------
@@ -33,10 +33,10 @@ __all__ = ["LinearPath", "path_to"]
 
 
 class LinearPath(BodiesModel):
-    """A `BodiesModel` in whose place are its tangents along a path: linear motion, linear sensors.
+    """A `BodiesModel` replaced by its tangents along a path: linear motion and linear sensors.
 
-    Made by `about`, for the times of the path. What it shows is by how much more
-    than on the path is measured, in plain numbers, however large: angles do not go round.
+    It is made by `about`, for the times of the path. Its measurements are the differences from
+    those on the path, as plain numbers: angles do not wrap, however large the difference.
     """
 
     _shown: Array
@@ -48,21 +48,21 @@ class LinearPath(BodiesModel):
 
     @classmethod
     def about(cls, model: BodiesModel, path: Array, present: NDArray[np.bool_]) -> Self:
-        """Linearise.
+        """Linearise a model about a path.
 
         Parameters
         ----------
         model : BodiesModel
-            What sensors show.
+            Motion and sensors.
         path : ndarray, shape (n, K, N)
             States at the times of its scenes, each moved from the one before.
         present : ndarray of bool, shape (m, K, N)
-            Which rows are asked for; others hold zeros.
+            Rows that are evaluated; the others hold zeros.
 
         Returns
         -------
         LinearPath
-            The model with tangents in its place.
+            The linear model.
         """
         made = cls.__new__(cls)
         made.__dict__.update(model.__dict__)
@@ -79,29 +79,30 @@ class LinearPath(BodiesModel):
         return made
 
     def beyond(self, measured: MeasurementSet) -> MeasurementSet:
-        """Return measurements of one time as this model shows them."""
+        """Return measurements of one time as differences from those on the path."""
         layout, used = usable(measured)
         shown = self._shown[:, self._at[float(measured.t_s[0])]]
         off = layout.difference(np.where(used, measured.values, shown), shown)
         return replace(measured, values=off, blocks=_plain(measured.blocks), present=used)
 
     def advance(self, x: Array, t0_s: Array, t1_s: Array, control: Array, case: Integers) -> Array:
-        """Return the states (n, K) later, along the tangents."""
+        """Return the states (n, K) later, by the transition matrix about the path."""
         before, after = (self._at[float(t[0])] for t in (t0_s, t1_s))
         off = (x - self._path[:, before, case]).T[:, :, None]
         phi = self._across(before, after)[case]
         return np.ascontiguousarray(self._path[:, after, case] + (phi @ off)[:, :, 0].T)
 
     def transition(self, x: Array, t0_s: Array, t1_s: Array, control: Array) -> Array:
-        """Return the derivatives (N, n, n) of the motion along the path."""
+        """Return the transition matrices (N, n, n) along the path."""
         return self._across(*(self._at[float(t[0])] for t in (t0_s, t1_s)))
 
     def process_noise(self, x: Array, t0_s: Array, t1_s: Array, control: Array) -> Array:
-        """Return roots (N, n, r) of what noise adds along the path."""
+        """Return roots (N, n, r) of the covariance of the process noise along the path."""
         there = np.ascontiguousarray(self._path[:, self._at[float(t0_s[0])]])
         return self._base.process_noise(there, t0_s, t1_s, control)
 
     def _across(self, before: int, after: int) -> Array:
+        """Return the transition matrices between two times, computed once."""
         if (before, after) not in self._phi:
             there = np.ascontiguousarray(self._path[:, before])
             cases = there.shape[1]
@@ -111,34 +112,34 @@ class LinearPath(BodiesModel):
         return self._phi[before, after]
 
     def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
-        """Return what the tangents show (m, N), all at one time."""
+        """Return the linear measurements (m, N), all at one time."""
         k = self._at[float(t_s[0])]
         off = (x - self._path[:, k, case]).T[:, :, None]
         return np.ascontiguousarray((self._slopes[k, case] @ off)[:, :, 0].T)
 
     def sensitivity(self, x: Array, t_s: Array) -> Array:
-        """Return their slopes (N, m, n)."""
+        """Return their derivatives (N, m, n)."""
         return np.asarray(self._slopes[self._at[float(t_s[0])]])
 
 
 def path_to(model: BodiesModel, last: Belief) -> Array:
-    """Return the path (n, K, N) that leads, undisturbed, to a belief's means at the last time.
+    """Return the path (n, K, N) without accelerations that leads to a belief's last means.
 
-    Random accelerations bend the true one; by far less than the distances over which what sensors
-    show is curved.
+    Random accelerations bend the true path by far less than the distances over which the sensors
+    are curved, so that the derivatives along both agree.
     """
     cases = last.x.shape[1]
     none, case = np.zeros((0, cases)), np.arange(cases)
     times = model.times_s
-    found = [last.x]
+    states = [last.x]
     for later, earlier in zip(times[::-1], times[-2::-1], strict=False):
         t0, t1 = np.full(cases, later), np.full(cases, earlier)
-        found.append(model.advance(found[-1], t0, t1, none, case))
-    return np.stack(found[::-1], axis=1)
+        states.append(model.advance(states[-1], t0, t1, none, case))
+    return np.stack(states[::-1], axis=1)
 
 
 def _plain(blocks: tuple[tuple[Channel, ...], ...]) -> tuple[tuple[Channel, ...], ...]:
-    """Return channels of as many rows, all of them numbers."""
+    """Return channels of as many rows, all of plain numbers."""
     return tuple(
         tuple(
             Channel(f"{channel.name} {row}", channel.unit)

@@ -1,4 +1,4 @@
-"""Bodies around the Sun as an estimator sees them: their motion, sensors, and derivatives."""
+"""Bodies around the Sun in an estimator's model: motion, sensors, and their derivatives."""
 
 from __future__ import annotations
 
@@ -17,43 +17,48 @@ from hillsphere_estimators.plant_model import PlantModel
 
 __all__ = ["BodiesModel"]
 
-_OF_MOTION = 1e-6
-_OF_SENSORS = 1e-5
-"""Steps of differences: of motion as parts of the plant's scales, of sensors as parts of what they
-reach, far less than distances and far more than the rounding of states."""
+_MOTION_STEP = 1e-6
+"""Step of the differences that give the derivatives of the motion, in units of the plant's scales.
+Central differences err by its square, 1e-12, and by rounding over it, 1e-16/1e-6 = 1e-10: a step
+ten times larger or smaller moves the balance to either side."""
+_SENSOR_STEP = 1e-5
+"""Step of the differences that give the derivatives of a sensor, as a part of the least distance to
+what it sees. They are one-sided and err by this part of themselves; states about the Sun, 1e11 m,
+are rounded to 1e-5 m, which a much smaller step would not exceed."""
 _AT_ONCE = 200_000
-"""Columns that sensors are asked about at once."""
+"""Columns for which sensors are evaluated at once: an array of twelve states then has 20 MB. More
+columns are no faster."""
 
 
 class BodiesModel(PlantModel):
     """A `PlantModel` of the first bodies of a plant, in scenes that change with time.
 
-    A `hillsphere.interfaces.LinearisedModel` by differences, for which a sensor is asked only about
-    the states that it depends on.
+    As a `hillsphere.interfaces.LinearisedModel` it has derivatives by finite differences. A sensor
+    is evaluated only for changes of the states on which it depends.
 
     Parameters
     ----------
     plant : Plant
-        Whose bodies have six states each and do not act on each other.
+        Its bodies have six states each and do not act on each other.
     suite : SensorSuite
-        What sees them.
+        Its sensors.
     scenes : mapping of float to Scene
         By time, s, arrays (…, N) or (…, 1).
     bodies : int
-        How many bodies are estimated, from the first.
+        Number of estimated bodies, from the first.
     reach_m : float
-        How far apart are, at least, what sensors see and who carries them.
+        Least distance between a sensor and what it observes.
     noise : callable, optional
         See `PlantModel`.
     step_s : float
         Longest step of the step map.
     noise_step_s : float
-        How long random accelerations are held.
+        Time over which random accelerations are held.
 
     Raises
     ------
     InputError
-        If the plant has not so many bodies.
+        If the plant has fewer bodies.
     """
 
     def __init__(
@@ -78,9 +83,9 @@ class BodiesModel(PlantModel):
         self.n = 6 * bodies
         self._copies = len(plant.states) // self.n + 1
         self._seen: dict[int, Integers] = {}
-        self._steps = _OF_MOTION * plant.scales.of(plant.states)[: self.n]
+        self._steps = _MOTION_STEP * plant.scales.of(plant.states)[: self.n]
         near = Scales(reach_m, plant.scales.time_s)
-        self._near = _OF_SENSORS * near.of(plant.states)[: self.n]
+        self._near = _SENSOR_STEP * near.of(plant.states)[: self.n]
 
     @property
     def times_s(self) -> tuple[float, ...]:
@@ -88,7 +93,7 @@ class BodiesModel(PlantModel):
         return tuple(self._scenes)
 
     def beside(self, copies: int) -> Self:
-        """Return the same model for so many copies of all cases, one after the other."""
+        """Return the same model for `copies` copies of all cases, one after the other."""
         made = copy(self)
         made._scenes = {
             t: {
@@ -104,25 +109,28 @@ class BodiesModel(PlantModel):
         return super().advance(self._all(x), t0_s, t1_s, control, case)[: self.n]
 
     def process_noise(self, x: Array, t0_s: Array, t1_s: Array, control: Array) -> Array:
-        """Return roots (N, n, r) of what noise adds."""
+        """Return roots (N, n, r) of the covariance of the process noise."""
         roots = super().process_noise(self._all(x), t0_s, t1_s, control)
         return roots if len(roots[0]) == self.n else np.zeros((x.shape[1], self.n, 1))
 
     def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
-        """Return what perfect sensors show, all at one time."""
-        return self.suite.observe(x, t_s, _taken(self.scene(t_s), case))
+        """Return the measurements of perfect sensors, all at one time."""
+        return self.suite.observe(x, t_s, _select_cases(self.scene(t_s), case))
 
     def scene(self, t_s: Array) -> Scene:
-        """Return what surrounds the sensors at a time that all cases share."""
+        """Return the scene of the sensors at a time that all cases share."""
         return self._scenes[float(t_s[0])]
 
     def scene_of(self, times_s: Array, cases: int) -> dict[str, Array]:
-        """Return what surrounds sensors in columns that count times, then cases."""
+        """Return the scene of columns that count times, then cases."""
         scenes = [self._scenes[float(t)] for t in times_s]
-        return _stacked(scenes, np.arange(len(scenes) * cases), cases)
+        return _stack_scenes(scenes, np.arange(len(scenes) * cases), cases)
 
     def transition(self, x: Array, t0_s: Array, t1_s: Array, control: Array) -> Array:
-        """Return the derivatives (N, n, n) of `advance`; of all bodies at once, each of its own."""
+        """Return the transition matrices (N, n, n) of the motion, one block for each body.
+
+        The bodies do not act on each other, so that one state of every body is changed at once.
+        """
         cases, bodies = x.shape[1], self.n // 6
         points = np.repeat(x[:, None], 12, axis=1)
         steps = np.empty((6, bodies))
@@ -152,12 +160,12 @@ class BodiesModel(PlantModel):
         return slopes.transpose(2, 0, 1)
 
     def path(self, x: Array, times_s: Array) -> tuple[Array, Array]:
-        """Return states along the way, and their derivatives by those at the start.
+        """Return states along the arc, and their derivatives by the states at its start.
 
         Parameters
         ----------
         x : ndarray, shape (n, N)
-            At the first time.
+            States at the first time.
         times_s : ndarray, shape (K,)
             Times, s.
 
@@ -176,17 +184,17 @@ class BodiesModel(PlantModel):
         points[own, 1 + n + own] -= step[:, None]
         now = points.reshape(n, -1)
         none, case = np.zeros((0, now.shape[1])), np.arange(now.shape[1])
-        found = [now]
+        states = [now]
         for before, after in pairwise(times_s.tolist()):
             last, then = (np.full(now.shape[1], t) for t in (before, after))
             now = self.advance(now, last, then, none, case)
-            found.append(now)
-        every = np.array(found).reshape(len(times_s), n, 2 * n + 1, cases)
+            states.append(now)
+        every = np.array(states).reshape(len(times_s), n, 2 * n + 1, cases)
         slopes = (every[:, :, 1 : n + 1] - every[:, :, n + 1 :]) / (2.0 * step[:, None])
         return every[:, :, 0].transpose(1, 0, 2), slopes.transpose(3, 0, 1, 2)
 
     def along(self, path: Array, times_s: Array, present: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Return what sensors show along a way, where they do, and its derivatives.
+        """Return the predicted measurements along an arc, and their derivatives by the states.
 
         Parameters
         ----------
@@ -195,12 +203,12 @@ class BodiesModel(PlantModel):
         times_s : ndarray, shape (K,)
             Times, s.
         present : ndarray of bool, shape (m, K, N)
-            Which rows are asked for; others hold zeros.
+            Rows that are evaluated; the others hold zeros.
 
         Returns
         -------
         shown : ndarray, shape (m, K, N)
-            Values, SI.
+            Measurements, SI.
         slopes : ndarray, shape (m, n, K, N)
             Derivatives by the states at that time.
         """
@@ -214,7 +222,7 @@ class BodiesModel(PlantModel):
             every = np.flatnonzero(asked[rows].any(axis=0))
             for first in range(0, every.size, _AT_ONCE // (n + 1)):
                 some = every[first : first + _AT_ONCE // (n + 1)]
-                scene = _stacked(scenes, some, cases)
+                scene = _stack_scenes(scenes, some, cases)
                 shown[rows, some], slopes[rows, :, some] = self._slopes_of(
                     i, flat[:, some], times[some], scene
                 )
@@ -227,7 +235,7 @@ class BodiesModel(PlantModel):
         return [slice(int(end) - m, int(end)) for end, m in zip(ends, sizes, strict=True)]
 
     def _slopes_of(self, i: int, x: Array, t_s: Array, scene: Scene) -> tuple[Array, Array]:
-        """Return what a sensor shows (m, N) and its derivatives (m, n, N)."""
+        """Return the measurements (m, N) of one sensor and their derivatives (m, n, N)."""
         sensor, block, cases = self.suite.sensors[i], self.suite.blocks[i], x.shape[1]
         if i not in self._seen:
             self._seen[i] = self._dependence(i, x, t_s, scene)
@@ -235,14 +243,16 @@ class BodiesModel(PlantModel):
         k = len(seen)
         points = np.repeat(x[:, None], k + 1, axis=1)
         points[seen, 1 + np.arange(k)] += self._near[seen, None]
+        # the step that was truly added, after rounding
         width = points[seen, 1 + np.arange(k)] - x[seen]
         lanes = np.tile(np.arange(cases), k + 1)
-        z = sensor.observe(points.reshape(self.n, -1), t_s[lanes], _taken(scene, lanes))
+        z = sensor.observe(points.reshape(self.n, -1), t_s[lanes], _select_cases(scene, lanes))
         z = z.reshape(-1, k + 1, cases)
         off = z[:, 1:] - z[:, :1]
         row = 0
         for channel in block:
             if channel.kind == "angle":
+                # an angle may wrap between the two points
                 off[row] -= 2.0 * np.pi * np.rint(off[row] / (2.0 * np.pi))
             row += channel.rows
         slopes = np.zeros((len(z), self.n, cases))
@@ -250,41 +260,42 @@ class BodiesModel(PlantModel):
         return z[:, 0], slopes
 
     def _dependence(self, i: int, x: Array, t_s: Array, scene: Scene) -> Integers:
-        """Return which states change what a sensor shows."""
+        """Return the states that change a sensor's measurements, by trial on a few cases."""
         few = np.arange(min(8, x.shape[1]))
-        x, t_s, scene = x[:, few], t_s[few], _taken(scene, few)
+        x, t_s, scene = x[:, few], t_s[few], _select_cases(scene, few)
         sensor = self.suite.sensors[i]
         before = sensor.observe(x, t_s, scene)
-        found = []
+        states = []
         for state in range(self.n):
             moved = x.copy()
             moved[state] += self._near[state]
             if not np.array_equal(sensor.observe(moved, t_s, scene), before):
-                found.append(state)
-        return np.array(found, dtype=np.int64)
+                states.append(state)
+        return np.array(states, dtype=np.int64)
 
     def _all(self, x: Array) -> Array:
-        """Return states of all bodies of the plant: those that are not estimated repeat others."""
+        """Return states of all bodies of the plant; those that are not estimated repeat others."""
         if len(x) == self._n:
             return x
         return np.ascontiguousarray(np.tile(x, (self._copies, 1))[: self._n])
 
 
-def _taken(scene: Scene, case: Integers) -> dict[str, Array]:
+def _select_cases(scene: Scene, case: Integers) -> dict[str, Array]:
+    """Return the scene of some cases."""
     return {
         name: value if value.shape[-1] == 1 else np.take(value, case, axis=-1)
         for name, value in scene.items()
     }
 
 
-def _stacked(scenes: list[Scene], some: Integers, cases: int) -> dict[str, Array]:
+def _stack_scenes(scenes: list[Scene], some: Integers, cases: int) -> dict[str, Array]:
     """Return the scene of columns that count times, then cases."""
     time, case = np.divmod(some, cases)
-    found: dict[str, Array] = {}
+    scene_of_columns: dict[str, Array] = {}
     for name, value in scenes[0].items():
         if value.shape[-1] == 1:
-            found[name] = value
+            scene_of_columns[name] = value
         else:
             every = np.stack([scene[name] for scene in scenes], axis=-2)
-            found[name] = every[..., time, case]
-    return found
+            scene_of_columns[name] = every[..., time, case]
+    return scene_of_columns

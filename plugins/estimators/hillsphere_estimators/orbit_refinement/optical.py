@@ -1,8 +1,8 @@
-"""The first part: angles from the Earth over weeks, fitted by least squares.
+"""The optical part: angles from the Earth over weeks, fitted by least squares.
 
-Of an error of a hundredth of the distance a filter that linearises once makes what it never
-recovers from. All angles together are fitted instead, see `arc_fit`. How the knowledge grew is told
-by the rows of that fit, taken in part by part [1]_.
+The first belief is wrong by a hundredth of the distance, from which a filter that linearises only
+once does not recover. All angles are fitted together instead, see `arc_fit`. The belief at an
+earlier time follows from the rows of the same fit up to that time [1]_.
 
 References
 ----------
@@ -21,39 +21,40 @@ from hillsphere_estimators.initialisation.arc_fit import arc_fit, arc_rows, prio
 from hillsphere_estimators.orbit_refinement.motion import BodiesModel
 from hillsphere_estimators.roots import lower_root, upper_triangle
 
-__all__ = ["fitted"]
+__all__ = ["fit_angles"]
 
 _FARTHEST = 8.0
-"""Standard deviations of the prior: there are no ellipses much farther out."""
+"""Largest distance of a fit from the prior's mean, in its standard deviations: much farther out the
+states are no elliptic orbits."""
 
 
-def fitted(
+def fit_angles(
     model: BodiesModel, prior: Belief, sets: Sequence[MeasurementSet], kept: Sequence[int]
 ) -> tuple[list[Belief], NDArray[np.bool_]]:
-    """Fit all angles, and tell what was known when.
+    """Fit all angles, and return the beliefs after some of the times.
 
     Parameters
     ----------
     model : BodiesModel
         Motion and sensors; the scenes of all times.
     prior : Belief
-        Of the states (n, N) at the first time.
+        States (n, N) at the first time.
     sets : sequence of MeasurementSet
         At K times, in order.
     kept : sequence of int
-        After which of them, rising, it is told what was known.
+        Rising indices of the times whose belief is returned.
 
     Returns
     -------
     beliefs : list of Belief
-        Of the states at the times kept, linearised about the fit.
+        At these times, given the measurements until then, linearised about the fit of all.
     settled : ndarray of bool, shape (N,)
-        Where the fit converged.
+        Whether the fit converged.
     """
     fit = arc_fit(model, prior, sets, farthest=_FARTHEST)
     x, n = fit.belief.x, len(prior.x)
     rows = arc_rows(model, x, sets, prior.root)
-    upper, found, begin = prior_rows(prior, x), [], 0
+    upper, beliefs, begin = prior_rows(prior, x), [], 0
     for k in kept:
         cases = len(upper)
         some = slice(begin, k + 1)
@@ -63,8 +64,9 @@ def fitted(
         )  # fmt: skip
         upper = upper_triangle(np.concatenate([upper, new], axis=1))[:, :n]
         begin = k + 1
+        # U z = rest solves the rows until now; the belief moves with Φ to this time
         change = np.linalg.solve(upper[:, :, :n], upper[:, :, n:])
         root = rows.phi[:, k] @ np.linalg.inv(upper[:, :, :n])
         there = rows.path[:, k] + (rows.phi[:, k] @ change)[:, :, 0].T
-        found.append(Belief(there, lower_root(np.swapaxes(root, 1, 2)), sets[k].t_s))
-    return found, fit.settled
+        beliefs.append(Belief(there, lower_root(np.swapaxes(root, 1, 2)), sets[k].t_s))
+    return beliefs, fit.settled

@@ -1,75 +1,67 @@
-"""What is known of the orbit of an asteroid, over geometries and random cases."""
+"""Product of the stage ``orbit_refinement``: errors of an asteroid's orbit over time."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from hillsphere.interfaces import Array
+from hillsphere.products.fields import Label, Shape
 
 __all__ = ["Knowledge", "OrbitRefinement"]
 
 
 @dataclass(frozen=True)
 class Knowledge:
-    """Errors of the asteroid's estimated state over time, and what the filter says of them.
+    """Errors of the asteroid's estimated state over time, and their standard deviations.
 
-    Parameters
-    ----------
-    t_s : ndarray, shape (K,)
-        Times since the first observation, s.
-    position_m, velocity_m_s : ndarray, shape (K, G, M)
-        Lengths of the errors in G geometries of M random cases.
-    position_sigma_m, velocity_sigma_m_s : ndarray, shape (K, G, M)
-        Roots of the traces of the covariances.
-    nees : ndarray, shape (K, G, M)
-        Normalised errors squared of the asteroid's six states.
-    rows : ndarray, shape (K, G)
-        Mean number of measured values at that time.
+    A geometry is one relative position of Earth and asteroid; each has the same number of random
+    cases.
     """
 
-    t_s: Array
-    position_m: Array
-    velocity_m_s: Array
-    position_sigma_m: Array
-    velocity_sigma_m_s: Array
-    nees: Array
-    rows: Array
+    t_s: Annotated[Array, Shape("times")]
+    """Times since the first observation."""
+    position_m: Annotated[Array, Shape("times", "geometries", "cases")]
+    """Length of the position error."""
+    velocity_m_s: Annotated[Array, Shape("times", "geometries", "cases")]
+    """Length of the velocity error."""
+    position_sigma_m: Annotated[Array, Shape("times", "geometries", "cases")]
+    """Root of the trace of the covariance of the position."""
+    velocity_sigma_m_s: Annotated[Array, Shape("times", "geometries", "cases")]
+    """Root of the trace of the covariance of the velocity."""
+    nees: Annotated[Array, Shape("times", "geometries", "cases")]
+    """Normalised estimation error squared of the asteroid's six states."""
+    rows: Annotated[Array, Shape("times", "geometries")]
+    """Mean number of values measured at that time."""
 
 
 @dataclass(frozen=True)
 class OrbitRefinement:
     """The orbit of an asteroid from telescopes, and with spacecraft near it.
 
-    Parameters
-    ----------
-    geometries, arms : tuple of str
-        Names.
-    earth_distance_m : ndarray, shape (G,)
-        Least distance of Earth and asteroid while it is observed optically.
-    optical : Knowledge
-        Of the first part.
-    settled : ndarray, shape (G, M)
-        1 where its least squares converged, else 0.
-    tracked : tuple of Knowledge
-        Of the second part, one an arm; its first entry is before any measurement.
-    joint_nees : ndarray, shape (A, G, M)
-        Normalised errors squared of all states at the end.
-    states : int
-        How many states these are.
-    tracked_settled : ndarray, shape (A, G, M)
-        1 where the second part has converged, else 0.
-    craft_velocity_sigma_m_s : ndarray, shape (A, K, G, M)
-        Root of the trace of the covariance of a spacecraft's velocity, of the worst known; zero
-        without spacecraft.
+    An arm is one set of sensors, tried on the same flights and the same noise as the others.
     """
 
-    geometries: tuple[str, ...]
-    arms: tuple[str, ...]
-    earth_distance_m: Array
+    geometries: Annotated[tuple[str, ...], Shape("geometries"), Label("geometry")]
+    """Names of the geometries."""
+    arms: Annotated[tuple[str, ...], Shape("arms"), Label("sensors")]
+    """Names of the sets of sensors."""
+    earth_distance_m: Annotated[
+        Array, Shape("geometries"), Label("least distance of the Earth", 3, "au")
+    ]
+    """Least distance of Earth and asteroid during the optical part."""
     optical: Knowledge
-    settled: Array
-    tracked: tuple[Knowledge, ...]
-    joint_nees: Array
+    """The optical part, by telescopes on the Earth."""
+    settled: Annotated[Array, Shape("geometries", "cases")]
+    """1 where the least squares of the optical part converged, else 0."""
+    tracked: Annotated[tuple[Knowledge, ...], Shape("arms")]
+    """The tracking part, one for each arm; the first time is before any measurement."""
+    joint_nees: Annotated[Array, Shape("arms", "geometries", "cases")]
+    """NEES of all states, asteroid and spacecraft, at the end of tracking."""
     states: int
-    tracked_settled: Array
-    craft_velocity_sigma_m_s: Array
+    """Number of these states."""
+    tracked_settled: Annotated[Array, Shape("arms", "geometries", "cases")]
+    """1 where the tracking part converged, else 0."""
+    craft_velocity_sigma_m_s: Annotated[Array, Shape("arms", "times", "geometries", "cases")]
+    """Root of the trace of the covariance of the velocity of the spacecraft that is known worst;
+    zero without spacecraft."""

@@ -1,4 +1,4 @@
-"""Where the Earth and the asteroid truly are, in each geometry; lanes are geometry by geometry."""
+"""True positions of the Earth and the asteroid in each geometry; lanes are geometry by geometry."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ __all__ = ["earth_at", "orbit_of", "scenes_at", "starts"]
 
 
 def orbit_of(body: Any, key: str) -> Ephemeris:
-    """Return where a body of the mission is over time.
+    """Return the ephemeris of a body of the mission.
 
     Raises
     ------
     InputError
-        If it is a body that no ephemeris is known of.
+        If the body has no ephemeris.
     """
     if isinstance(body, OrbitingBody):
         return KeplerOrbit.of(body)
@@ -48,36 +48,36 @@ def starts(body: Any, geometries: tuple[GeometrySpec, ...]) -> Array:
     Raises
     ------
     InputError
-        If a mean anomaly is given for a body that has no elements.
+        If a mean anomaly is given for a body without orbital elements.
     """
-    found = []
+    states = []
     for geometry in geometries:
         epoch, mean = Epoch.parse(geometry.epoch, "TDB"), geometry.mean_anomaly_rad
         if mean is None:
-            found.append(orbit_of(body, "asteroid").states(np.zeros(1), epoch))
+            states.append(orbit_of(body, "asteroid").states(np.zeros(1), epoch))
         elif isinstance(body, OrbitingBody):
-            found.append(KeplerOrbit.of(body, mean).states(np.zeros(1), epoch))
+            states.append(KeplerOrbit.of(body, mean).states(np.zeros(1), epoch))
         elif isinstance(body, FixedOrbit):
             elements = body.elements.copy()
             elements[5] = mean
-            found.append(states_of_elements(elements[:, None], body.gm_m3_s2))
+            states.append(states_of_elements(elements[:, None], body.gm_m3_s2))
         else:
             raise InputError(
                 f"geometries: {geometry.name!r} gives a mean anomaly, but the asteroid comes "
                 f"from a {type(body).__name__}; leave it out, or give the asteroid's elements"
             )
-    return np.concatenate(found, axis=1)
+    return np.concatenate(states, axis=1)
 
 
 def scenes_at(
     times_s: Array, earth: Ephemeris, geometries: tuple[GeometrySpec, ...], seeds: int
 ) -> dict[float, Scene]:
-    """Return what surrounds sensors at each time, for geometries × seeds lanes.
+    """Return the scene of the sensors at each time, for geometries × seeds lanes.
 
     Parameters
     ----------
     times_s : ndarray, shape (K,)
-        Since each geometry's epoch, s.
+        Times since each geometry's epoch, s.
     earth : Ephemeris
         Of the Earth.
     geometries : tuple of GeometrySpec
@@ -88,8 +88,9 @@ def scenes_at(
     Returns
     -------
     dict of float to Scene
-        States are heliocentric, so that the frame is the Sun's: ``origin``, ``axes`` and ``rate``
-        say nothing, ``sun`` is zero; ``earth``, (6, G seeds), and ``earth_axes``, (3, 3, G seeds).
+        The states are heliocentric, the frame is that of the Sun: ``origin``, ``axes`` and ``rate``
+        are trivial, ``sun`` is zero. ``earth``, (6, G · seeds), and ``earth_axes``,
+        (3, 3, G · seeds), depend on the time.
     """
     still = {
         "origin": np.zeros((6, 1)), "axes": np.eye(3)[:, :, None],
@@ -111,9 +112,16 @@ def scenes_at(
 
 
 def earth_at(times_s: Array, earth: Ephemeris, epoch: Epoch) -> tuple[Array, Array]:
-    """Return the Earth's heliocentric states (6, K), and the turns (3, 3, K) to its own axes.
+    """Return the Earth's heliocentric states (6, K), and the rotations (3, 3, K) to its axes.
 
-    At times (K,), s after an epoch.
+    Parameters
+    ----------
+    times_s : ndarray, shape (K,)
+        Times since the epoch, s.
+    earth : Ephemeris
+        Of the Earth.
+    epoch : Epoch
+        Date of time 0.
     """
     turn = earth_fixed("gcrs", epoch, times_s, UT1_IS_UTC)
     return earth.states(times_s, epoch), from_equator(turn)

@@ -7,16 +7,15 @@ from typing import Self
 
 from pydantic import model_validator
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.spec import Ref, Spec, StageSpec, Vector3, option, quantity, reference, rule
 from hillsphere_estimators.sensor_fit import noiseless
 
 __all__ = ["ApproachSpec", "ArmSpec", "GeometrySpec", "OrbitRefinementSpec"]
 
-_DAY = 86400.0
-
 
 class GeometrySpec(Spec):
-    """Where the Earth and the asteroid are when the observations begin."""
+    """Positions of the Earth and the asteroid when the observations begin."""
 
     examples = ({"name": "near", "epoch": "2029-01-15"},)
 
@@ -32,7 +31,7 @@ class GeometrySpec(Spec):
 
 
 class ApproachSpec(Spec):
-    """Where a spacecraft is when tracking begins, in the Hill frame of the asteroid."""
+    """Position of a spacecraft when tracking begins, in the Hill frame of the asteroid."""
 
     examples = ({"offset_km": [9000.0, -4000.0, 1000.0]},)
 
@@ -68,7 +67,7 @@ class ArmSpec(Spec):
 
 
 class OrbitRefinementSpec(StageSpec):
-    """How well the orbit of an asteroid is known: by telescopes, then with spacecraft near it."""
+    """An asteroid's orbit by telescopes, and then with spacecraft near it."""
 
     produces = "hillsphere_estimators.orbit_refinement.products:OrbitRefinement"
     examples = (
@@ -111,12 +110,12 @@ class OrbitRefinementSpec(StageSpec):
         "sensor", "what observes the asteroid at first; to it the asteroid is spacecraft 1"
     )
     optical_duration_s: float = quantity(
-        "time", "how long it is observed", default=30.0 * _DAY, gt=0
+        "time", "length of the optical part", default=30.0 * DAY_S, gt=0
     )
     optical_interval_s: float = quantity("time", "between observations", default=3600.0, gt=0)
     initial_error: float = option(
-        "standard deviation of what is known before, on each axis, as a part of the distance from "
-        "the Sun and of the speed",
+        "standard deviation of the first belief, each axis, as a part of the distance from the Sun "
+        "and of the speed",
         default=0.01, gt=0, le=0.1,
     )  # fmt: skip
 
@@ -127,10 +126,10 @@ class OrbitRefinementSpec(StageSpec):
         max_length=19,
     )
     spacecraft_position_sigma_m: float = quantity(
-        "length", "how well their places are known at first, each axis", default=1e6, gt=0
+        "length", "standard deviation of their first positions, each axis", default=1e6, gt=0
     )
     spacecraft_speed_sigma_m_s: float = quantity(
-        "speed", "how well their velocities are known at first, each axis", default=0.1, gt=0
+        "speed", "standard deviation of their first velocities, each axis", default=0.1, gt=0
     )
     acceleration_noise_m_s2: float = quantity(
         "acceleration",
@@ -138,10 +137,10 @@ class OrbitRefinementSpec(StageSpec):
         "measurements: radiation pressure and thrusters that no model knows",
         default=0.0, ge=0,
     )  # fmt: skip
-    duration_s: float = quantity("time", "length of the second part", default=2.0 * _DAY, gt=0)
+    duration_s: float = quantity("time", "length of the second part", default=2.0 * DAY_S, gt=0)
     interval_s: float = quantity("time", "between its measurements", default=600.0, gt=0)
     reported_s: tuple[float, ...] = quantity(
-        "time", "when, after its begin, the table shows what is known; left out: each day",
+        "time", "times of the table, after the beginning of the second part; left out: each day",
         default=(), gt=0, max_length=20,
     )  # fmt: skip
     arms: tuple[ArmSpec, ...] = option(
@@ -151,8 +150,8 @@ class OrbitRefinementSpec(StageSpec):
         max_length=10,
     )
     passes: int = option(
-        "how often the second part is filtered anew, linearised along the path of the last "
-        "result: while distances are hardly known a filter alone believes too much",
+        "further passes of the filter over the second part, linearised along the path of the last "
+        "result: a single pass is overconfident while distances are hardly known",
         default=3, ge=0, le=20,
     )  # fmt: skip
     claims_velocity_kept: bool = option(
@@ -185,7 +184,7 @@ class OrbitRefinementSpec(StageSpec):
     def misfits(
         self, tables: Mapping[str, Mapping[str, Spec]]
     ) -> Iterator[tuple[tuple[str | int, ...], str]]:
-        """Yield which sensors no fit can weigh."""
+        """Yield the sensors that have no noise."""
         yield from noiseless([(("optical", i), ref) for i, ref in enumerate(self.optical)], tables)
         for a, arm in enumerate(self.arms):
             own = [(("arms", a, "sensors", i), ref) for i, ref in enumerate(arm.sensors)]

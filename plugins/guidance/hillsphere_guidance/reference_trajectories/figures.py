@@ -18,6 +18,7 @@ __all__ = ["draw_descents", "draw_differences", "draw_over_time"]
 _COLOURS = ("blue", "vermillion", "green", "purple", "orange", "sky", "black")
 _LINES = ("-", "--", ":", "-.")
 _MANY = 8
+"""Entries above which a legend takes two columns, and twice as many above which it stops naming."""
 _LEVEL, _ASIDE = 25.0, 65.0
 """Where the view is from, degrees: above, and from the line through most of the starts."""
 

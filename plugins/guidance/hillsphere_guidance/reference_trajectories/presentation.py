@@ -1,4 +1,4 @@
-"""Tables, figures and sentences of the reference trajectories."""
+"""Tables, figures and verdict of the stage ``reference_trajectories``."""
 
 from __future__ import annotations
 
@@ -7,8 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from hillsphere.interfaces import Array
-from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
-from hillsphere.show.reference import ReferenceTable, beside, difference_notes, with_paper
+from hillsphere.presentation import Figure, Metric, Presentation, Table
+from hillsphere.show.reference import ReferenceTable
+from hillsphere.show.tables import (
+    FieldColumns,
+    FilledColumn,
+    column,
+    set_beside,
+    tabulate,
+    text_column,
+)
 from hillsphere_guidance.reference_trajectories.figures import (
     draw_descents,
     draw_differences,
@@ -19,28 +27,15 @@ from hillsphere_guidance.reference_trajectories.specs import ReferenceTrajectori
 
 __all__ = ["present_references"]
 
-_COLUMNS = [
-    Column("descent", ""),
-    Column("start_km", "km", "start", 6),
-    Column("latitude_deg", "deg", "latitude", 6),
-    Column("longitude_deg", "deg", "longitude", 6),
-    Column("duration_s", "s", "duration", 6),
-    Column("dv_m_s", "m/s", "ΔV", 5),
-    Column("dv_held_m_s", "m/s", "ΔV, held", 5),
-    Column("peak_mm_s2", "mm/s2", "largest command", 4),
-    Column("touchdown_m_s", "m/s", "speed at the end", 4),
-    Column("lowest_m", "m", "lowest before the end", 4),
-    Column("replay_m", "m", "replay error", 2),
-    Column("replay_held_m", "m", "replay error, held", 2),
-    Column("search", ""),
-]
 _BELOW_M = 1e-3
+"""Depth below the surface, m, from which a path counts as passing through it: a path
+that begins or ends on the surface may be below it by rounding, far less than a millimetre."""
 _SHARES = (0, 25, 50, 75, 100)
-"""Parts of the duration, %, at which other plants are compared in the table."""
+"""Times at which other plants are compared in the table, % of the duration."""
 _METHOD = (
-    "Replay errors: distance from the planned end at which an open-loop flight with the command "
-    "alone ends, by propagators that had no part in planning; as planned by DOP853, as held on the "
-    "grid by Taylor series (by the step map where the field is no expression)."
+    "Replay errors: distance between the planned end and that of an open-loop flight by an "
+    "independent propagator, DOP853 for the command as planned, Taylor series for the held command "
+    "(or the step map, if the field is no expression)."
 )
 
 
@@ -56,22 +51,18 @@ def present_references(
     product : ReferenceTrajectories
         The descents.
     spec : ReferenceTrajectoriesSpec
-        As declared.
+        Its note and label.
     published : ReferenceTable or None
-        Costs of others.
+        Published costs.
 
     Returns
     -------
     Presentation
         A table of costs, one of the ends, a view in space and histories.
     """
-    rows = _rows(product)
-    columns: list[Column] = list(_COLUMNS)
     notes = [*([spec.note] if spec.note else []), _METHOD]
-    if published is not None:
-        rows = beside(rows, published, on="descent")
-        columns = with_paper(columns, rows)
-        notes += difference_notes(rows, published, label="descent")
+    costs = tabulate("Reference trajectories", _cost_columns(product), notes)
+    costs = set_beside(costs, published, on="descent", label="descent")
     tail = f"_{spec.label}" if spec.label else ""
     figures = {
         f"reference_histories{tail}": Figure(
@@ -85,12 +76,14 @@ def present_references(
         figures[f"reference_trajectories{tail}"] = Figure(
             "Reference trajectories",
             lambda figure: draw_descents(figure, product),
-            "In the frame of the motion, with ΔV; circles are starts, triangles are ends.",
+            "In the frame of the motion, with ΔV. Circles: starts; triangles: ends.",
             size_in=(8.0, 7.0),
         )
     tables = {
-        f"reference_trajectories{tail}": Table("Reference trajectories", columns, rows, notes),
-        f"reference_ends{tail}": Table("Ends of the reference trajectories", *_ends(product)),
+        f"reference_trajectories{tail}": costs,
+        f"reference_ends{tail}": tabulate(
+            "Ends of the reference trajectories", _end_columns(product)
+        ),
     }
     if product.compared:
         tables[f"reference_differences{tail}"] = _differences(product)
@@ -104,7 +97,7 @@ def present_references(
     worst = product.replay_m[0].max(), product.replay_held_m[0].max()
     return Presentation(
         metrics={
-            f"reference_trajectories{tail}": Metric(len(rows)),
+            f"reference_trajectories{tail}": Metric(len(product.flights.labels)),
             f"replay_error{tail}": Metric(float(worst[0]), "m"),
             f"replay_error_held{tail}": Metric(float(worst[1]), "m"),
         },
@@ -114,47 +107,45 @@ def present_references(
     )
 
 
-def _rows(product: ReferenceTrajectories) -> list[dict[str, Cell]]:
-    rows: list[dict[str, Cell]] = []
-    for i, name in enumerate(product.flights.labels):
-        lowest = _before_end(product, i)
-        rows.append(
-            {
-                "descent": name,
-                "start_km": float(product.start_distance_m[i] / 1e3),
-                "latitude_deg": _number(np.degrees(product.latitude_rad[i])),
-                "longitude_deg": _number(np.degrees(product.longitude_rad[i])),
-                "duration_s": float(product.duration_s[i]),
-                "dv_m_s": float(product.dv_m_s[i]),
-                "dv_held_m_s": float(product.dv_held_m_s[i]),
-                "peak_mm_s2": float(1e3 * product.peak_m_s2[i]),
-                "touchdown_m_s": float(np.linalg.norm(_end(product, i)[1])),
-                "lowest_m": _number(lowest.min(initial=np.inf)),
-                "replay_m": float(product.replay_m[0, i]),
-                "replay_held_m": float(product.replay_held_m[0, i]),
-                "search": product.account[i],
-            }
-        )
-    return rows
+def _cost_columns(product: ReferenceTrajectories) -> list[FilledColumn]:
+    """Return the columns of costs and replays, one row per descent."""
+    of = FieldColumns(product, "descents")
+    count = len(product.flights.labels)
+    speeds = [float(np.linalg.norm(_end(product, i)[1])) for i in range(count)]
+    lowest = [_before_end(product, i).min(initial=np.inf) for i in range(count)]
+    return [
+        text_column("descent", product.flights.labels),
+        of("start_distance_m", "start_km"),
+        of("latitude_rad"),
+        of("longitude_rad"),
+        of("duration_s"),
+        of("dv_m_s"),
+        of("dv_held_m_s"),
+        column("peak_mm_s2", product.peak_m_s2, "largest command", 4, unit="mm/s2"),
+        column("touchdown_m_s", speeds, "speed at the end", 4),
+        column("lowest_m", [h if np.isfinite(h) else None for h in lowest],
+               "lowest before the end", 4),
+        column("replay_m", product.replay_m[0], "replay error", 2),
+        column("replay_held_m", product.replay_held_m[0], "replay error, held", 2),
+        of("account", "search", ""),
+    ]  # fmt: skip
 
 
-def _ends(product: ReferenceTrajectories) -> tuple[list[Column], list[dict[str, Cell]]]:
-    """Return where the descents end."""
-    flights = product.flights
-    d = len(product.command)
-    places = [f"{name}_m" for name in flights.states[:d]]
-    speeds = [f"{name}_m_s" for name in flights.states[d : 2 * d]]
-    columns = [
-        Column("descent", ""),
-        *(Column(name, "m", digits=11) for name in places),
-        *(Column(name, "m/s", digits=8) for name in speeds),
+def _end_columns(product: ReferenceTrajectories) -> list[FilledColumn]:
+    """Return the columns of positions and velocities at the end, one row per descent."""
+    flights, d = product.flights, len(product.command)
+    ends = [_end(product, i) for i in range(len(flights.labels))]
+    return [
+        text_column("descent", flights.labels),
+        *(
+            column(f"{name}_m", [r[i] for r, _ in ends], digits=11)
+            for i, name in enumerate(flights.states[:d])
+        ),
+        *(
+            column(f"{name}_m_s", [v[i] for _, v in ends])
+            for i, name in enumerate(flights.states[d : 2 * d])
+        ),
     ]
-    rows: list[dict[str, Cell]] = []
-    for i, label in enumerate(flights.labels):
-        r, v = _end(product, i)
-        numbers = zip([*places, *speeds], [*r, *v], strict=True)
-        rows.append({"descent": label} | {name: float(value) for name, value in numbers})
-    return columns, rows
 
 
 def _end(product: ReferenceTrajectories, i: int) -> tuple[Sequence[float], Sequence[float]]:
@@ -166,42 +157,39 @@ def _end(product: ReferenceTrajectories, i: int) -> tuple[Sequence[float], Seque
 
 
 def _differences(product: ReferenceTrajectories) -> Table:
-    """Return how much other plants accelerate otherwise, at some times and at the end."""
-    columns = [
-        Column("plant", ""),
-        Column("descent", ""),
-        *(
-            Column(f"at_{share}_percent_mm_s2", "mm/s2", f"at {share} % of the time", 4)
-            for share in _SHARES[:-1]
-        ),
-        Column("at_100_percent_mm_s2", "mm/s2", "at the end", 4),
-        Column("mean_mm_s2", "mm/s2", "mean over time", 4),
-    ]
-    rows: list[dict[str, Cell]] = []
-    for c, name in enumerate(product.compared):
-        for i, label in enumerate(product.flights.labels):
+    """Return the differences of other plants' accelerations, at some times and in the mean."""
+    labels = product.flights.labels
+    rows: list[list[float]] = []
+    for c in range(len(product.compared)):
+        for i in range(len(labels)):
             here = np.isfinite(product.flights.t_s[:, i])
             t, size = product.flights.t_s[here, i], 1e3 * product.difference_m_s2[c, here, i]
-            row: dict[str, Cell] = {"plant": name, "descent": label}
-            for share in _SHARES:
-                at = t[0] + 0.01 * share * (t[-1] - t[0])
-                row[f"at_{share}_percent_mm_s2"] = float(np.interp(at, t, size))
-            row["mean_mm_s2"] = float(np.trapezoid(size, t) / (t[-1] - t[0]))
-            rows.append(row)
+            times = [t[0] + 0.01 * share * (t[-1] - t[0]) for share in _SHARES]
+            mean = np.trapezoid(size, t) / (t[-1] - t[0])
+            rows.append([float(np.interp(at, t, size)) for at in times] + [float(mean)])
+    names = [*(f"at_{share}_percent_mm_s2" for share in _SHARES), "mean_mm_s2"]
+    texts = [*(f"at {share} % of the time" for share in _SHARES[:-1]), "at the end",
+             "mean over time"]  # fmt: skip
+    columns = [
+        text_column("plant", [plant for plant in product.compared for _ in labels]),
+        text_column("descent", [label for _ in product.compared for label in labels]),
+        *(
+            column(name, [row[j] for row in rows], text, 4, unit="mm/s2", is_si=False)
+            for j, (name, text) in enumerate(zip(names, texts, strict=True))
+        ),
+    ]
     note = "Size of the difference of the accelerations, no command acting."
-    return Table("Accelerations by other plants along the descents", columns, rows, (note,))
+    return tabulate("Accelerations by other plants along the descents", columns, (note,))
 
 
 def _before_end(product: ReferenceTrajectories, i: int) -> Array:
+    """Return the heights (K,) of a descent without that at its end."""
     heights = product.height_m[:, i]
     return heights[np.isfinite(heights)][:-1]
 
 
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
 def _sentences(product: ReferenceTrajectories) -> list[str]:
+    """Return the verdict: cost and replay, paths below the surface or inside the series' radius."""
     labels = product.flights.labels
     buried = [
         label for i, label in enumerate(labels)
@@ -211,8 +199,9 @@ def _sentences(product: ReferenceTrajectories) -> list[str]:
     count = f"{len(labels)} reference trajectories" if len(labels) > 1 else "A reference trajectory"
     spread = f"{least:.4g}" if len(labels) == 1 else f"{least:.4g} to {most:.4g}"
     sentences = [
-        f"{count} by guidance {product.guidance!r}, ΔV {spread} m/s; flown open loop with the "
-        f"command held, the end is met to {product.replay_held_m[0].max():.1e} m."
+        f"{count} by guidance {product.guidance!r}: ΔV {spread} m/s. Flown open loop under the "
+        "held command, the flights end "
+        f"within {product.replay_held_m[0].max():.1e} m of their targets."
     ]
     if buried:
         sentences.append(
@@ -226,6 +215,6 @@ def _sentences(product: ReferenceTrajectories) -> list[str]:
         if inside:
             sentences.append(
                 f"{inside} of {len(labels)} descents come closer than {radius / 1e3:.5g} km, where "
-                "the series of the gravity field is not sure to converge."
+                "the series of the gravity field may diverge."
             )
     return sentences

@@ -1,4 +1,4 @@
-"""Spec of the stage ``reference_trajectories``: what a mission may write."""
+"""Spec of the stage ``reference_trajectories``: its keys in a mission."""
 
 from __future__ import annotations
 

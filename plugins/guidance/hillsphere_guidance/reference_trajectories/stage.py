@@ -14,8 +14,8 @@ from hillsphere.interfaces import Array, Context, Guidance, GuidanceTask, Guided
 from hillsphere.presentation import Presentation
 from hillsphere.products import Trajectories
 from hillsphere.show.reference import ReferenceTable
-from hillsphere_guidance.held_commands import held_command
-from hillsphere_guidance.held_steps import held_times
+from hillsphere_guidance.held_commands import solve_held_command
+from hillsphere_guidance.held_steps import command_times
 from hillsphere_guidance.motion import Motion, motion_of
 from hillsphere_guidance.reference_trajectories.presentation import present_references
 from hillsphere_guidance.reference_trajectories.products import ReferenceTrajectories
@@ -30,14 +30,18 @@ from hillsphere_guidance.splines import gauss_nodes
 __all__ = ["ReferenceTrajectoriesStage"]
 
 _NODES = 4
+"""Quadrature nodes between two breaks of a command, exact to degree 7 in time: a command of the
+splines has degree 3 but for the field."""
 _MESH = (37, 73)
+"""Circles of latitude and points of each on the drawn surface: every 5° in both."""
 _ON_GROUND = 1e-9
-"""By how much a start on the ground may seem below it, relative to its distance."""
+"""Depth of a start below the surface, relative to its distance from the centre, that is
+rounding."""
 
 
 @dataclass(frozen=True)
 class _Descent:
-    """One flight that is to be planned."""
+    """One flight to be planned."""
 
     name: str
     of: str
@@ -48,7 +52,7 @@ class _Descent:
 
 @dataclass(frozen=True)
 class _Flown:
-    """One flight that was planned, on its grid."""
+    """One planned flight on its grid of times."""
 
     t: Array
     x: Array
@@ -95,7 +99,7 @@ class ReferenceTrajectoriesStage:
             if any(descent.site for descent in spec.descents):
                 raise
             self._ground = None
-        self.descents = self._expanded(starts)
+        self.descents = self._expand_starts(starts)
 
     def run(self, ctx: Context) -> ReferenceTrajectories:
         """Plan every descent, hold its command on the grid, and fly both again.
@@ -119,7 +123,7 @@ class ReferenceTrajectoriesStage:
         flown = []
         for descent in self.descents:
             try:
-                flown.append(self._flown(descent))
+                flown.append(self._fly_descent(descent))
             except HillsphereError as error:
                 raise StageError(f"descent {descent.name!r}: {error}") from error
             ctx.info(f"{descent.name}: {flown[-1].account}")
@@ -165,12 +169,12 @@ class ReferenceTrajectoriesStage:
         q = np.array([[start.others[other]] for other in others]).reshape(len(others), 1)
         speed = start.velocity_m_s or (0.0,) * d
         r, v = np.array(start.position_m)[:, None], np.array(speed)[:, None]
-        return motion.assembled(r, v, q)[:, 0]
+        return motion.assemble(r, v, q)[:, 0]
 
-    def _expanded(self, starts: Sequence[Array]) -> list[_Descent]:
-        """Return the descents as they are, then from the other distances."""
+    def _expand_starts(self, starts: Sequence[Array]) -> list[_Descent]:
+        """Return the descents from their own starts, then from the other distances."""
         rows = self.motion.positions
-        found = []
+        descents = []
         for distance in (None, *self.spec.start_distances_m):
             for descent, begun in zip(self.spec.descents, starts, strict=True):
                 x, name, key = begun.copy(), descent.name, "start.position"
@@ -179,8 +183,8 @@ class ReferenceTrajectoriesStage:
                     name += f" from {distance / 1e3:.9g} km"
                     key = "start_distances"
                 self._check_start(x[rows], f"descent {name!r}: {key}")
-                found.append(self._task(descent, name, x))
-        return found
+                descents.append(self._task(descent, name, x))
+        return descents
 
     def _check_start(self, r: Array, where: str) -> None:
         """Refuse a descent that begins inside of the body."""
@@ -205,14 +209,14 @@ class ReferenceTrajectoriesStage:
         task = GuidanceTask(start, place.position_m, down, descent.duration_s, time_s, place.up)
         return _Descent(name, descent.name, task, site.latitude_rad, site.longitude_rad)
 
-    def _flown(self, descent: _Descent) -> _Flown:
+    def _fly_descent(self, descent: _Descent) -> _Flown:
         """Plan one descent, and fly it again."""
         motion, task = self.motion, descent.task
         flight = self.guidance.plan(self.plant, task)
-        t = held_times(task.duration_s, self.spec.step_s)
+        t = command_times(task.duration_s, self.spec.step_s)
         x, command = flight.states(t), flight.command(t)
         mean, dv, peak = _integrals(flight, t, motion.axes)
-        u = held_command(motion, t, x, mean, task.time_s)
+        u = solve_held_command(motion, t, x, mean, task.time_s)
         end = replay_continuous(motion, flight, task.start, task.time_s)
         held = replay_held(motion, t, u, task.start, task.time_s)[:, -1]
         goal = x[:, -1]
@@ -232,7 +236,7 @@ class ReferenceTrajectoriesStage:
     def _product(self, flown: Sequence[_Flown]) -> ReferenceTrajectories:
         motion, around = self.motion, Surroundings.of(self.plant)
         tasks = [descent.task for descent in self.descents]
-        x = _stacked([one.x for one in flown])
+        x = _pad_and_stack([one.x for one in flown])
         names = tuple(descent.name for descent in self.descents)
         return ReferenceTrajectories(
             flights=Trajectories(
@@ -240,12 +244,12 @@ class ReferenceTrajectoriesStage:
                 states=tuple(v.name for v in motion.states),
                 plans=names,
                 labels=names,
-                t_s=_stacked([one.t[None] for one in flown])[0],
+                t_s=_pad_and_stack([one.t[None] for one in flown])[0],
                 x=x,
                 controls=motion.controls,
-                u=_stacked([one.u for one in flown]),
+                u=_pad_and_stack([one.u for one in flown]),
             ),
-            command=_stacked([one.command for one in flown]),
+            command=_pad_and_stack([one.command for one in flown]),
             descents=tuple(descent.of for descent in self.descents),
             guidance=self.spec.guidance.name,
             account=tuple(one.account for one in flown),
@@ -265,11 +269,11 @@ class ReferenceTrajectoriesStage:
             body=around.body,
             series_radius_m=around.series_radius_m,
             compared=tuple(one.name for one in self.spec.compare),
-            difference_m_s2=self._differences(_stacked([one.t[None] for one in flown])[0], x),
+            difference_m_s2=self._differences(_pad_and_stack([one.t[None] for one in flown])[0], x),
         )
 
     def _differences(self, t: Array, x: Array) -> Array:
-        """Return how much other plants accelerate otherwise (C, K, N) at states (n, K, N)."""
+        """Return the differences (C, K, N) of other plants' accelerations at states (n, K, N)."""
         there = np.isfinite(x).all(axis=0)
         out = np.full((len(self._others), *there.shape), np.nan)
         begun = np.array([descent.task.time_s for descent in self.descents])
@@ -300,7 +304,7 @@ def _integrals(flight: GuidedFlight, t: Array, axes: int) -> tuple[Array, float,
     return mean / np.diff(t), float(size @ weights), float(size.max())
 
 
-def _stacked(arrays: Sequence[Array]) -> Array:
+def _pad_and_stack(arrays: Sequence[Array]) -> Array:
     """Put arrays (n, K) of different lengths K side by side, (n, max K, N), NaN beyond the end."""
     longest = max(array.shape[1] for array in arrays)
     out = np.full((len(arrays[0]), longest, len(arrays)), np.nan)

@@ -1,1 +1,1 @@
-"""What an orbit sees of its body, and when the Sun shines on both."""
+"""Coverage of the body's surface from an orbit, with eclipses and lighting."""

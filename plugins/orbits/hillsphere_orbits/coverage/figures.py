@@ -1,4 +1,4 @@
-"""Figures of what orbits see."""
+"""Figures of ground tracks, covered latitudes and altitudes."""
 
 from __future__ import annotations
 

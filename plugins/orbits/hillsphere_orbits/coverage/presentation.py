@@ -1,4 +1,4 @@
-"""Tables, figures and sentences about what orbits see."""
+"""Tables, figures and sentences about the coverage of the surface."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hillsphere.presentation import Figure, Presentation
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.coverage.figures import draw_coverage, draw_tracks
 from hillsphere_orbits.coverage.products import Coverage
-from hillsphere_orbits.qso.presentation import named
+from hillsphere_orbits.qso.presentation import label_identifier
 
 __all__ = ["present_coverage"]
 
@@ -17,7 +17,7 @@ _RANGE = {"min": "least", "mean": "mean", "max": "largest"}
 
 
 def present_coverage(product: Coverage, label: str) -> Presentation:
-    """Show what the orbits see.
+    """Show coverage, altitudes, eclipses and light.
 
     Parameters
     ----------
@@ -57,8 +57,8 @@ def present_coverage(product: Coverage, label: str) -> Presentation:
         ),
     }
     return Presentation(
-        tables={named(name, label): table for name, table in tables.items()},
-        figures={named(name, label): figure for name, figure in figures.items()},
+        tables={label_identifier(name, label): table for name, table in tables.items()},
+        figures={label_identifier(name, label): figure for name, figure in figures.items()},
         verdict=_verdict(product),
     )
 
@@ -85,7 +85,7 @@ def _notes(product: Coverage) -> list[str]:
         notes.append("The shadow of the primary is left out: no radius of it is given.")
     notes.append(
         "Ground counts as lit where the Sun stands at least "
-        f"{np.degrees(product.sun_elevation_min_rad):.3g}° high outside the shadow of the primary."
+        f"{np.degrees(product.min_sun_elevation_rad):.3g}° high outside the shadow of the primary."
     )
     return notes
 
@@ -104,8 +104,8 @@ def _coverage(product: Coverage) -> list[FilledColumn]:
         *of.split("distance_m", **_RANGE),
         *of.split("speed_m_s", **_RANGE),
         *_year("eclipse", "eclipsed", product.shadow if known else product.shadow * np.nan),
-        column("primary_eclipse_mean", primary, "by the primary, mean", 4),
-        column("body_eclipse_mean", body, "by the moon, mean", 4),
+        column("mean_primary_eclipse", primary, "by the primary, mean", 4),
+        column("mean_body_eclipse", body, "by the moon, mean", 4),
         *_year("lit", "ground lit", product.lit_ground),
     ]
 
@@ -113,7 +113,7 @@ def _coverage(product: Coverage) -> list[FilledColumn]:
 def _year(stem: str, label: str, values: Array) -> list[FilledColumn]:
     spread = values.min(axis=0), values.mean(axis=0), values.max(axis=0)
     return [
-        column(f"{stem}_{key}", part, f"{label}, {word} of the year", 4)
+        column(f"{key}_{stem}", part, f"{label}, {word} of the year", 4)
         for (key, word), part in zip(_RANGE.items(), spread, strict=True)
     ]
 

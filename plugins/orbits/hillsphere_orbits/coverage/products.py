@@ -1,4 +1,4 @@
-"""What the stage ``coverage`` hands on."""
+"""Product of the stage ``coverage``."""
 
 from __future__ import annotations
 
@@ -57,9 +57,9 @@ class Coverage:
     track_altitude_m: Annotated[Array, Shape("points", "orbits")]
     """Altitude along it."""
     cell_rad: float
-    """Width of the cells, as asked for."""
-    sun_elevation_min_rad: float
-    """Elevation of the Sun from which ground counts as lit, as asked for."""
+    """Width of the cells, as requested."""
+    min_sun_elevation_rad: float
+    """Elevation of the Sun from which ground counts as lit, as requested."""
     sun_longitudes: int
     """Over how many longitudes of the Sun the means go."""
     sun_distance_m: float | None

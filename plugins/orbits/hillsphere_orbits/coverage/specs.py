@@ -1,4 +1,4 @@
-"""Spec of the stage ``coverage``: what a mission may write."""
+"""Spec of the stage ``coverage``: the keys of a mission."""
 
 from __future__ import annotations
 

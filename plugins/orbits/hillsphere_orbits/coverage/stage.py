@@ -1,4 +1,4 @@
-"""The stage ``coverage``: what members of families see of the body, and in what light."""
+"""The stage ``coverage``: surface coverage, altitudes, eclipses and lighting."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from hillsphere_orbits.coverage.ellipsoid_geometry import (
 from hillsphere_orbits.coverage.presentation import present_coverage
 from hillsphere_orbits.coverage.products import Coverage
 from hillsphere_orbits.coverage.specs import CoverageSpec
-from hillsphere_orbits.coverage.sunlight import declinations, hidden_part, sun_directions
-from hillsphere_orbits.nonlinear_stability.retraced import require_states, retrace
+from hillsphere_orbits.coverage.sunlight import declinations, obscuration, sun_directions
+from hillsphere_orbits.nonlinear_stability.sampled_orbits import require_states, retrace
 from hillsphere_orbits.sources import members_of
 from hillsphere_orbits.survey import LockedMoon
 
@@ -91,6 +91,7 @@ class CoverageStage:
         spec, moon = self.spec, self.moon
         given = members_of(*orbits)
         equations = system(self.plant, normalised=True)
+        # steps short enough that the ground track skips no cell
         around = retrace(StepMap(equations), given, _OF_CELL * spec.cell_rad)
         # the last state is the first one again
         way = around.way[:, :-1] * equations.unit[:, None, None]
@@ -101,6 +102,7 @@ class CoverageStage:
         ground, altitude = _ground(body, axes, given.labels)
         longitude = np.arctan2(ground[1], ground[0])
         latitude = np.arctan2(ground[2], np.hypot(ground[0], ground[1]))
+        # extremes by a parabola: samples alone miss them by a part of a step
         extent = np.array([_least(latitude), -_least(-latitude)])
         bands = _odd(np.pi / spec.cell_rad)
         edges = np.linspace(-0.5 * np.pi, 0.5 * np.pi, bands + 1)
@@ -127,7 +129,7 @@ class CoverageStage:
             track_rad=np.array([longitude, latitude]),
             track_altitude_m=altitude,
             cell_rad=spec.cell_rad,
-            sun_elevation_min_rad=spec.sun_elevation_min_rad,
+            min_sun_elevation_rad=spec.sun_elevation_min_rad,
             sun_longitudes=spec.sun_longitudes,
             sun_distance_m=spec.sun_distance_m,
             body=moon.body_name,
@@ -182,7 +184,7 @@ class CoverageStage:
             for i in range(place.shape[2]):
                 dark = np.zeros((place.shape[1], spec.sun_longitudes))
                 if spec.primary_radius_m is not None:
-                    dark = hidden_part(
+                    dark = obscuration(
                         primary - place[:, :, i], spec.primary_radius_m, sun, apparent
                     )
                     means[0, s, i] = dark.mean()

@@ -6,9 +6,10 @@ import numpy as np
 
 from hillsphere.interfaces import Array
 
-__all__ = ["declinations", "hidden_part", "sun_directions"]
+__all__ = ["declinations", "obscuration", "sun_directions"]
 
 _GOLDEN = 0.6180339887498949
+"""(√5 − 1)/2: the irrational number whose multiples, modulo 1, are spread most evenly."""
 
 
 def declinations(largest: float, seasons: int) -> Array:
@@ -27,6 +28,7 @@ def declinations(largest: float, seasons: int) -> Array:
     ndarray, shape (seasons,)
         asin(sin ε sin λ), rad, at the middles of equal parts of λ from −90° to 90°.
     """
+    # midpoints: every sample stands for an equal part of the Sun's longitude
     turn = np.pi * ((np.arange(seasons) + 0.5) / seasons - 0.5)
     return np.asarray(np.arcsin(np.sin(largest) * np.sin(turn)))
 
@@ -56,7 +58,7 @@ def sun_directions(declination: float, longitudes: int, places: int) -> Array:
     )
 
 
-def hidden_part(to_sphere: Array, radius: float, to_sun: Array, sun_radius_rad: float) -> Array:
+def obscuration(to_sphere: Array, radius: float, to_sun: Array, sun_radius_rad: float) -> Array:
     """Return the part of the Sun's disc that a sphere hides.
 
     Parameters

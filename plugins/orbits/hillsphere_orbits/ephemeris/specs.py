@@ -1,4 +1,4 @@
-"""Spec of the stage ``ephemeris``: what a mission may write."""
+"""Spec of the stage ``ephemeris``: the keys of a mission."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class EphemerisSpec(StageSpec):
         "time scale of the epoch and of the files", default="TDB"
     )
     centre: Literal["moon", "primary"] = option(
-        "what positions and velocities are relative to", default="moon"
+        "origin of positions and velocities", default="moon"
     )
     duration_s: float | None = quantity(
         "time", "length of the ephemeris of an orbit; left out: one period", default=None, gt=0

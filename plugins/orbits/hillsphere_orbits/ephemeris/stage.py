@@ -23,12 +23,14 @@ from hillsphere.time import Epoch
 from hillsphere_orbits.ephemeris.oem import OemSegment, write_oem
 from hillsphere_orbits.ephemeris.specs import EphemerisSpec
 from hillsphere_orbits.flow import flow_of
-from hillsphere_orbits.qso.presentation import named
+from hillsphere_orbits.qso.presentation import label_identifier
 from hillsphere_orbits.sources import members_of
 
 __all__ = ["Ephemerides", "EphemerisStage"]
 
 _MOST_STATES = 2_000_000
+"""Most states of one orbit, about 0.3 GB of text: a step that is too small by mistake is refused
+before the disk is full."""
 
 
 @dataclass(frozen=True)
@@ -152,7 +154,7 @@ class EphemerisStage:
             self._same_frame(members.frame)
             advance = ctx.track("ephemerides", len(members.labels))
             for i, label in enumerate(members.labels):
-                t, x = self._flown(members, i)
+                t, x = self._propagate_member(members, i)
                 plans.append(_different(label, given_names))
                 labels.append(label)
                 times.append(t)
@@ -219,11 +221,11 @@ class EphemerisStage:
         )
         table = tabulate("Ephemerides (CCSDS OEM and CSV)", columns, notes)
         return Presentation(
-            tables={named("ephemerides", self.spec.label): table},
+            tables={label_identifier("ephemerides", self.spec.label): table},
             files=files,
         )
 
-    def _flown(self, members: PeriodicOrbits, i: int) -> tuple[Array, Array]:
+    def _propagate_member(self, members: PeriodicOrbits, i: int) -> tuple[Array, Array]:
         """Return times (K,) and states (6, K), SI, along one member from its start."""
         duration = self.spec.duration_s or float(members.period_s[i])
         count = ceil(duration / self.spec.step_s - 1e-9)

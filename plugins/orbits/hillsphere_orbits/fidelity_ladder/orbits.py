@@ -19,10 +19,16 @@ _Lanes: TypeAlias = NDArray[np.intp]
 _SPACING = 0.02
 """Longest step of the table, natural units: the interpolation errs by 1e-9 of the orbit."""
 _NEWTON = 4
+"""Steps of Gauss and Newton's iteration for the nearest phase. Their number is fixed, so that a
+flight does not depend on the others of its batch; the phase of the last iteration is near."""
 _LONGEST = 0.3
 """Longest change of a phase at once, natural units."""
 _SAME_EQUATIONS = 1e-8
+"""Largest closure beside the growth of errors over half a period, natural units, of orbits that
+count as solutions of this plant's equations. They were computed to 1e-9 or better; other equations
+(another gravity model, say) give far more."""
 _TRACK_POINTS = 1200
+"""Points of a stored track, about: a smooth curve in a figure."""
 
 
 class OrbitCurves:
@@ -83,6 +89,7 @@ class OrbitCurves:
         """Return states and rates (n, k, L), normalised, at phases (k, L) in units of time."""
         h = self.step[lanes]
         place = np.mod((phase + 0.5 * self.period[lanes]) / h, self.table.shape[1] - 1)
+        # interval of the table, periodic in the phase
         i = np.minimum(place.astype(np.intp), self.table.shape[1] - 2)
         s = place - i
         a, b = self.table[:, i, lanes], self.table[:, i + 1, lanes]
@@ -96,6 +103,7 @@ class OrbitCurves:
         """Return the phases (k, L), near to given ones, at which orbits come nearest to x."""
         for _ in range(_NEWTON):
             here, rate = self.at(phase, lanes)
+            # Gauss and Newton: project the gap on the rate along the orbit
             change = np.sum((x - here) * rate, axis=0) / np.sum(rate**2, axis=0)
             phase = phase + np.clip(change, -_LONGEST, _LONGEST)
         return phase

@@ -7,20 +7,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.interfaces import Array, Integers
 from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.fidelity_ladder.products import FidelityLadder
-from hillsphere_orbits.qso.presentation import counted, named
+from hillsphere_orbits.qso.presentation import format_count, label_identifier
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
 __all__ = ["present_ladder"]
 
-_DAY = 86400.0
 _PARTS = 60
-_DRAWN = 6  # members in a figure: as many as colours that tell apart
+"""Parts of the time in the figure of departures: fewer hide the growth, more show every swing."""
+_DRAWN = 6  # members in a figure: one per distinguishable colour
 _COLOURS = [PALETTE[c] for c in ("blue", "vermillion", "green", "purple", "orange", "sky")]
 
 
@@ -40,7 +41,7 @@ def present_ladder(product: FidelityLadder, label: str) -> Presentation:
         Tables ``fidelity_ladder`` (a row per rung and member), ``fidelity_rungs`` and
         ``fidelity_periodic``, figures ``fidelity_departures`` and ``fidelity_flights``.
     """
-    days = product.times_s[-1] / _DAY
+    days = product.times_s[-1] / DAY_S
     notes = [
         f"Departure: distance from the nearest point of the orbit of the first rung, over {days:g} "
         "days; along the orbit the flight may slip, by the time given.",
@@ -83,13 +84,15 @@ def present_ladder(product: FidelityLadder, label: str) -> Presentation:
             ),
         }
     return Presentation(
-        metrics={named(name, label): metric for name, metric in metrics.items()},
+        metrics={label_identifier(name, label): metric for name, metric in metrics.items()},
         tables={
-            named("fidelity_ladder", label): tabulate(
+            label_identifier("fidelity_ladder", label): tabulate(
                 f"Orbits on every rung, {days:g} days", _flights(product), notes
             ),
-            named("fidelity_rungs", label): tabulate("Rungs of the ladder", _rungs(product)),
-            named("fidelity_periodic", label): tabulate(
+            label_identifier("fidelity_rungs", label): tabulate(
+                "Rungs of the ladder", _rungs(product)
+            ),
+            label_identifier("fidelity_periodic", label): tabulate(
                 "Periodic orbits of the rungs themselves",
                 _periodic(product),
                 [
@@ -98,7 +101,7 @@ def present_ladder(product: FidelityLadder, label: str) -> Presentation:
                 ],
             ),
         },
-        figures={named(name, label): figure for name, figure in figures.items()},
+        figures={label_identifier(name, label): figure for name, figure in figures.items()},
         verdict=_verdict(product),
     )
 
@@ -110,7 +113,7 @@ def _flights(product: FidelityLadder) -> list[FilledColumn]:
         of("members", "member"),
         text_column("status", product.status, "status"),
         *map(of, ("converged", "iterations", "gap", "departure_max_m", "departure_rms_m")),
-        *map(of, ("slip_s", "altitude_min_m", "survival_s")),
+        *map(of, ("slip_s", "min_altitude_m", "survival_s")),
         text_column("fate", [fate or None for fate in product.fate], "lost by"),
     ]
 
@@ -160,18 +163,18 @@ def _rungs(product: FidelityLadder) -> list[FilledColumn]:
             "surviving", [count if there else None for count, there in surviving],
             "survive without correction",
         ),
-        column("survival_min_d", -largest(-product.survival_s), "least survival", 4),
+        column("min_survival_d", -largest(-product.survival_s), "least survival", 4),
     ]  # fmt: skip
 
 
 def _verdict(product: FidelityLadder) -> list[str]:
-    days = product.times_s[-1] / _DAY
-    found = []
+    days = product.times_s[-1] / DAY_S
+    sentences = []
     for r, rung in enumerate(product.rungs):
         good = product.converged[:, r]
         text = (
             f"{rung} ({product.plants[r]}): "
-            f"{counted(int(np.count_nonzero(good)), 'orbit', of=good.size)} "
+            f"{format_count(int(np.count_nonzero(good)), 'orbit', of=good.size)} "
             f"{'has' if np.count_nonzero(good) == 1 else 'have'} a continuous flight of {days:g} "
             "days"
         )
@@ -182,15 +185,15 @@ def _verdict(product: FidelityLadder) -> list[str]:
                 f", at most {np.min(largest) / 1e3:.3g} to {np.max(largest) / 1e3:.3g} km from the "
                 f"orbit; {alone} {'survives' if alone == 1 else 'survive'} without correction"
             )
-        found.append(text + ".")
+        sentences.append(text + ".")
     if failed := [
         f"{member} on {rung}"
         for r, rung in enumerate(product.rungs)
         for m, member in enumerate(product.members)
         if not product.converged[m, r]
     ]:
-        found.append(f"Not converged: {', '.join(failed)}.")
-    return found
+        sentences.append(f"Not converged: {', '.join(failed)}.")
+    return sentences
 
 
 def _apart(product: FidelityLadder) -> list[int]:
@@ -211,7 +214,9 @@ def _draw_departures(figure: Canvas, product: FidelityLadder) -> None:
     drawn = _spread(np.arange(len(product.members)))
     # the largest of each part of the time: the departure swings with every revolution
     ends = np.unique(np.linspace(0, len(product.times_s), _PARTS + 1).astype(int))
-    days = product.times_s[np.minimum((ends[:-1] + ends[1:]) // 2, len(product.times_s) - 1)] / _DAY
+    days = (
+        product.times_s[np.minimum((ends[:-1] + ends[1:]) // 2, len(product.times_s) - 1)] / DAY_S
+    )
     for r, ax in zip(rungs, axes, strict=True):
         for colour, m in zip(_COLOURS, drawn, strict=False):
             if product.converged[m, r]:

@@ -1,4 +1,4 @@
-"""What the stage ``fidelity_ladder`` hands on."""
+"""Product of the stage ``fidelity_ladder``."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class FidelityLadder(FlightSet):
         Array, Shape("members", "rungs"), Label("ahead of the orbit at the end", 4, "h")
     ]
     """Time by which the flight is ahead of the orbit at the end."""
-    altitude_min_m: Annotated[Array, Shape("members", "rungs"), Label("least height", 5, "km")]
+    min_altitude_m: Annotated[Array, Shape("members", "rungs"), Label("least height", 5, "km")]
     """Least height above the surface; NaN without one, zero if the flight meets it."""
     survival_s: Annotated[
         Array, Shape("members", "rungs"), Label("survival without correction", 4, "d")
@@ -95,7 +95,7 @@ class FidelityLadder(FlightSet):
     """Angle from away from the primary to its longitude 0, in the mean."""
 
     def reference(self, rung: str, member: str) -> tuple[Array, Array]:
-        """Return the flight of a member on a rung, for what shall follow it.
+        """Return the flight of a member on a rung, as a reference to follow.
 
         Parameters
         ----------

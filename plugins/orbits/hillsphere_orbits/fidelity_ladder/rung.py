@@ -12,13 +12,13 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
 from hillsphere_orbits.survey import LockedMoon
 
-__all__ = ["Clocked", "Rung", "described", "named_rungs"]
+__all__ = ["Rung", "TrueAnomalyPlant", "describe_plant", "name_rungs"]
 
 STATES = ("x", "y", "z", "vx", "vy", "vz")
 
 
 @runtime_checkable
-class Clocked(Contract, Protocol):
+class TrueAnomalyPlant(Contract, Protocol):
     """A plant whose moon moves on its ellipse: the true anomaly is its seventh state."""
 
     def in_hill_frame(self, x: Array) -> Array:
@@ -40,7 +40,7 @@ class Rung:
     Parameters
     ----------
     plant : Plant
-        States x, y, z, vx, vy, vz in the frame hill:BODY, or a `Clocked` one.
+        States x, y, z, vx, vy, vz in the frame hill:BODY, or a `TrueAnomalyPlant` one.
     t_s : ndarray, shape (K + 1,)
         Times of the nodes.
     true_anomaly_rad : float
@@ -55,7 +55,7 @@ class Rung:
     def __init__(self, plant: Plant, t_s: Array, true_anomaly_rad: float) -> None:
         self.plant, self.t_s = plant, t_s
         names = tuple(v.name for v in plant.states)
-        self._clocked = plant if isinstance(plant, Clocked) else None
+        self._clocked = plant if isinstance(plant, TrueAnomalyPlant) else None
         if names[:6] != STATES or (
             self._clocked is None and (len(names) != 6 or not plant.frame.startswith("hill:"))
         ):
@@ -78,6 +78,7 @@ class Rung:
             return hill
         _, k, cases = hill.shape
         flat = np.ascontiguousarray(hill.reshape(6, -1))
+        # the true anomaly is given by time, the same for all flights at a node
         anomaly = np.repeat(self.anomaly[nodes], cases)
         return self._clocked.from_hill_frame(flat, anomaly).reshape(self.n, k, cases)
 
@@ -89,7 +90,7 @@ class Rung:
         return self._clocked.in_hill_frame(flat).reshape(6, *x.shape[1:])
 
 
-def named_rungs(given: Sequence[str], plants: Sequence[Plant]) -> tuple[str, ...]:
+def name_rungs(given: Sequence[str], plants: Sequence[Plant]) -> tuple[str, ...]:
     """Return different names of the rungs; plants given in Python are called by their class."""
     names: list[str] = []
     for name, plant in zip(given, plants, strict=True):
@@ -99,8 +100,8 @@ def named_rungs(given: Sequence[str], plants: Sequence[Plant]) -> tuple[str, ...
     return tuple(names)
 
 
-def described(plant: Plant) -> str:
-    """Say what a plant is: its class in words, its gravity, and how its moon turns."""
+def describe_plant(plant: Plant) -> str:
+    """Describe a plant in words: its class, its gravity model and the rotation of its moon."""
     words = [type(plant).__name__]
     if isinstance(plant, LockedMoon):
         words.append(plant.gravity_name)

@@ -1,4 +1,4 @@
-"""Spec of the stage ``fidelity_ladder``: what a mission may write."""
+"""Spec of the stage ``fidelity_ladder``: the keys of a mission."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Self
 
 from pydantic import model_validator
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.spec import Ref, StageSpec, option, quantity, reference, rule
 from hillsphere_orbits.options import label
 from hillsphere_orbits.source_specs import OrbitNeeds
@@ -14,7 +15,7 @@ __all__ = ["FidelityLadderSpec"]
 
 
 class FidelityLadderSpec(StageSpec):
-    """Periodic orbits carried over to truer equations, plant by plant.
+    """Periodic orbits continued to higher-fidelity equations, plant by plant.
 
     On each plant the continuous flight nearest to the orbit is found by multiple shooting, and
     flown on its own from its first state.
@@ -38,7 +39,7 @@ class FidelityLadderSpec(StageSpec):
         "plant", "plants from the simplest, which the orbits solve, to the truest"
     )
     members: tuple[str, ...] = option("names of the orbits carried over; left out: all", default=())
-    duration_s: float = quantity("time", "length of the flights", default=30 * 86400.0, gt=0)
+    duration_s: float = quantity("time", "length of the flights", default=30 * DAY_S, gt=0)
     segments: int | None = option(
         "arcs of a flight; left out: so many that one takes 1.5/n, n the mean motion",
         default=None,
@@ -49,7 +50,7 @@ class FidelityLadderSpec(StageSpec):
         "angle", "true anomaly of the moon at the start, where its orbit is an ellipse", default=0.0
     )
     limit: float = option(
-        "a flight without correction is lost beyond so many times the orbit's largest |x|, |y| or, "
+        "an uncorrected flight is lost beyond this many times the orbit's largest |x|, |y| or "
         "in space, |z|",
         default=2.0,
         gt=1,

@@ -1,4 +1,4 @@
-"""The stage ``fidelity_ladder``: periodic orbits carried over to truer equations."""
+"""The stage ``fidelity_ladder``: periodic orbits continued to higher-fidelity equations."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from hillsphere_orbits.fidelity_ladder.orbits import NearOrbit, OrbitCurves
 from hillsphere_orbits.fidelity_ladder.periodic import periodic_on
 from hillsphere_orbits.fidelity_ladder.presentation import present_ladder
 from hillsphere_orbits.fidelity_ladder.products import FidelityLadder
-from hillsphere_orbits.fidelity_ladder.rung import Rung, described, named_rungs
+from hillsphere_orbits.fidelity_ladder.rung import Rung, describe_plant, name_rungs
 from hillsphere_orbits.fidelity_ladder.specs import FidelityLadderSpec
 from hillsphere_orbits.fidelity_ladder.survival import survival
 from hillsphere_orbits.flow import flow_of
-from hillsphere_orbits.multiple_shooting import Flown, reconverge
+from hillsphere_orbits.multiple_shooting import ContinuousFlights, reconverge
 from hillsphere_orbits.sources import members_of
 from hillsphere_orbits.survey import NEARLY_PLANAR, LockedMoon
 
@@ -33,7 +33,7 @@ _BETWEEN = 12
 
 
 class FidelityLadderStage:
-    """Periodic orbits carried over to truer equations.
+    """Periodic orbits continued to higher-fidelity equations.
 
     Parameters
     ----------
@@ -71,46 +71,46 @@ class FidelityLadderStage:
         StageError
             If the orbits do not solve the equations of the first rung.
         """
-        given = self._chosen(members_of(*orbits))
+        given = self._select_orbits(members_of(*orbits))
         curves = OrbitCurves(self.plants[0], given)
         span = self.spec.duration_s / curves.time_unit_s
         arcs = self.spec.segments or max(1, round(span / _ARC))
         t = np.linspace(0.0, self.spec.duration_s, arcs + 1)
         anomaly = self.spec.start_true_anomaly_rad
-        names = named_rungs([ref.name for ref in self.spec.rungs], self.plants)
+        names = name_rungs([ref.name for ref in self.spec.rungs], self.plants)
         rungs = [Rung(plant, t, anomaly) for plant in self.plants]
         moon = self.plants[0] if isinstance(self.plants[0], LockedMoon) else None
         advance = ctx.track("rungs", len(rungs))
-        found, recurring = [], []
+        results, recurring = [], []
         for name, rung in zip(names, rungs, strict=True):
             one = self._climb(rung, curves)
             recurring.append(periodic_on(rung, given, _at_start(one, rung, curves)))
             for member, status in zip(given.labels, one.status, strict=True):
                 if status != "converged":
                     ctx.info(f"{member} on {name}: {status}")
-            found.append(one)
+            results.append(one)
             advance(1)
         return FidelityLadder(
-            flights=_flights(rungs[-1], given.labels, found[-1]),
+            flights=_flights(rungs[-1], given.labels, results[-1]),
             rungs=names,
-            plants=tuple(described(plant) for plant in self.plants),
+            plants=tuple(describe_plant(plant) for plant in self.plants),
             frames=tuple(plant.frame for plant in self.plants),
             state_counts=tuple(rung.n for rung in rungs),
             members=given.labels,
             times_s=t,
-            x=np.stack([one.x for one in found], axis=-1),
-            hill=np.stack([one.hill for one in found], axis=-1),
-            departure_m=np.stack([one.departure for one in found], axis=-1),
-            converged=np.stack([one.flown.converged for one in found], axis=-1),
-            iterations=np.stack([one.flown.iterations for one in found], axis=-1),
-            gap=np.stack([one.flown.gap for one in found], axis=-1),
-            departure_max_m=np.stack([one.largest for one in found], axis=-1),
-            departure_rms_m=np.stack([one.rms for one in found], axis=-1),
-            slip_s=np.stack([one.slip for one in found], axis=-1) * curves.time_unit_s,
-            altitude_min_m=np.stack([one.altitude for one in found], axis=-1),
-            survival_s=np.stack([one.survival for one in found], axis=-1),
-            fate=tuple(fate for one in found for fate in one.fate),
-            status=tuple(status for one in found for status in one.status),
+            x=np.stack([one.x for one in results], axis=-1),
+            hill=np.stack([one.hill for one in results], axis=-1),
+            departure_m=np.stack([one.departure for one in results], axis=-1),
+            converged=np.stack([one.flown.converged for one in results], axis=-1),
+            iterations=np.stack([one.flown.iterations for one in results], axis=-1),
+            gap=np.stack([one.flown.gap for one in results], axis=-1),
+            departure_max_m=np.stack([one.largest for one in results], axis=-1),
+            departure_rms_m=np.stack([one.rms for one in results], axis=-1),
+            slip_s=np.stack([one.slip for one in results], axis=-1) * curves.time_unit_s,
+            min_altitude_m=np.stack([one.altitude for one in results], axis=-1),
+            survival_s=np.stack([one.survival for one in results], axis=-1),
+            fate=tuple(fate for one in results for fate in one.fate),
+            status=tuple(status for one in results for status in one.status),
             periodic_x0_m=np.stack([one.x0 for one in recurring], axis=-1),
             periodic_s=np.stack([one.period_s for one in recurring], axis=-1),
             periodic_closure=np.stack([one.closure for one in recurring], axis=-1),
@@ -132,7 +132,7 @@ class FidelityLadderStage:
         """Show a row per member and rung, the departures over time and the flights."""
         return present_ladder(product, self.spec.label)
 
-    def _chosen(self, orbits: PeriodicOrbits) -> PeriodicOrbits:
+    def _select_orbits(self, orbits: PeriodicOrbits) -> PeriodicOrbits:
         """Return the orbits asked for."""
         known = orbits.labels
         if not known:
@@ -153,7 +153,7 @@ class FidelityLadderStage:
             labels=tuple(wanted),
         )
 
-    def _climb(self, rung: Rung, curves: OrbitCurves) -> _Climbed:
+    def _climb(self, rung: Rung, curves: OrbitCurves) -> _RungResult:
         """Find the flights of one rung and describe them."""
         target = NearOrbit(curves, rung)
         flown = reconverge(rung.plant, rung.t_s, target.start(), target=target)
@@ -164,7 +164,7 @@ class FidelityLadderStage:
         x[: rung.n, :, good] = flown.x[:, :, good]
         hill = np.full((6, points, cases), np.nan)
         hill[:, :, good] = rung.hill(flown.x[:, :, good])
-        made = _Climbed(
+        made = _RungResult(
             flown=flown,
             x=x,
             hill=hill,
@@ -182,7 +182,7 @@ class FidelityLadderStage:
         return made
 
     def _describe(
-        self, made: _Climbed, rung: Rung, curves: OrbitCurves, good: NDArray[np.intp]
+        self, made: _RungResult, rung: Rung, curves: OrbitCurves, good: NDArray[np.intp]
     ) -> None:
         """Fill in departures, heights and survival of the flights that converged."""
         flow = flow_of(rung.plant)
@@ -221,10 +221,10 @@ class FidelityLadderStage:
 
 
 @dataclass(frozen=True, eq=False)
-class _Climbed:
+class _RungResult:
     """The flights of one rung."""
 
-    flown: Flown
+    flown: ContinuousFlights
     x: Array
     hill: Array
     departure: Array
@@ -237,7 +237,7 @@ class _Climbed:
     status: list[str]
 
 
-def _at_start(made: _Climbed, rung: Rung, curves: OrbitCurves) -> Array:
+def _at_start(made: _RungResult, rung: Rung, curves: OrbitCurves) -> Array:
     """Return states (6, N), SI, of the flights where they pass the starts of their orbits.
 
     That is half-way if they can be there, where neither end is near at which they are free.
@@ -256,9 +256,9 @@ def _at_start(made: _Climbed, rung: Rung, curves: OrbitCurves) -> Array:
     return states * flow.system.unit[:, None]
 
 
-def _flights(rung: Rung, members: tuple[str, ...], found: _Climbed) -> Trajectories:
+def _flights(rung: Rung, members: tuple[str, ...], result: _RungResult) -> Trajectories:
     """Return the flights of a rung that converged and keep clear of the body."""
-    good = [m for m, status in enumerate(found.status) if status == "converged"]
+    good = [m for m, status in enumerate(result.status) if status == "converged"]
     names = tuple(members[m] for m in good)
     return Trajectories(
         frame=rung.plant.frame,
@@ -266,7 +266,7 @@ def _flights(rung: Rung, members: tuple[str, ...], found: _Climbed) -> Trajector
         plans=names,
         labels=names,
         t_s=np.repeat(rung.t_s[:, None], len(good), axis=1),
-        x=np.ascontiguousarray(found.x[: rung.n][:, :, good]),
+        x=np.ascontiguousarray(result.x[: rung.n][:, :, good]),
     )
 
 

@@ -12,7 +12,7 @@ from hillsphere_orbits.flow import Flow, flow_of
 
 __all__ = ["survival"]
 
-_PIECES = 2  # per arc: what is lost is lost at the end of one of them
+_PIECES = 2  # per arc: a loss is dated to the end of its part
 _STEP = 1.0 / 16.0
 """Longest step over which surface and limits are looked for, natural units. The surface is then
 mostly proved without halving; a cubic errs by ω⁴/384 of it, 3e-6 of an orbit with a period of 2."""
@@ -45,6 +45,7 @@ def survival(rung: Rung, x0: Array, limits_m: Array) -> tuple[Array, tuple[str, 
     flight = _Series(flow) if flow.system.external is None else _Steps(flow)
     parts = np.arange(_PIECES) / _PIECES
     t = rung.t_s / time_unit
+    # parts of arcs: losses are dated to their ends
     grid = np.append((t[:-1, None] + np.diff(t)[:, None] * parts).ravel(), t[-1])
     time = np.full(x0.shape[1], rung.t_s[-1])
     fate = [""] * x0.shape[1]
@@ -69,6 +70,7 @@ def survival(rung: Rung, x0: Array, limits_m: Array) -> tuple[Array, tuple[str, 
                 fate[lane], time[lane] = "unresolved", start * time_unit
             elif not inside[i]:
                 fate[lane], time[lane] = "limit", (start + length) * time_unit
+        # lost lanes leave the batch, so that later parts cost less
         stays = np.isnan(met) & resolved & inside
         lanes, x = lanes[stays], np.ascontiguousarray(x[:, stays])
     return time, tuple(fate)
@@ -87,17 +89,18 @@ def _farthest(x: Array, h: float) -> Array:
     a, b, s, t = x[:3, :-1], x[:3, 1:], h * x[3:6, :-1], h * x[3:6, 1:]
     # d/du of a + s u + (3(b − a) − 2s − t) u² + (2(a − b) + s + t) u³
     p, q = 3.0 * (2.0 * (a - b) + s + t), 3.0 * (b - a) - 2.0 * s - t
-    found = np.max(np.abs(x[:3]), axis=1)
+    largest = np.max(np.abs(x[:3]), axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         root = np.sqrt(q * q - p * s)
         # p u² + 2 q u + s = 0, either root in the form that does not cancel
         stable = -(q + np.copysign(root, q))
         turns = stable / p, s / stable
     for u in turns:
+        # value of the cubic at its extrema
         at = a + u * (s + u * (q + u * p / 3.0))
         inside = (u > 0.0) & (u < 1.0)
-        found = np.maximum(found, np.max(np.where(inside, np.abs(at), 0.0), axis=1))
-    return np.asarray(found)
+        largest = np.maximum(largest, np.max(np.where(inside, np.abs(at), 0.0), axis=1))
+    return np.asarray(largest)
 
 
 class _Series:

@@ -19,17 +19,19 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.symbolic import Expr, gradient, sum_of, variable_names
 
-__all__ = ["UNPROVED", "Flown", "Watch", "Zeros", "fly"]
+__all__ = ["UNPROVED", "FlightEnds", "Watch", "Zeros", "fly"]
 
 UNPROVED = "that no crossing of theirs was missed is not proved"
-"""What is said of flights that are not resolved."""
+"""Remark about flights that are not resolved."""
 
 _CHUNK = 64  # sub-steps between two looks: long enough that Python's share is small
 _NEWTON = 4
+"""Steps from the zero of the interpolating cubic: Newton's method doubles its digits with each, and
+zeros that have not converged by then are bracketed."""
 
 
 class Watch:
-    """Functions of the state that are watched, with their rates along the flow.
+    """Functions of the state whose zeros are sought along flights, with their rates.
 
     Parameters
     ----------
@@ -72,7 +74,7 @@ class Watch:
 
 @dataclass(frozen=True, eq=False)
 class Zeros:
-    """Where lanes meet watched functions, by lane and time.
+    """Zeros of the watched functions, by lane and time.
 
     Parameters
     ----------
@@ -92,7 +94,7 @@ class Zeros:
     rising: NDArray[np.bool_]
     x: Array
 
-    def chosen(self, keep: NDArray[np.bool_] | NDArray[np.intp]) -> Zeros:
+    def select(self, keep: NDArray[np.bool_] | NDArray[np.intp]) -> Zeros:
         """Return some of them."""
         return Zeros(
             self.lane[keep], self.event[keep], self.time[keep], self.rising[keep], self.x[:, keep]
@@ -100,8 +102,8 @@ class Zeros:
 
 
 @dataclass(frozen=True, eq=False)
-class Flown:
-    """Ends of N flights and what was met on the way.
+class FlightEnds:
+    """Ends of N flights and the zeros of the watched functions on the way.
 
     Parameters
     ----------
@@ -146,8 +148,8 @@ def fly(
     goes_on: Callable[[NDArray[np.intp], int, Array], NDArray[np.intp]],
     most: int,
     ends: tuple[str, ...] = (),
-) -> Flown:
-    """Fly lanes until each is told to stop, or falls through a function that ends it.
+) -> FlightEnds:
+    """Fly lanes until each is stopped, or a function that ends flights falls through zero.
 
     Parameters
     ----------
@@ -170,13 +172,13 @@ def fly(
 
     Returns
     -------
-    Flown
+    FlightEnds
         Ends and zeros.
     """
     cases = x.shape[1]
     lanes = np.arange(cases)
     end, last = x.copy(), np.zeros(cases, dtype=np.intp)
-    found: list[_Brackets] = []
+    parts: list[_Brackets] = []
     resolved = np.ones(cases, dtype=bool)
     killers = [watch.names.index(name) for name in ends]
     now, done = np.ascontiguousarray(x), 0
@@ -194,18 +196,18 @@ def fly(
         alive = length == steps + 1
         alive[brackets.lane[falls]] = False
         brackets.lane = lanes[brackets.lane]
-        found.append(brackets)
+        parts.append(brackets)
         at = np.maximum(length - 1, 0)
         end[:, lanes] = way[:, at, np.arange(lanes.size)]
         last[lanes] = done + at
         now, lanes, done = np.ascontiguousarray(way[:, -1, alive]), lanes[alive], done + steps
-    zeros = _refined(step_map, watch, found, h)
+    zeros = _refine_brackets(step_map, watch, parts, h)
     time, ended = np.asarray(last * h, float), np.full(cases, -1, dtype=np.intp)
     for i in np.flatnonzero(np.isin(zeros.event, killers) & ~zeros.rising)[::-1]:
         lane = zeros.lane[i]  # zeros are in order: the first of each lane is seen last
         time[lane], ended[lane], end[:, lane] = zeros.time[i], zeros.event[i], zeros.x[:, i]
     keep = np.abs(zeros.time) <= np.abs(time[zeros.lane])
-    return Flown(end, time, ended, zeros.chosen(keep), resolved)
+    return FlightEnds(end, time, ended, zeros.select(keep), resolved)
 
 
 def _brackets(
@@ -226,13 +228,13 @@ def _brackets(
     return _Brackets(b.lane, b.function, begin, base, ends, values, slopes), b.resolved
 
 
-def _refined(step_map: StepMap, watch: Watch, found: list[_Brackets], h: float) -> Zeros:
-    """Refine brackets to zeros, by Newton's method from the cubic, bracketed where it fails."""
+def _refine_brackets(step_map: StepMap, watch: Watch, brackets: list[_Brackets], h: float) -> Zeros:
+    """Refine brackets to zeros by Newton's method, and by bracketing where it fails."""
     n = len(step_map.system.x)
-    if not found:
+    if not brackets:
         empty = np.zeros(0, dtype=np.intp)
         return Zeros(empty, empty, np.zeros(0), empty.astype(bool), np.zeros((n, 0)))
-    b = _joined(found)
+    b = _join_brackets(brackets)
     pick = np.arange(b.lane.size)
     x = np.ascontiguousarray(b.x)
     low, high = b.ends
@@ -247,10 +249,12 @@ def _refined(step_map: StepMap, watch: Watch, found: list[_Brackets], h: float) 
     at = x
     for _ in range(_NEWTON):
         at = step_map.step(x, tau, strict=False)
+        # Newton's step with the exact rate of the watched function along the motion
         value, rate = (q[b.event, pick] for q in watch(at))
         with np.errstate(divide="ignore", invalid="ignore"):
             change = value / rate
         new = tau - change
+        # a step out of the bracket is not taken; such a zero is bracketed below
         ok = np.isfinite(new) & ((new - low) * (new - high) <= 0.0)
         tau, change = np.where(ok, new, tau), np.where(ok, change, np.inf)
         if np.all(np.abs(change) <= 1e-13 * abs(h)):
@@ -268,12 +272,13 @@ def _refined(step_map: StepMap, watch: Watch, found: list[_Brackets], h: float) 
         )
     at = step_map.step(x, tau, strict=False)
     time = b.begin + tau
+    # by lane, then by time since the start, also for flights backwards
     order = np.lexsort((np.abs(time), b.lane))
     rising = b.values[1] > b.values[0]
     return Zeros(b.lane[order], b.event[order], time[order], rising[order], at[:, order])
 
 
-def _joined(parts: list[_Brackets]) -> _Brackets:
+def _join_brackets(parts: list[_Brackets]) -> _Brackets:
     return _Brackets(
         *(
             np.concatenate([getattr(p, name) for p in parts], axis=-1)

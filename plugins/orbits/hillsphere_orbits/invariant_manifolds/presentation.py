@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
 from hillsphere.show.tables import FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.invariant_manifolds.products import Manifolds
 from hillsphere_orbits.invariant_manifolds.specs import InvariantManifoldsSpec
-from hillsphere_orbits.qso.presentation import counted, named
+from hillsphere_orbits.qso.presentation import format_count, label_identifier
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
@@ -36,7 +37,7 @@ def present_manifolds(product: Manifolds, spec: InvariantManifoldsSpec) -> Prese
         Table ``manifolds``, one figure ``manifold_tubes_…`` per orbit, counts as metrics.
     """
     label = spec.label
-    days = spec.duration_s / 86400.0
+    days = spec.duration_s / DAY_S
     impacts = sum(name == "impact" for name in product.ended_by)
     metrics = {
         "trajectories": Metric(len(product.ended_by)),
@@ -54,7 +55,7 @@ def present_manifolds(product: Manifolds, spec: InvariantManifoldsSpec) -> Prese
     about = f" around {product.body.capitalize()}" if product.body not in ("", "body") else ""
     for i, name in enumerate(product.orbits.labels):
         if np.any(product.orbit[product.track_trajectory] == i):
-            figures[named(f"manifold_tubes_{i + 1}", label)] = Figure(
+            figures[label_identifier(f"manifold_tubes_{i + 1}", label)] = Figure(
                 f"Manifolds of {name}{about}",
                 lambda figure, i=i: _draw(figure, product, spec, i),  # type: ignore[misc]
                 "Unstable and stable manifold, the orbit, the body to scale and the cylinders "
@@ -62,9 +63,9 @@ def present_manifolds(product: Manifolds, spec: InvariantManifoldsSpec) -> Prese
                 size_in=(12.0, 6.0),
             )
     return Presentation(
-        metrics={named(name, label): metric for name, metric in metrics.items()},
+        metrics={label_identifier(name, label): metric for name, metric in metrics.items()},
         tables={
-            named("manifolds", label): tabulate(
+            label_identifier("manifolds", label): tabulate(
                 f"Invariant manifolds{about}", _manifolds(product), notes
             )
         },
@@ -118,7 +119,7 @@ def _verdict(product: Manifolds, days: float) -> list[str]:
     unstable = sum(kind == "unstable" for kind in product.kinds)
     impacts = sum(name == "impact" for name in product.ended_by)
     sentences = [
-        f"{counted(unstable, 'orbit', of=len(product.kinds))} "
+        f"{format_count(unstable, 'orbit', of=len(product.kinds))} "
         f"{'has' if unstable == 1 else 'have'} manifolds; of their "
         f"{len(product.ended_by)} trajectories {impacts} meet the surface within {days:g} d."
     ]
@@ -164,7 +165,7 @@ def finish_space(axes: Any) -> None:
 def _draw(figure: Canvas, product: Manifolds, spec: InvariantManifoldsSpec, i: int) -> None:
     trajectory = product.track_trajectory
     orbit = product.orbit_tracks_m[:, :, i] / 1e3
-    # what flies far beyond the cylinders would make all else small
+    # trajectories far beyond the cylinders would shrink all else
     reach = 1.3 * max(float(np.max(np.abs(orbit))), *(r / 1e3 for r in spec.cylinders_m), 0.0)
     height = float(np.max(np.abs(orbit[2])))
     angle = np.linspace(0.0, 2.0 * np.pi, 97)

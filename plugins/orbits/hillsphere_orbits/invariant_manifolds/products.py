@@ -1,4 +1,4 @@
-"""What the stage ``invariant_manifolds`` hands on."""
+"""Product of the stage ``invariant_manifolds``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["Manifolds"]
 
 @dataclass(frozen=True)
 class Manifolds:
-    """Trajectories of invariant manifolds and what they meet.
+    """Trajectories of invariant manifolds and their crossings of surfaces.
 
     Times count from the last moment at which a trajectory is `distance` away from its orbit; they
     are negative before it, and on stable manifolds, which are flown backwards, after it.

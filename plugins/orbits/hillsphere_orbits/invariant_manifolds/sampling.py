@@ -25,17 +25,17 @@ from hillsphere.dynamics import bracketed_roots
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere_orbits.flow import Flow
-from hillsphere_orbits.invariant_manifolds.flight import Flown, Watch, fly
+from hillsphere_orbits.invariant_manifolds.flight import FlightEnds, Watch, fly
 from hillsphere_orbits.spatial_qso_families.stability import excess, spectrum
 
-__all__ = ["Leaves", "LocalManifold", "classified", "leaves", "sides_are_images"]
+__all__ = ["Leaves", "LocalManifold", "classify_manifolds", "leaves", "sides_are_images"]
 
 _LEAST = 1.0 + 1e-5  # multiplier; nearer to 1 lie the scattered ones of every orbit
 _SAME = 1e-6  # of states that a symmetry maps on one another, relative to their size
 
 
-def classified(monodromy: Array) -> tuple[str, ...]:
-    """Say of orbits whether they have manifolds that `LocalManifold` can take.
+def classify_manifolds(monodromy: Array) -> tuple[str, ...]:
+    """Classify orbits by their largest multiplier: whether `LocalManifold` can treat them.
 
     Parameters
     ----------
@@ -115,11 +115,14 @@ class LocalManifold:
         InputError
             If it is complex, or none is larger than 1.
         """
+        # the stable manifold is the unstable one of the reversed flow
         h = (-period if stable else period) / steps
         way = flow.plain.trajectory(x0, h * steps, steps)[:, :-1]
         _, phi = flow.with_matrix(np.ascontiguousarray(way), h, 1)
         matrix = np.eye(len(x0))
         for j in range(steps):
+            # product of the sub-steps' matrices: the same ones carry the mode, so that it closes
+            # exactly
             matrix = phi[:, :, j] @ matrix
         values, vectors = np.linalg.eig(matrix)
         k = int(np.argmax(np.abs(values)))
@@ -130,10 +133,13 @@ class LocalManifold:
             )
         multiplier, v = float(values[k].real), vectors[:, k].real
         v = v * np.sign(v[np.argmax(np.abs(v))]) / np.linalg.norm(v)
+        # a negative multiplier turns the mode round in one period: two make it return
         turns = 1 if multiplier > 0.0 else 2
         mode = np.empty((len(x0), turns * steps))
         for j in range(turns * steps):
             mode[:, j] = v
+            # the mode is not renormalised along the orbit: its growth is the distance of a
+            # trajectory
             v = phi[:, :, j % steps] @ v
         return cls(flow, h, np.tile(way, (1, turns)), mode, multiplier**turns, multiplier)
 
@@ -163,6 +169,7 @@ class LocalManifold:
             Sub-steps since the start of the orbit.
         """
         d = start * self.growth ** (np.asarray(p, dtype=float) - 1.0)
+        # largest distance up to each node, per unit of d
         largest = np.maximum.accumulate(np.linalg.norm(self.mode, axis=0))
         node = np.searchsorted(largest, start / d, side="right").astype(np.int64) - 1
         node = np.maximum(node, 0)  # p = 1 but for rounding
@@ -179,6 +186,8 @@ class LocalManifold:
 
     def most_steps(self, start: float, distance: float) -> int:
         """Return sub-steps by which every trajectory is farther from the orbit than a distance."""
+        # a period multiplies the distance by `growth`: periods until it exceeds the distance for
+        # sure
         least = float(np.min(np.linalg.norm(self.mode, axis=0)))
         domains = np.log(max(1.0, self.growth * distance / (start * least))) / np.log(self.growth)
         return int(np.ceil(domains + 1.0)) * int(self.orbit.shape[1])
@@ -198,7 +207,7 @@ class Leaves:
         First states.
     node : ndarray of int, shape (N,)
         Sub-step of the orbit at which they begin.
-    flown : Flown
+    ends : FlightEnds
         Ends and zeros, their times counted from the first state.
     left : ndarray, shape (N,)
         Length of flight at the last moment when the distance from the orbit, both at the same
@@ -209,7 +218,7 @@ class Leaves:
     side: int
     start: Array
     node: NDArray[np.int64]
-    flown: Flown
+    ends: FlightEnds
     left: Array
 
 
@@ -271,6 +280,7 @@ def leaves(
         away = way - local.on_orbit(begin[lanes] + step[:, None])
         near = np.sum(away * away, axis=0) <= distance * distance
         some = np.flatnonzero(near.any(axis=0))
+        # last sub-step within ε: the trajectory may return to the neighbourhood of the orbit
         last = count - 1 - np.argmax(near[::-1, some], axis=0)
         within[lanes[some]] = first + last
         state_within[:, lanes[some]] = way[:, last, some]
@@ -284,7 +294,7 @@ def leaves(
 
 
 def _leaving(local: LocalManifold, x: Array, step: NDArray[np.int64], distance: float) -> Array:
-    """Return the part of a sub-step (N,) after which the distance from the orbit is ε."""
+    """Return the time within a sub-step (N,) at which the distance from the orbit reaches ε."""
     h, flow = local.h, local.flow
     orbit = np.ascontiguousarray(local.on_orbit(step))
 
@@ -336,6 +346,7 @@ def sides_are_images(
         turned = np.array(mirror)
         for node in {0, steps // 2} if steps % 2 == 0 else {0}:
             size = np.linalg.norm(local.orbit[:, node])
+            # R γ(0) = γ(node) and R v(0) ∝ −v(node): the other side is the image of this one
             off = np.linalg.norm(turned * local.orbit[:, 0] - local.orbit[:, node])
             image, mode = turned * local.mode[:, 0], local.mode[:, node]
             if off <= _SAME * size and image @ mode < -(1.0 - _SAME) * np.linalg.norm(mode):

@@ -1,4 +1,4 @@
-"""Spec of the stage ``invariant_manifolds``: what a mission may write."""
+"""Spec of the stage ``invariant_manifolds``: the keys of a mission."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.spec import Ref, StageSpec, option, quantity, reference, rule
 from hillsphere_orbits.options import label
 from hillsphere_orbits.source_specs import OrbitNeeds
@@ -14,7 +15,7 @@ __all__ = ["InvariantManifoldsSpec"]
 
 
 class InvariantManifoldsSpec(StageSpec):
-    """Invariant manifolds of unstable periodic orbits, with what their trajectories meet.
+    """Invariant manifolds of unstable periodic orbits, with the crossings of their trajectories.
 
     Distances from an orbit are Euclidean norms of the difference of normalised states at the same
     time. Stable orbits, and those whose unstable multipliers are complex, are listed as such.
@@ -39,7 +40,7 @@ class InvariantManifoldsSpec(StageSpec):
     )
 
     needs: OrbitNeeds = option("products of earlier stages whose members are taken")
-    plant: Ref = reference("plant", "equations of motion, those of the orbits")
+    plant: Ref = reference("plant", "equations of motion of the orbits")
     members: tuple[str, ...] = option("names of the orbits; left out: all", default=())
     directions: tuple[Literal["unstable", "stable"], ...] = option(
         "which manifolds", default=("unstable", "stable"), min_length=1
@@ -54,7 +55,7 @@ class InvariantManifoldsSpec(StageSpec):
     duration_s: float = quantity(
         "time",
         "how long a trajectory is followed after it has left the orbit",
-        default=5 * 86400.0,
+        default=5 * DAY_S,
         gt=0,
     )
     distance: float = option(
@@ -64,7 +65,7 @@ class InvariantManifoldsSpec(StageSpec):
         le=0.1,
     )
     start_distance: float = option(
-        "largest distance at which a trajectory is taken up from the linear motion; normalised",
+        "largest distance from the orbit at which trajectories start, normalised",
         default=1e-5,
         ge=1e-9,
         le=1e-3,

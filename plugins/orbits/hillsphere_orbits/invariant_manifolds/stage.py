@@ -1,4 +1,4 @@
-"""The stage ``invariant_manifolds``: manifolds of unstable orbits and what they meet."""
+"""The stage ``invariant_manifolds``: manifolds of unstable orbits and their crossings."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from hillsphere_orbits.invariant_manifolds.products import Manifolds
 from hillsphere_orbits.invariant_manifolds.sampling import (
     Leaves,
     LocalManifold,
-    classified,
+    classify_manifolds,
     leaves,
     sides_are_images,
 )
@@ -30,19 +30,24 @@ from hillsphere_orbits.survey import LockedMoon
 
 __all__ = [
     "InvariantManifoldsStage",
-    "chosen",
     "enders",
     "orbits_on",
     "period_steps",
+    "select_orbits",
     "trial_places",
 ]
 
 _STATES = ("x", "y", "z", "vx", "vy", "vz")
 _SAME_EQUATIONS = 1e-8
+"""Largest closure beside the growth of errors over a period, natural units, of orbits that count as
+solutions of this plant's equations. By default they are
+computed to 1e-10 or better; other equations (another gravity model, say) give far more."""
 _ACCURACY = 1e-4  # of a state after a period, relative to where trajectories start
 _TRACKS = 16  # per side of a manifold
 _TRACK_POINTS = 480
+"""Intervals of a stored trajectory: a smooth curve in a figure through many revolutions."""
 _ORBIT_POINTS = 800
+"""Intervals of a drawn orbit."""
 
 
 class InvariantManifoldsStage:
@@ -86,19 +91,19 @@ class InvariantManifoldsStage:
         Returns
         -------
         Manifolds
-            Trajectories and what they meet.
+            Trajectories and their crossings.
 
         Raises
         ------
         InputError
-            If a member is asked for that there is not.
+            If a requested member does not exist.
         StageError
             If the orbits belong to other equations.
         """
         spec, flow = self.spec, flow_of(self.plant)
-        given = chosen(members_of(*orbits), spec.members)
+        given = select_orbits(members_of(*orbits), spec.members)
         x0, period = orbits_on(flow, given)
-        kinds = classified(given.monodromy)
+        kinds = classify_manifolds(given.monodromy)
         names, watch, ends = self._watch(flow)
         parts: list[_Part] = []
         multiplier, one_side = np.full(period.size, np.nan), np.zeros(period.size, dtype=bool)
@@ -119,12 +124,12 @@ class InvariantManifoldsStage:
                 ]
                 advance(1)
         ctx.info(f"{sum(part.leaves.p.size for part in parts)} trajectories")
-        if unproved := sum(int(np.sum(~part.leaves.flown.resolved)) for part in parts):
+        if unproved := sum(int(np.sum(~part.leaves.ends.resolved)) for part in parts):
             ctx.info(f"{unproved} of them touch what is watched, or offer no bound: {UNPROVED}")
         return self._product(flow, given, x0, kinds, multiplier, one_side, names, parts)
 
     def present(self, product: Manifolds, orbits: tuple[OrbitSet, ...]) -> Presentation:
-        """Show what is met, and the tubes with the cylinders and the body."""
+        """Show the crossings, and the tubes with the cylinders and the body."""
         return present_manifolds(product, self.spec)
 
     def _watch(self, flow: Flow) -> tuple[tuple[str, ...], Watch, tuple[str, ...]]:
@@ -172,7 +177,7 @@ class InvariantManifoldsStage:
         kept = [_tracks(flow, part, row) for part, row in zip(parts, rows, strict=True)]
         period = orbits.period_s / clock
         own = [flow.plain.trajectory(x0[:, i], t, _ORBIT_POINTS)[:3] for i, t in enumerate(period)]
-        ended = [np.append(names, "")[part.leaves.flown.ended_by] for part in parts]
+        ended = [np.append(names, "")[part.leaves.ends.ended_by] for part in parts]
         return Manifolds(
             orbits=orbits,
             kinds=kinds,
@@ -213,7 +218,7 @@ class InvariantManifoldsStage:
         )
 
 
-def chosen(orbits: PeriodicOrbits, labels: tuple[str, ...]) -> PeriodicOrbits:
+def select_orbits(orbits: PeriodicOrbits, labels: tuple[str, ...]) -> PeriodicOrbits:
     """Return the orbits of these names, in this order; all of them if no name is given."""
     if not labels:
         return orbits
@@ -325,7 +330,7 @@ class _Part:
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """What a side gives to the product: times from ε on, normalised, cut at the duration."""
+    """Rows of the product for one side: times from ε on, normalised, cut at the duration."""
 
     end: Array
     end_time: Array
@@ -338,11 +343,11 @@ class _Rows:
 
 
 def _rows(part: _Part, limit: float) -> _Rows:
-    flown, left = part.leaves.flown, part.leaves.left
+    flown, left = part.leaves.ends, part.leaves.left
     zeros = flown.zeros
     time = zeros.time - left[zeros.lane]
     keep = np.abs(time) * np.where(time * zeros.time > 0.0, 1.0, 0.0) <= limit
-    z = zeros.chosen(keep)
+    z = zeros.select(keep)
     end_time = flown.time - left
     ended = (flown.ended_by >= 0) & (np.abs(end_time) <= limit)
     return _Rows(flown.x, end_time, ended, z.lane, z.event, time[keep], z.rising, z.x)

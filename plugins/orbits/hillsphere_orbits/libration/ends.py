@@ -31,7 +31,7 @@ def branching(problem: SymmetricShooting, start: Array) -> Boundary:
 
 
 def ends_of(problem: SymmetricShooting, plant: Plant) -> list[Boundary]:
-    """Return what ends a family: the body, or that its orbits become too sensitive.
+    """Return the boundaries of a family: the body's surface, and orbits too sensitive to compute.
 
     Parameters
     ----------

@@ -10,8 +10,8 @@ import numpy as np
 from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.interfaces import Array, Plant
 from hillsphere_orbits.continuation import Boundary, Branch, StepControl, follow
-from hillsphere_orbits.correction import correct, fixed
-from hillsphere_orbits.flow import Flow, flow_of
+from hillsphere_orbits.correction import correct, fix_component
+from hillsphere_orbits.flow import XY_MIRROR, Flow, flow_of
 from hillsphere_orbits.libration.ends import BRANCHING, branching, ends_of, up_to
 from hillsphere_orbits.libration.points import CollinearPoint, collinear_point
 from hillsphere_orbits.libration.specs import HaloSpec, LyapunovSpec
@@ -22,12 +22,13 @@ from hillsphere_orbits.shooting import SymmetricShooting
 __all__ = ["Halo", "LibrationFamily", "Lyapunov"]
 
 _STATES = ("x", "y", "z", "vx", "vy", "vz")
-_FLAT = (1, 1, -1, 1, 1, -1)
 _SMALL = 1e-3  # first amplitude, in distances of the point from the body
 _PASSES = 4  # of continuation, each with the sub-steps that the last one's orbits need
 _COARSE = 1e-6
-_FOLLOWED = 1e-10  # of half a period while a family is followed; what is returned is exact
-_ROUNDING = 1e-14  # times the largest element of the matrix: what no number of steps improves on
+"""Tolerance of a first flight that only measures how much the transition matrix magnifies
+errors."""
+_FOLLOWED = 1e-10  # of half a period while following; returned orbits are exact
+_ROUNDING = 1e-14  # rounding, relative to the largest element of the matrix
 
 
 @dataclass(frozen=True)
@@ -134,8 +135,8 @@ class Lyapunov:
         amplitude = _offset(problem.unknowns.index("x"), self.point.side, self.point.x)
         start = self._first(problem, _SMALL * size)
         direction = self.point.side * np.eye(3)[0]
-        problem, branch = _computed(self, problem, start, direction, amplitude, low_m, high_m)
-        shown = branch.resampled(problem, members)
+        problem, branch = _compute_branch(self, problem, start, direction, amplitude, low_m, high_m)
+        shown = branch.resample(problem, members)
         name = f"{method}, about {self.point_name}"
         return LibrationFamily(
             self.plant, problem, shown, name, self.point, "x", self.point.side, self.point.x
@@ -192,12 +193,14 @@ class Lyapunov:
     def _first(self, problem: SymmetricShooting, amplitude: float) -> Array:
         """Return the orbit of a small amplitude (3, 1), from the linear oscillation."""
         point = self.point
+        # linear solution ξ = a cos ωt, η = −ratio·a sin ωt, started on the x axis, for half a
+        # period
         a = point.side * amplitude
         guess = np.array(
             [[point.x + a], [-a * point.ratio * point.frequency], [np.pi / point.frequency]]
         )
-        found = correct(problem, guess, fixed(0, guess[0]))
-        return found.checked(f"Lyapunov orbit beside {self.point_name}")
+        corrected = correct(problem, guess, fix_component(0, guess[0]))
+        return corrected.require_converged(f"Lyapunov orbit beside {self.point_name}")
 
 
 class Halo:
@@ -243,15 +246,19 @@ class Halo:
         problem, method = self.problem
         problem = problem.with_steps(flat.steps)
         small = _SMALL * abs(self.point.x)
+        # bifurcation along z: to first order the other unknowns keep their values
         guess = np.array([[z[0]], [self.sign * small], [z[1]], [z[2]]])
         index = problem.unknowns.index("z")
-        start = correct(problem, guess, fixed(index, guess[index])).checked("first halo orbit")
+        start = correct(problem, guess, fix_component(index, guess[index])).require_converged(
+            "first halo orbit"
+        )
         amplitude = _offset(index, self.sign, 0.0)
+        # follow away from the plane, towards the chosen branch
         direction = self.sign * np.eye(4)[index]
-        problem, branch = _computed(
+        problem, branch = _compute_branch(
             self.planar, problem, start, direction, amplitude, low_m, high_m
         )
-        shown = branch.resampled(problem, members)
+        shown = branch.resample(problem, members)
         name = f"{method}, about {self.planar.point_name}"
         return LibrationFamily(self.plant, problem, shown, name, self.point, "z", self.sign, 0.0)
 
@@ -263,7 +270,7 @@ def _shooting(flow: Flow, *, frozen: bool) -> SymmetricShooting:
     if (
         mirror is None
         or not flow.keeps(mirror, samples, reverses_time=True)
-        or not flow.keeps(_FLAT, samples, reverses_time=False)
+        or not flow.keeps(XY_MIRROR, samples, reverses_time=False)
     ):
         raise InputError(
             "libration orbits need equations that keep the mirror planes xy and xz; this plant's "
@@ -276,6 +283,7 @@ def _samples() -> Array:
     """States around the body at which symmetries are tried, shape (6, 48), normalised."""
     rng = np.random.default_rng(20)
     direction = rng.normal(size=(3, 48))
+    # from near the body to well beyond the libration points, in all directions
     place = np.geomspace(0.7, 4.0, 48) * direction / np.linalg.norm(direction, axis=0)
     return np.concatenate([place, rng.normal(size=(3, 48))])
 
@@ -296,7 +304,7 @@ def _control(point: CollinearPoint) -> StepControl:
     return StepControl(first=0.01 * size, smallest=1e-7 * size, largest=0.15 * size, members=400)
 
 
-def _computed(
+def _compute_branch(
     family: Lyapunov,
     problem: SymmetricShooting,
     start: Array,
@@ -336,6 +344,7 @@ def _computed(
         branch = follow(problem, begin, direction, boundaries=ends, control=control)
         if branch.size < 2:
             raise ConvergenceError(f"the family has a single member: {branch.ends[1]}")
+        # orbits at the far end of the branch may pass closer to the body than the first one
         needed = _steps(problem, branch.z, _FOLLOWED)
         if needed <= problem.steps:
             break
@@ -352,6 +361,7 @@ def _tall(amplitude: Quantity, branch: Branch) -> float:
 def _steps(problem: SymmetricShooting, z: Array, tolerance: float) -> int:
     """Return sub-steps of half a period that keep a tolerance, or rounding where that is more."""
     x, flow = problem.state(z), problem.flow
+    # a coarse flight is enough to measure the magnification of rounding
     coarse = flow.map.choose_steps(x, z[-1], _COARSE)
     _, half = flow.with_matrix(x, z[-1], coarse)
     floor = _ROUNDING * float(np.max(np.abs(half)))

@@ -52,7 +52,7 @@ class CollinearPoint:
 
 
 def collinear_point(flow: Flow, name: str) -> CollinearPoint:
-    """Find L1 or L2: where the body's attraction and what the frame adds to it balance.
+    """Find L1 or L2, where the body's attraction balances the other accelerations of the frame.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def collinear_point(flow: Flow, name: str) -> CollinearPoint:
     Raises
     ------
     InputError
-        If there is none, or no planar oscillation beside it.
+        If there is no such point, or no planar oscillation about it.
     """
     side = {"L1": -1.0, "L2": 1.0}.get(name)
     if side is None:
@@ -82,6 +82,7 @@ def collinear_point(flow: Flow, name: str) -> CollinearPoint:
         return np.asarray(side * flow.rate(_at_rest(side * r))[3])
 
     pull = outward(distance)
+    # the body attracts nearby, the other terms repel farther out: the balance changes its sign
     turns = np.flatnonzero((pull[:-1] < 0.0) & (pull[1:] >= 0.0))
     if not turns.size:
         raise InputError(
@@ -90,10 +91,12 @@ def collinear_point(flow: Flow, name: str) -> CollinearPoint:
     i = turns[:1]
     r = bracketed_roots(outward, distance[i], distance[i + 1], pull[i], pull[i + 1], np.zeros(1))
     x = side * float(r[0])
+    # linearised planar motion: eigenvalues ±λ (real, saddle) and ±iω (the oscillation)
     slopes = Derivatives(flow.system).both(_at_rest(np.array([x])))[1][:, :, 0]
     values, vectors = np.linalg.eig(slopes[_PLANE])
     k = int(np.argmax(values.imag))
     frequency = float(values[k].imag)
+    # a real part beyond rounding means that the modes are not separate
     if frequency <= 0.0 or abs(values[k].real) > 1e-6 * frequency:
         raise InputError(f"there is no planar oscillation beside {name}, so no Lyapunov orbits")
     # the eigenvector's η is imaginary where its ξ is real, as the mirror xz wants it

@@ -1,4 +1,4 @@
-"""Specs of the families of libration orbits: what a mission may write."""
+"""Specs of the families of libration orbits: the keys of a mission."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Legs made into transfers: bounds, flights anew, fronts."""
+"""Transfers from pairs of legs: lower bounds, verification by propagation, Pareto fronts."""
 
 from __future__ import annotations
 
@@ -12,27 +12,33 @@ from numpy.typing import NDArray
 from hillsphere.interfaces import Array, Plant
 from hillsphere.products import PeriodicOrbits, Trajectories
 from hillsphere_orbits.flow import Flow
-from hillsphere_orbits.manifold_transfers.flights import Coasts, Flown, Waits, coasts_of, waits_of
+from hillsphere_orbits.manifold_transfers.flights import (
+    Coasts,
+    VerifiedFlights,
+    Waits,
+    coasts_of,
+    waits_of,
+)
 from hillsphere_orbits.manifold_transfers.products import ManifoldTransfers
-from hillsphere_orbits.manifold_transfers.search import Legs, joined
+from hillsphere_orbits.manifold_transfers.search import Legs, join_legs
 from hillsphere_orbits.survey import LockedMoon
 from hillsphere_orbits.transfers.curves import PolarOrbit
 from hillsphere_orbits.transfers.endtoend import least_heights_m
 from hillsphere_orbits.transfers.energy import least_dv
 from hillsphere_orbits.transfers.pareto import front
 
-__all__ = ["Case", "Found", "assembled"]
+__all__ = ["Case", "OrbitTransfers", "assemble_product"]
 
 _STATES = 481  # of a coast that is handed on;
 _EACH = 8  # sub-steps between two of them, so that it solves the equations near the body too
 
-Fly: TypeAlias = Callable[[Sequence[Coasts | Waits]], Iterable[Flown]]
+Fly: TypeAlias = Callable[[Sequence[Coasts | Waits]], Iterable[VerifiedFlights]]
 """Flies pieces, in order; see `LegFlights`."""
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """What was found through one orbit, normalised.
+class OrbitTransfers:
+    """Result of the search through one orbit, normalised.
 
     Parameters
     ----------
@@ -61,7 +67,7 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """What all transfers have in common; see `ManifoldTransfers`."""
+    """Data common to all transfers; see `ManifoldTransfers`."""
 
     plant: Plant
     flow: Flow
@@ -78,14 +84,14 @@ class Case:
     closure_limit_m: float
 
 
-def assembled(case: Case, found: Sequence[Found], fly: Fly) -> ManifoldTransfers:
+def assemble_product(case: Case, results: Sequence[OrbitTransfers], fly: Fly) -> ManifoldTransfers:
     """Make the product.
 
     Parameters
     ----------
     case : Case
         What the transfers have in common.
-    found : sequence of Found, length M
+    results : sequence of OrbitTransfers, length M
         Per orbit.
     fly : callable
         Flies pieces of legs, in order; see `hillsphere_orbits.manifold_transfers.flights`.
@@ -93,21 +99,21 @@ def assembled(case: Case, found: Sequence[Found], fly: Fly) -> ManifoldTransfers
     Returns
     -------
     ManifoldTransfers
-        All legs flown anew; transfers that none through the same orbit betters.
+        All legs verified; the transfers on the Pareto front of each orbit.
     """
     system, scales = case.flow.system, case.plant.scales
     unit, speed = system.unit[:, None], scales.length_m / scales.time_s
-    ladders = [legs for one in found for legs in (one.departure, one.arrival)]
-    legs = joined([Legs.none(), *ladders])
+    ladders = [legs for one in results for legs in (one.departure, one.arrival)]
+    legs = join_legs([Legs.none(), *ladders])
     sizes = [part.p.size for part in ladders]
-    member = np.repeat(np.arange(2 * len(found)) // 2, sizes).astype(np.int64)
-    arrives = np.repeat(np.arange(2 * len(found)) % 2 == 1, sizes)
+    member = np.repeat(np.arange(2 * len(results)) // 2, sizes).astype(np.int64)
+    arrives = np.repeat(np.arange(2 * len(results)) % 2 == 1, sizes)
     again = [
         (ladder, np.full(ladder.p.size, k == 1))
-        for one in found
+        for one in results
         for k, ladder in enumerate(one.again or ())
     ]
-    flown, *flown_again = _reflown(case, [(legs, arrives), *again], fly)
+    flown, *flown_again = _verify_legs(case, [(legs, arrives), *again], fly)
     legs = flown.legs
     energy = case.orbits.integral
     of = np.array([planar.integral[0] for planar in case.planar])
@@ -118,8 +124,8 @@ def assembled(case: Case, found: Sequence[Found], fly: Fly) -> ManifoldTransfers
         np.linalg.norm(legs.target[3:], axis=0), of[arrives.astype(int)], energy[member]
     )
     good = flown.good(case)
-    pairs = _front(found, legs, good)
-    entries, shift = _checks(case, found, legs, good, flown_again)
+    pairs = _front(results, legs, good)
+    entries, shift = _checks(case, results, legs, good, flown_again)
     moon = case.plant if isinstance(case.plant, LockedMoon) else None
     product = ManifoldTransfers(
         flights=Trajectories(
@@ -128,12 +134,12 @@ def assembled(case: Case, found: Sequence[Found], fly: Fly) -> ManifoldTransfers
         departure=case.planar[0],
         arrival=case.planar[1],
         orbits=case.orbits,
-        status=tuple(one.status for one in found),
+        status=tuple(one.status for one in results),
         revolutions=case.revolutions,
         z_m=case.z_m,
-        multiplier=np.array([one.multiplier for one in found]),
+        multiplier=np.array([one.multiplier for one in results]),
         bound_m_s=np.array(bound).reshape(2, -1) * speed,
-        trajectories=np.array([one.trajectories for one in found], dtype=np.int64),
+        trajectories=np.array([one.trajectories for one in results], dtype=np.int64),
         leg_member=member,
         leg_arrives=arrives,
         leg_side=legs.side,
@@ -152,7 +158,7 @@ def assembled(case: Case, found: Sequence[Found], fly: Fly) -> ManifoldTransfers
         transfer_legs=pairs,
         checked=tuple(
             label
-            for label, one in zip(case.orbits.labels, found, strict=True)
+            for label, one in zip(case.orbits.labels, results, strict=True)
             if one.again is not None
         ),
         check_entries=entries,
@@ -172,8 +178,8 @@ def assembled(case: Case, found: Sequence[Found], fly: Fly) -> ManifoldTransfers
 
 
 @dataclass(frozen=True, eq=False)
-class _Reflown:
-    """What legs were like when they were flown anew."""
+class _VerifiedLegs:
+    """Legs with the misses and altitudes of their verification."""
 
     legs: Legs
     closure_km: Array
@@ -186,10 +192,10 @@ class _Reflown:
         return np.asarray(~self.impact & (self.closure_km * 1e3 <= case.closure_limit_m))
 
 
-def _reflown(
+def _verify_legs(
     case: Case, sets: Sequence[tuple[Legs, NDArray[np.bool_]]], fly: Fly
-) -> list[_Reflown]:
-    """Correct sets of legs in the flow of the Taylor propagator, and fly them anew in it.
+) -> list[_VerifiedLegs]:
+    """Correct sets of legs with the Taylor propagator, and verify them with it.
 
     With every set goes which of its legs arrive.
     """
@@ -206,20 +212,20 @@ def _reflown(
 
 
 def _put_together(
-    case: Case, legs: Legs, arrives: NDArray[np.bool_], flown: Iterator[Flown]
-) -> _Reflown:
-    """Take what belongs to a set of legs."""
+    case: Case, legs: Legs, arrives: NDArray[np.bool_], flown: Iterator[VerifiedFlights]
+) -> _VerifiedLegs:
+    """Take the verified flights of a set of legs from an iterator."""
 
-    def taken(lanes: int) -> Flown:
+    def taken(lanes: int) -> VerifiedFlights:
         parts = [next(flown)]
         while sum(part.impact.size for part in parts) < lanes:
             parts.append(next(flown))
-        return Flown.joined(parts)
+        return VerifiedFlights.join(parts)
 
     count = legs.p.size
     if not count:
         none = np.zeros(0)
-        return _Reflown(legs, none, none, none, np.zeros(0, bool))
+        return _VerifiedLegs(legs, none, none, none, np.zeros(0, bool))
     coast = taken(count)
     legs = replace(
         legs,
@@ -237,7 +243,7 @@ def _put_together(
             planar = taken(own.size)
             meeting[own] += planar.closure_km
             speeds[own] = planar.closure_m_s
-    return _Reflown(
+    return _VerifiedLegs(
         legs=legs,
         closure_km=np.maximum(coast.closure_km, meeting),
         closure_m_s=np.maximum(coast.closure_m_s, speeds),
@@ -246,11 +252,13 @@ def _put_together(
     )
 
 
-def _front(found: Sequence[Found], legs: Legs, good: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the pairs of legs that no pair through the same orbit betters."""
+def _front(
+    results: Sequence[OrbitTransfers], legs: Legs, good: NDArray[np.bool_]
+) -> NDArray[np.int64]:
+    """Return the Pareto-optimal pairs of legs of each orbit."""
     pairs = [np.zeros((2, 0), dtype=np.int64)]
     first = 0
-    for one in found:
+    for one in results:
         middle, last = first + one.departure.p.size, first + one.arrival.p.size
         last += one.departure.p.size
         out = np.arange(first, middle)[good[first:middle]]
@@ -266,17 +274,17 @@ def _front(found: Sequence[Found], legs: Legs, good: NDArray[np.bool_]) -> NDArr
 
 def _checks(
     case: Case,
-    found: Sequence[Found],
+    results: Sequence[OrbitTransfers],
     legs: Legs,
     good: NDArray[np.bool_],
-    again: Sequence[_Reflown],
+    again: Sequence[_VerifiedLegs],
 ) -> tuple[NDArray[np.int64], Array]:
     """Compare the entries that make transfers with those found with twice the samples."""
     entries: list[tuple[int, int]] = []
     shifts: list[float] = []
     others = iter(again)
     first = 0
-    for one in found:
+    for one in results:
         count, shift = np.zeros(2, dtype=np.int64), 0.0
         for ladder in (one.departure, one.arrival):
             own = np.arange(first, first + ladder.p.size)
@@ -297,7 +305,7 @@ def _checks(
 
 
 def _flights(case: Case, product: ManifoldTransfers) -> Trajectories:
-    """Return of each connected orbit the cheapest and the quickest transfer as coasts."""
+    """Return the cheapest and the quickest transfer of each connected orbit as coasts."""
     system, member = case.flow.system, product.transfer_member
     dv, tof = product.transfer_dv_m_s, product.transfer_tof_s
     plans: list[str] = []

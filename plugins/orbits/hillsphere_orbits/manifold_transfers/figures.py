@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.presentation import PALETTE, Printed
 from hillsphere.show.reference import ReferenceTable
 from hillsphere_orbits.invariant_manifolds.presentation import (
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_front", "draw_transfer"]
 
-_DAY = 86400.0
 _MARKERS = "os^DvP<>h*"
 
 
@@ -35,7 +35,7 @@ def draw_front(
     axes = figure.add_subplot()
     dv, tof, member = (
         product.transfer_dv_m_s,
-        product.transfer_tof_s / _DAY,
+        product.transfer_tof_s / DAY_S,
         product.transfer_member,
     )
     orders = sorted(set(product.revolutions.tolist()))
@@ -83,7 +83,7 @@ def draw_transfer(figure: Canvas, product: ManifoldTransfers, q: int) -> None:
             same = abs(length[k] - seconds) <= 1e-9 * seconds
             if plan.startswith(f"{label}, ") and flights.labels[k] == name and same:
                 way = flights.x[:3, :, k] / 1e3
-                axes.plot(*way, color=colour, lw=0.9, label=f"{name} leg, {seconds / _DAY:.2f} d")
+                axes.plot(*way, color=colour, lw=0.9, label=f"{name} leg, {seconds / DAY_S:.2f} d")
                 end = way[:, -1 if name == "arrival" else 0]
                 axes.plot(*end[:, None], "o", color=colour, ms=5)
                 height = max(height, float(np.max(np.abs(way[2]))))

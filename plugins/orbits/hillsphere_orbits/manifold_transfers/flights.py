@@ -1,4 +1,4 @@
-"""Legs corrected and flown anew by Taylor series, as pieces for the workers of a run."""
+"""Verification of legs by Taylor series, in pieces for the workers of a run."""
 
 from __future__ import annotations
 
@@ -15,19 +15,21 @@ from hillsphere_orbits.transfers.curves import PolarOrbit
 from hillsphere_orbits.transfers.endtoend import Leg as Flight
 from hillsphere_orbits.transfers.endtoend import verify
 
-__all__ = ["Coasts", "Flown", "LegFlights", "Waits", "coasts_of", "waits_of"]
+__all__ = ["Coasts", "LegFlights", "VerifiedFlights", "Waits", "coasts_of", "waits_of"]
 
 _LANES = 16
 """Lanes of a piece: whole batches of the integrators, as a lane's last bits depend on those in its
 batch."""
 _STEPS_PER_UNIT = 120  # sub-steps of the matrix per revolution of the primary's motion
 _CORRECTIONS = 3
+"""Most corrections of a first state. Its rounding limits the miss: further ones only change the
+last digit."""
 _ENOUGH = 1e-7  # normalised: a leg that misses by no more is not corrected
 
 
 @dataclass(frozen=True, eq=False)
 class Coasts:
-    """K legs to be corrected and flown anew, normalised, in the direction of flight.
+    """K legs to be corrected and verified, normalised, in the direction of flight.
 
     Parameters
     ----------
@@ -47,7 +49,7 @@ class Coasts:
 
 @dataclass(frozen=True, eq=False)
 class Waits:
-    """A planar orbit to be flown from its own first state to K meetings.
+    """A planar orbit to be propagated from its first state to K meetings.
 
     Parameters
     ----------
@@ -62,8 +64,8 @@ class Waits:
 
 
 @dataclass(frozen=True, eq=False)
-class Flown:
-    """What K coasts or waits were like when they were flown anew.
+class VerifiedFlights:
+    """Verified states, misses and altitudes of K coasts or waits.
 
     Parameters
     ----------
@@ -87,8 +89,8 @@ class Flown:
     place_lane: NDArray[np.intp]
 
     @classmethod
-    def joined(cls, parts: Sequence[Flown]) -> Flown:
-        """Return the lanes of one part or more, one after the other."""
+    def join(cls, parts: Sequence[VerifiedFlights]) -> VerifiedFlights:
+        """Return the lanes of all parts, concatenated."""
         first = np.cumsum([0, *(part.impact.size for part in parts)])
         return cls(
             np.concatenate([part.start for part in parts], axis=1),
@@ -120,7 +122,7 @@ def _parts(lanes: int) -> Iterator[slice]:
 
 
 class LegFlights:
-    """Flies pieces, with what is compiled for all of them.
+    """Verifies pieces of legs with one compiled propagator.
 
     Parameters
     ----------
@@ -135,25 +137,25 @@ class LegFlights:
     def __init__(self, plant: Plant, flow: Flow, curves: tuple[PolarOrbit, PolarOrbit]) -> None:
         self._plant, self._flow, self._curves = plant, flow, curves
 
-    def __call__(self, piece: Coasts | Waits) -> Flown:
+    def __call__(self, piece: Coasts | Waits) -> VerifiedFlights:
         """Fly a piece; coasts are corrected before."""
         if isinstance(piece, Coasts):
-            start = self._corrected(piece)
-            return self._flown("leg", start, piece.tof, piece.end)
+            start = self._correct_starts(piece)
+            return self._verify("leg", start, piece.tof, piece.end)
         curve, target = self._curves[piece.arrives], piece.target
         start = np.repeat(curve.x0[:, None], target.shape[1], axis=1)
-        return self._flown("planar", start, curve.time(np.arctan2(target[1], target[0])), target)
+        return self._verify("planar", start, curve.time(np.arctan2(target[1], target[0])), target)
 
-    def _flown(self, name: str, start: Array, duration: Array, end: Array) -> Flown:
+    def _verify(self, name: str, start: Array, duration: Array, end: Array) -> VerifiedFlights:
         unit, clock = self._flow.system.unit[:, None], self._flow.system.time_unit_s
         flight = Flight(name, duration * clock, np.zeros((3, duration.size)), end * unit)
-        found = verify(self._plant, start * unit, [flight])
-        return Flown(
-            start, found.closure_km, found.closure_m_s, found.impact, found.places_m,
-            found.place_lane,
+        flown = verify(self._plant, start * unit, [flight])
+        return VerifiedFlights(
+            start, flown.closure_km, flown.closure_m_s, flown.impact, flown.places_m,
+            flown.place_lane,
         )  # fmt: skip
 
-    def _corrected(self, piece: Coasts) -> Array:
+    def _correct_starts(self, piece: Coasts) -> Array:
         """Return first states from which the Taylor propagator reaches planned ends.
 
         Passing near the body and the unstable orbit, a leg magnifies the last digits of its first
@@ -171,6 +173,7 @@ class LegFlights:
                 break
             if back is None:
                 _, back = self._flow.with_matrix(np.ascontiguousarray(end), -tof, piece.steps)
+            # linear correction: the matrix of the flight backwards maps the miss to the first state
             tried = best - np.einsum("ijk,jk->ik", back, miss)
             other = taylor.propagate(tried, tof) - end
             better = (size > _ENOUGH) & (np.linalg.norm(other, axis=0) < size)

@@ -1,4 +1,4 @@
-"""A mesh of trajectories of a manifold, fine where it may meet planar orbits.
+"""A mesh of trajectories of a manifold, refined where it may meet planar orbits.
 
 Trajectories make a one-parameter set p; their passages through the plane z = 0, followed from one
 trajectory to the next, make curves. A meeting with a planar orbit r = R(θ) is a root of
@@ -23,18 +23,25 @@ from hillsphere_orbits.transfers.pareto import front
 __all__ = ["Mesh", "Roots", "partners"]
 
 _FAR = 0.25  # natural units: passages farther apart are not known to be neighbours
-_TORN = 1.0  # and a sign change between passages this far apart is none
+_TORN = 1.0  # a sign change between passages farther apart than this is no root
 _TOUCH = 1e-3  # a minimum of |g| is followed until passages are this near to one another
 _LEAST_P = 1e-9
+"""Narrowest interval of p, which goes from 0 to 1, that is divided: manifolds magnify the rounding
+of p, so that trajectories closer together are not in order any more."""
 _MOST_PARTS = 16
+"""Most parts of an interval in one round: it may be far apart in one place only, and a later round
+sees where."""
 _EDGE_PARTS = 16
+"""Parts of an interval in which trajectories begin or cease to hit the body: passages end there, so
+that nothing tells how far apart its ends are."""
 _EDGE = 1.0  # natural units of time between impacts of neighbours
 _ROUNDS = 16
+"""Most rounds of division; a strand that is folded without end would be divided for ever."""
 
 
 @dataclass(frozen=True, eq=False)
 class Roots:
-    """Intervals of p over which g changes sign, with what they promise.
+    """Intervals of p over which g changes sign, with a bound on the gain of their roots.
 
     Parameters
     ----------
@@ -58,13 +65,13 @@ class Roots:
     dv: Array
     doubt: Array
 
-    def chosen(self, keep: NDArray[np.intp]) -> Roots:
+    def select(self, keep: NDArray[np.intp]) -> Roots:
         """Return some of them."""
         return Roots(*(getattr(self, name)[..., keep] for name in self.__annotations__))
 
     @classmethod
-    def joined(cls, parts: list[Roots]) -> Roots:
-        """Return those of several targets as one set."""
+    def join(cls, parts: list[Roots]) -> Roots:
+        """Return the roots of several targets as one set."""
         names = cls.__annotations__
         return cls(
             *(np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names)
@@ -73,7 +80,7 @@ class Roots:
 
 @dataclass(frozen=True, eq=False)
 class _Passages:
-    """E passages through the plane, in any order."""
+    """Passages through the plane, E of them in any order."""
 
     p: Array
     node: NDArray[np.int64]
@@ -84,10 +91,10 @@ class _Passages:
     g: Array  # (T, E): of each target
     away: Array  # (T, 3, E): velocity relative to the target's at the same angle
 
-    def chosen(self, keep: NDArray[np.intp] | NDArray[np.bool_]) -> _Passages:
+    def select(self, keep: NDArray[np.intp] | NDArray[np.bool_]) -> _Passages:
         return _Passages(*(getattr(self, name)[..., keep] for name in self.__annotations__))
 
-    def joined(self, other: _Passages) -> _Passages:
+    def join(self, other: _Passages) -> _Passages:
         names = self.__annotations__
         return _Passages(
             *(np.concatenate([getattr(q, name) for q in (self, other)], axis=-1) for name in names)
@@ -125,6 +132,8 @@ def partners(
         own = np.flatnonzero(rising == sense)
         if not own.size:
             continue
+        # one sorted key by trajectory, then time: a search finds the neighbour's passage nearest in
+        # time
         key = lane[own] * width + (clock[own] - first)
         for step, partner in ((1, after), (-1, before)):
             place = np.searchsorted(key, key + step * width)
@@ -183,7 +192,7 @@ class Mesh:
         self._end = np.zeros(0)  # time of flight of an impact or escape; infinite without
         self._sure = [(np.zeros(0), np.zeros(0)) for _ in targets]
         self.unproved = 0
-        self._passages = self._seen(fly(self._p))
+        self._passages = self._collect_passages(fly(self._p))
 
     @property
     def trajectories(self) -> int:
@@ -198,10 +207,10 @@ class Mesh:
             if not new.size:
                 break
             flown = self._fly(new)
-            self._passages = self._passages.joined(self._seen(flown))
+            self._passages = self._passages.join(self._collect_passages(flown))
             p = np.concatenate([self._p, new])
-            end = np.abs(flown.flown.time) - np.abs(flown.left)
-            end[(flown.flown.ended_by < 0) | (end > self._limit)] = np.inf
+            end = np.abs(flown.ends.time) - np.abs(flown.left)
+            end[(flown.ends.ended_by < 0) | (end > self._limit)] = np.inf
             order = np.argsort(p, kind="stable")
             self._p, self._end = p[order], np.concatenate([self._end, end])[order]
             new = self._divisions(new)
@@ -211,14 +220,14 @@ class Mesh:
         q, lane = self._subset(self._p)
         return self._roots(q, self._pairs(q, lane), target)
 
-    def _seen(self, flown: Leaves) -> _Passages:
-        self.unproved += int(np.count_nonzero(~flown.flown.resolved))
-        z = flown.flown.zeros
+    def _collect_passages(self, flown: Leaves) -> _Passages:
+        self.unproved += int(np.count_nonzero(~flown.ends.resolved))
+        z = flown.ends.zeros
         # a stable manifold is flown backwards: its times count positive here
         sense = np.sign(self._h)
         tof = sense * (z.time - flown.left[z.lane])
         keep = (z.event == 0) & (tof > 0.0)
-        z, tof = z.chosen(keep), tof[keep]
+        z, tof = z.select(keep), tof[keep]
         angle, radius = np.arctan2(z.x[1], z.x[0]), np.log(np.hypot(z.x[0], z.x[1]))
         there = [target.state(angle) for target in self._targets]
         node = flown.node[z.lane]
@@ -236,14 +245,15 @@ class Mesh:
     def _subset(self, p: Array) -> tuple[_Passages, NDArray[np.int64]]:
         """Return the passages of some trajectories, by p and time, and their numbers."""
         at = np.minimum(np.searchsorted(p, self._passages.p), p.size - 1)
-        q = self._passages.chosen(np.flatnonzero(p[at] == self._passages.p))
-        q = q.chosen(np.lexsort((q.clock, q.p)))
+        q = self._passages.select(np.flatnonzero(p[at] == self._passages.p))
+        q = q.select(np.lexsort((q.clock, q.p)))
         return q, np.searchsorted(self._p, q.p)
 
     def _pairs(self, q: _Passages, lane: NDArray[np.int64]) -> _Pairs:
         """Return neighbouring passages, one of each pair at least within the limit."""
         flown = np.unique(lane)
         after, before = partners(lane, q.clock, q.rising, q.x)
+        # each other's nearest: two points of one curve of passages
         mutual = (after >= 0) & (before[after] == np.arange(lane.size))
         # beyond the end of the neighbour's flight, by impact or in time, nothing is missing there
         last = np.full(flown.size, -np.inf)
@@ -271,7 +281,7 @@ class Mesh:
 
     def _divisions(self, new: Array) -> Array:
         """Return places that divide the intervals beside new trajectories, where that is needed."""
-        # dips are told by three trajectories: two neighbours to either side decide
+        # three trajectories show a dip: two neighbours to either side decide
         at = np.searchsorted(self._p, new)
         around = np.unique(np.clip(at + np.arange(-2, 3)[:, None], 0, self._p.size - 1))
         q, lane = self._subset(self._p[around])
@@ -300,7 +310,7 @@ class Mesh:
         )
 
     def _edges(self, at: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return those trajectories whose successors meet the surface at another time, or not.
+        """Return the trajectories whose successors hit the surface at another time, or not at all.
 
         The curves of passages break off between such neighbours, and may hold roots up to there.
         """
@@ -310,7 +320,7 @@ class Mesh:
             return np.asarray(first[np.abs(ends[0] - ends[1]) > _EDGE])
 
     def _doubtful(self, q: _Passages, pairs: _Pairs, k: int) -> NDArray[np.intp]:
-        """Return the pairs between which a target may be met, by what is known, worthwhile."""
+        """Return the pairs between which a target may be met at a cost worth resolving."""
         a, b, g = pairs.a, pairs.b, q.g[k]
         changes = g[a] * g[b] <= 0.0
         nearest = np.minimum(np.abs(g[a]), np.abs(g[b]))
@@ -323,6 +333,7 @@ class Mesh:
         second = next_pair[b[first]]
         s0, s1, s2 = np.abs(g[a[first]]), np.abs(g[b[first]]), np.abs(g[b[second]])
         with np.errstate(divide="ignore", invalid="ignore"):
+            # least value of the parabola through three passages
             bottom = s1 - 0.125 * (s2 - s0) ** 2 / (s0 - 2.0 * s1 + s2)
         dips = ~changes[second] & (s1 <= s0) & (s1 <= s2) & (bottom < 0.5 * s1)
         dips &= pairs.apart[first] + pairs.apart[second] > _TOUCH
@@ -337,7 +348,7 @@ class Mesh:
         return np.asarray(chosen[worth])
 
     def _learn(self, known: Roots, k: int) -> None:
-        """Keep the front of what is surely there: times of flight and impulses."""
+        """Keep the Pareto front, time of flight against impulse, of certain meetings."""
         tof = np.concatenate([self._sure[k][0], known.tof])
         dv = np.concatenate([self._sure[k][1], known.dv + known.doubt])
         best = np.flatnonzero(front(dv, tof))
@@ -345,7 +356,7 @@ class Mesh:
         self._sure[k] = (tof[best], dv[best])
 
     def _bar(self, tof: Array, k: int) -> Array:
-        """Return the least impulse (N,) that is sure for no more than these times (N,)."""
+        """Return the least impulse (N,) certainly available within these times (N,)."""
         times, impulses = self._sure[k]
         best = np.append(np.inf, impulses)
         return np.asarray(best[np.searchsorted(times, tof, side="right")])
@@ -354,6 +365,7 @@ class Mesh:
         g, away = q.g[k], q.away[k]
         hit = pairs.matched & (g[pairs.a] * g[pairs.b] <= 0.0) & (pairs.apart <= _TORN)
         a, b = pairs.a[hit], pairs.b[hit]
+        # linear interpolation of the root between both passages
         share = g[a] / np.where(g[a] == g[b], 1.0, g[a] - g[b])
         return Roots(
             low=q.p[a],

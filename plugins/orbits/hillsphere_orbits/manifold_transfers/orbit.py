@@ -14,9 +14,9 @@ from hillsphere_orbits.flow import Compiled, Flow, flow_of
 from hillsphere_orbits.invariant_manifolds.flight import Watch
 from hillsphere_orbits.invariant_manifolds.sampling import LocalManifold, sides_are_images
 from hillsphere_orbits.invariant_manifolds.stage import enders, period_steps, trial_places
-from hillsphere_orbits.manifold_transfers.assembly import Found
-from hillsphere_orbits.manifold_transfers.flights import Coasts, Flown, LegFlights, Waits
-from hillsphere_orbits.manifold_transfers.search import Legs, Search, joined, ladder
+from hillsphere_orbits.manifold_transfers.assembly import OrbitTransfers
+from hillsphere_orbits.manifold_transfers.flights import Coasts, LegFlights, VerifiedFlights, Waits
+from hillsphere_orbits.manifold_transfers.search import Legs, Search, join_legs, ladder
 from hillsphere_orbits.transfers.curves import PolarOrbit
 
 __all__ = ["OrbitSearch", "UnstableOrbit", "mirror_of"]
@@ -41,7 +41,7 @@ class UnstableOrbit:
     monodromy : ndarray, shape (6, 6)
         Matrix of one revolution.
     kind : str
-        What it is: without an unstable manifold (see `classified`) nothing is searched.
+        Kind of its manifold, see `classify_manifolds`; without an unstable one nothing is searched.
     check : bool
         Whether to search again with twice the samples.
     """
@@ -55,7 +55,7 @@ class UnstableOrbit:
 
 @dataclass(frozen=True, eq=False)
 class OrbitSearch:
-    """What the searches through all orbits have in common; see `hillsphere.runs.workers.Divisible`.
+    """Data common to the searches through all orbits; see `hillsphere.runs.workers.Divisible`.
 
     Its pieces are orbits, and then the legs that were found through them, to be flown anew.
 
@@ -84,7 +84,9 @@ class OrbitSearch:
     distance: float
     samples: int
 
-    def prepare(self) -> Callable[[UnstableOrbit | Coasts | Waits], Found | Flown]:
+    def prepare(
+        self,
+    ) -> Callable[[UnstableOrbit | Coasts | Waits], OrbitTransfers | VerifiedFlights]:
         """Return the function that does a piece.
 
         Raises
@@ -98,7 +100,7 @@ class OrbitSearch:
 
 
 class _Searching:
-    """Searches through orbits and flies their legs, with what is compiled for all of them."""
+    """Searches through orbits and flies their legs with one compiled flow."""
 
     def __init__(
         self, work: OrbitSearch, flow: Flow, departure: PolarOrbit, arrival: PolarOrbit
@@ -111,27 +113,29 @@ class _Searching:
         self._mirror = mirror_of(flow, [departure, arrival])
         self._flights = LegFlights(work.compiled.plant, flow, (departure, arrival))
 
-    def __call__(self, piece: UnstableOrbit | Coasts | Waits) -> Found | Flown:
-        return self._found(piece) if isinstance(piece, UnstableOrbit) else self._flights(piece)
+    def __call__(self, piece: UnstableOrbit | Coasts | Waits) -> OrbitTransfers | VerifiedFlights:
+        return (
+            self._search_orbit(piece) if isinstance(piece, UnstableOrbit) else self._flights(piece)
+        )
 
-    def _found(self, orbit: UnstableOrbit) -> Found:
+    def _search_orbit(self, orbit: UnstableOrbit) -> OrbitTransfers:
         nothing = Legs.none()
         if orbit.kind != "unstable":
-            return Found(orbit.kind, float("nan"), nothing, nothing, 0)
+            return OrbitTransfers(orbit.kind, float("nan"), nothing, nothing, 0)
         samples = self._work.samples
         try:
             steps = period_steps(self._flow, orbit.x0, orbit.period, orbit.monodromy, _ACCURACY)
             multiplier, departure, arrival, count = self._legs(orbit, steps, samples)
             again = self._legs(orbit, steps, 2 * samples)[1:3] if orbit.check else None
         except HillsphereError as error:
-            return Found(f"not searched: {error}", float("nan"), nothing, nothing, 0)
+            return OrbitTransfers(f"not searched: {error}", float("nan"), nothing, nothing, 0)
         missing = [
             name
             for name, legs in (("departure", departure), ("arrival", arrival))
             if not legs.p.size
         ]
         status = f"no {missing[0]} leg" if len(missing) == 1 else "no leg"
-        return Found(
+        return OrbitTransfers(
             status if missing else "connected", multiplier, departure, arrival, int(count[0]),
             again, int(count[1]),
         )  # fmt: skip
@@ -153,10 +157,10 @@ class _Searching:
                 "the orbit and its manifold lie in the plane z = 0, which they do not pass through"
             )
         wanted = [self._arrival, self._departure] if image else [self._arrival]
-        found, count = self._sides(local, wanted, samples)
-        arrival = found[0]
+        ladders, count = self._sides(local, wanted, samples)
+        arrival = ladders[0]
         if image and mirror is not None:
-            return local.multiplier, found[1].mirrored(mirror), arrival, count
+            return local.multiplier, ladders[1].mirror(mirror), arrival, count
         backwards = LocalManifold.of(flow, x0, orbit.period, steps, stable=True)
         (departure,), more = self._sides(backwards, [self._departure], samples)
         return local.multiplier, departure, arrival, count + more
@@ -180,7 +184,7 @@ class _Searching:
             parts.append(legs)
             count += flown
         return [
-            ladder(joined([p[k] for p in parts]), work.gain) for k in range(len(targets))
+            ladder(join_legs([p[k] for p in parts]), work.gain) for k in range(len(targets))
         ], count
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.interfaces import Array, Integers
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Printed, Table
 from hillsphere.show.reference import ReferenceTable
@@ -22,11 +23,10 @@ from hillsphere.show.tables import (
 from hillsphere_orbits.manifold_transfers.figures import draw_front, draw_transfer
 from hillsphere_orbits.manifold_transfers.products import ManifoldTransfers
 from hillsphere_orbits.manifold_transfers.specs import ManifoldTransfersSpec
-from hillsphere_orbits.qso.presentation import counted, named
+from hillsphere_orbits.qso.presentation import format_count, label_identifier
 
 __all__ = ["present_transfers"]
 
-_DAY = 86400.0
 _SAME_KM = 1e-6  # a published amplitude is a round number
 _BESIDE = (
     Column("connects_paper", "", "connects, paper"),
@@ -67,7 +67,7 @@ def present_transfers(
         own = np.flatnonzero(product.transfer_member == i)
         if own.size:
             tables[f"ladder_{_identifier(label)}"] = tabulate(
-                f"Transfers through {label} that none betters", _ladder(product, own)
+                f"Pareto-optimal transfers through {label}", _ladder(product, own)
             )
     if product.checked:
         tables["transfer_convergence"] = tabulate(
@@ -75,8 +75,8 @@ def present_transfers(
         )
     figures = {"transfer_front": Figure(
         "Time of flight against impulse", lambda figure: draw_front(figure, product, reference),
-        "Transfers through each orbit that no other through it betters; colours tell n, markers "
-        "the amplitude z.", size_in=(8.0, 5.5),
+        "Pareto-optimal transfers through each orbit; the colour shows n, the marker the "
+        "amplitude z.", size_in=(8.0, 5.5),
     )}  # fmt: skip
     if product.transfer_legs.shape[1]:
         best = {
@@ -88,21 +88,22 @@ def present_transfers(
                 f"{name.replace('_', ' ').capitalize()} {names}",
                 lambda figure, q=q: draw_transfer(figure, product, q),  # type: ignore[misc]
                 f"Through {product.orbits.labels[product.transfer_member[q]]}: "
-                f"{product.transfer_dv_m_s[q]:.2f} m/s in {product.transfer_tof_s[q] / _DAY:.2f} d."
+                f"{product.transfer_dv_m_s[q]:.2f} m/s "
+                f"in {product.transfer_tof_s[q] / DAY_S:.2f} d."
                 " Dashed: cylinders over the planar orbits. Equal axes.",
                 size_in=(8.0, 7.0),
             )
     label = spec.label
     return Presentation(
-        metrics={named(k, label): v for k, v in _metrics(product).items()},
-        tables={named(k, label): v for k, v in tables.items()},
-        figures={named(k, label): v for k, v in figures.items()},
+        metrics={label_identifier(k, label): v for k, v in _metrics(product).items()},
+        tables={label_identifier(k, label): v for k, v in tables.items()},
+        figures={label_identifier(k, label): v for k, v in figures.items()},
         verdict=[*_verdict(product, names), *beside[:3]],
     )
 
 
 def _notes(product: ManifoldTransfers, spec: ManifoldTransfersSpec) -> list[str]:
-    days = product.leg_limit_s / _DAY
+    days = product.leg_limit_s / DAY_S
     legs = (
         "Legs to the unstable orbit are mirror images of legs along its unstable manifold."
         if product.mirrored
@@ -124,7 +125,7 @@ def _notes(product: ManifoldTransfers, spec: ManifoldTransfersSpec) -> list[str]
 
 
 def _impulses(product: ManifoldTransfers, index: list[int], digits: int) -> list[FilledColumn]:
-    """Return what both legs of transfers cost and take; blank for an index of −1."""
+    """Return cost and time of flight of both legs; blank for an index of −1."""
     a, b = product.transfer_legs
     dv, tof = product.leg_dv_m_s, product.leg_tof_s
     return [
@@ -216,7 +217,7 @@ def _convergence(product: ManifoldTransfers) -> list[FilledColumn]:
 def _beside(
     table: Table, product: ManifoldTransfers, reference: ReferenceTable | None
 ) -> tuple[Table, list[str]]:
-    """Put published values beside the cells; return also what is to be said of them."""
+    """Put published values beside the cells; return the table and notes on the comparison."""
     if reference is None:
         return table, []
     rows = [dict(row) for row in table.rows]
@@ -254,7 +255,7 @@ def _beside(
             own = product.transfer_member == i
             row["dominated"] = bool(
                 np.any(
-                    own & (product.transfer_dv_m_s <= dv) & (product.transfer_tof_s <= tof * _DAY)
+                    own & (product.transfer_dv_m_s <= dv) & (product.transfer_tof_s <= tof * DAY_S)
                 )
             )
             bettered.append(
@@ -262,9 +263,9 @@ def _beside(
                 f"{'bettered in both' if row['dominated'] else 'not bettered in both'}."
             )
     notes = [
-        f"Of {counted(compared, 'orbit')} that connect{'s' if compared == 1 else ''} here and in "
-        f"the paper, {cheaper} {'has' if cheaper == 1 else 'have'} a transfer of a smaller impulse "
-        "here, whatever its time of flight."
+        f"Of {format_count(compared, 'orbit')} that connect{'s' if compared == 1 else ''} here and "
+        f"in the paper, {cheaper} {'has' if cheaper == 1 else 'have'} a transfer of a smaller "
+        "impulse here, whatever its time of flight."
     ]
     notes.append(f"Connect here and not in the paper: {'; '.join(ours_only) or 'none'}.")
     notes.append(f"Connect in the paper and not here: {'; '.join(paper_only) or 'none'}.")
@@ -297,7 +298,7 @@ def _metrics(product: ManifoldTransfers) -> dict[str, Metric]:
         )
         metrics["legs_too_sensitive"] = Metric(_too_sensitive(product))
         if np.all(np.isfinite(margin)):
-            metrics["energy_margin_min_m_s"] = Metric(
+            metrics["min_energy_margin_m_s"] = Metric(
                 float(min(np.min(margin), np.min(whole))), "m/s"
             )
     if product.transfer_legs.shape[1]:
@@ -305,7 +306,7 @@ def _metrics(product: ManifoldTransfers) -> dict[str, Metric]:
         metrics["closure_max_km"] = Metric(float(np.max(product.leg_closure_km[kept])), "km")
         metrics["closure_max_m_s"] = Metric(float(np.max(product.leg_closure_m_s[kept])), "m/s")
         metrics["least_dv_m_s"] = Metric(float(np.min(product.transfer_dv_m_s)), "m/s")
-        metrics["least_tof_d"] = Metric(float(np.min(product.transfer_tof_s)) / _DAY, "d")
+        metrics["least_tof_d"] = Metric(float(np.min(product.transfer_tof_s)) / DAY_S, "d")
     if product.checked:
         metrics["convergence_moved_m_s"] = Metric(float(np.max(product.check_shift_m_s)), "m/s")
     return metrics
@@ -313,11 +314,11 @@ def _metrics(product: ManifoldTransfers) -> dict[str, Metric]:
 
 def _verdict(product: ManifoldTransfers, names: str) -> list[str]:
     count = sum(status == "connected" for status in product.status)
-    limit = f"with legs of {product.leg_limit_s / _DAY:g} d at most"
-    whole = counted(count, "orbit", of=len(product.status))
+    limit = f"with legs of {product.leg_limit_s / DAY_S:g} d at most"
+    whole = format_count(count, "orbit", of=len(product.status))
     sentences = [f"{whole} connect{'s' if count == 1 else ''} {names} {limit}."]
     if product.transfer_legs.shape[1]:
-        dv, tof = product.transfer_dv_m_s, product.transfer_tof_s / _DAY
+        dv, tof = product.transfer_dv_m_s, product.transfer_tof_s / DAY_S
         for what, q in (("The least impulse", np.argmin(dv)), ("The quickest", np.argmin(tof))):
             name = product.orbits.labels[int(product.transfer_member[q])]
             sentences.append(f"{what}: {dv[q]:.2f} m/s in {tof[q]:.2f} d through {name}.")
@@ -334,15 +335,15 @@ def _verdict(product: ManifoldTransfers, names: str) -> list[str]:
 
 
 def _too_sensitive(product: ManifoldTransfers) -> int:
-    """Return how many legs miss by so much, flown anew, that they make no transfer."""
+    """Return the number of legs whose verified miss exceeds the limit."""
     return int(np.count_nonzero(~(product.leg_closure_km * 1e3 <= product.closure_limit_m)))
 
 
 def _closure(product: ManifoldTransfers) -> str:
-    """Say how well the transfers close, and how many legs were not taken because they do not."""
+    """Return a sentence on the closure of transfers and on legs rejected for their miss."""
     out = (
         f"set aside as too sensitive (missing by more than {product.closure_limit_m:g} m): "
-        f"{counted(_too_sensitive(product), 'leg', of=len(product.leg_member))}"
+        f"{format_count(_too_sensitive(product), 'leg', of=len(product.leg_member))}"
     )
     if not product.transfer_legs.shape[1]:
         return f"No transfer is kept; {out}."

@@ -1,4 +1,4 @@
-"""What the stage ``manifold_transfers`` hands on."""
+"""Product of the stage ``manifold_transfers``."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class ManifoldTransfers(FlightSet):
     """``"connected"``, ``"no departure leg"``, ``"no arrival leg"``, ``"no leg"``, or ``"stable"``
     and ``"complex"``, which have no manifold, or what went wrong."""
     revolutions: Annotated[Integers, Shape("orbits")]
-    """n of each orbit; 0 where its product does not tell."""
+    """n of each orbit; 0 where its product has no such field."""
     z_m: Annotated[Array, Shape("orbits"), Label("amplitude z", 9, "km")]
-    """Its amplitude z; NaN where its product does not tell."""
+    """Its amplitude z; NaN where its product has no such field."""
     multiplier: Annotated[Array, Shape("orbits")]
     """Largest multiplier; NaN without a manifold."""
     bound_m_s: Annotated[Array, Shape(2, "orbits")]
@@ -70,7 +70,7 @@ class ManifoldTransfers(FlightSet):
     leg_closure_m_s: Annotated[Array, Shape("legs"), Label("closure", 2)]
     """The same of the velocity."""
     leg_altitude_m: Annotated[Array, Shape("legs"), Label("least altitude", 4, "km")]
-    """Least height above the surface; NaN if the plant tells of none."""
+    """Least height above the surface; NaN if the plant has no surface."""
     leg_impact: Annotated[NDArray[np.bool_], Shape("legs"), Label("impact")]
     """Whether it met the surface in that flight."""
     transfer_legs: Annotated[Integers, Shape(2, "transfers")]

@@ -23,9 +23,11 @@ from hillsphere_orbits.manifold_transfers.mesh import Mesh, Roots
 from hillsphere_orbits.transfers.curves import PolarOrbit
 from hillsphere_orbits.transfers.pareto import front
 
-__all__ = ["Legs", "Search", "joined", "ladder"]
+__all__ = ["Legs", "Search", "join_legs", "ladder"]
 
 _MOVES = 4
+"""Times that a bracket which lost its root is moved; it lies a few widths away or does not
+exist."""
 _BEYOND = 2.0  # natural units of time: partners of passages just within the limit are flown to
 _GAP = 1e-11  # of g at a polished root
 
@@ -63,11 +65,11 @@ class Legs:
     state: Array
     target: Array
 
-    def chosen(self, keep: NDArray[np.bool_] | NDArray[np.intp]) -> Legs:
+    def select(self, keep: NDArray[np.bool_] | NDArray[np.intp]) -> Legs:
         """Return some of them."""
         return Legs(*(getattr(self, field.name)[..., keep] for field in fields(self)))
 
-    def mirrored(self, mirror: Array) -> Legs:
+    def mirror(self, mirror: Array) -> Legs:
         """Return the same legs flown backwards in a mirror, given the sign of each state."""
         rows = ("begin", "orbit", "state", "target")
         return replace(self, **{name: mirror[:, None] * getattr(self, name) for name in rows})
@@ -79,7 +81,7 @@ class Legs:
         return cls(row, np.zeros(0, dtype=np.int64), row, row, states, states, states, states)
 
 
-def joined(parts: list[Legs]) -> Legs:
+def join_legs(parts: list[Legs]) -> Legs:
     """Return the legs of several searches as one set."""
     return Legs(
         *(np.concatenate([getattr(part, f.name) for part in parts], axis=-1) for f in fields(Legs))
@@ -87,7 +89,7 @@ def joined(parts: list[Legs]) -> Legs:
 
 
 def ladder(legs: Legs, gain: float) -> Legs:
-    """Return the legs that better every quicker one by a gain at least, quickest first."""
+    """Return the Pareto front, quickest first; each leg gains at least `gain` on quicker ones."""
     best = np.flatnonzero(front(legs.dv, legs.tof))
     best = best[np.argsort(legs.tof[best], kind="stable")]
     # strands of a manifold that is folded many times lie so close that they make the same leg
@@ -95,7 +97,7 @@ def ladder(legs: Legs, gain: float) -> Legs:
     for i in best:
         if not kept or legs.dv[i] < legs.dv[kept[-1]] - gain:
             kept.append(int(i))
-    return legs.chosen(np.array(kept, dtype=np.intp))
+    return legs.select(np.array(kept, dtype=np.intp))
 
 
 class Search:
@@ -139,7 +141,7 @@ class Search:
         self.samples, self.gain = samples, gain
 
     def legs(self, targets: list[PolarOrbit]) -> tuple[list[Legs], NDArray[np.int64]]:
-        """Find the legs to planar orbits that no other betters.
+        """Find the Pareto-optimal legs to planar orbits.
 
         Parameters
         ----------
@@ -162,36 +164,36 @@ class Search:
             self.local.h, targets, self.limit, self.gain,
         )  # fmt: skip
         mesh.refine(self.samples)
-        found = self._polished([mesh.roots(k) for k in range(len(targets))], targets)
-        return [ladder(legs, self.gain) for legs in found], np.array(
+        roots = self._polish_candidates([mesh.roots(k) for k in range(len(targets))], targets)
+        return [ladder(legs, self.gain) for legs in roots], np.array(
             [mesh.trajectories, mesh.unproved]
         )
 
-    def _polished(self, roots: list[Roots], targets: list[PolarOrbit]) -> list[Legs]:
-        """Polish the roots that may be on the fronts, until those not polished cannot be."""
-        found = [Legs.none() for _ in targets]
+    def _polish_candidates(self, roots: list[Roots], targets: list[PolarOrbit]) -> list[Legs]:
+        """Polish roots until no other root can be on the fronts."""
+        polished = [Legs.none() for _ in targets]
         waiting = [np.ones(r.low.size, dtype=bool) for r in roots]
         while True:
             # those of all targets at once: few flights take as long as one
             chosen = [
                 self._promising(r, mask, done)
-                for r, mask, done in zip(roots, waiting, found, strict=True)
+                for r, mask, done in zip(roots, waiting, polished, strict=True)
             ]
             which = np.repeat(np.arange(len(targets)), [here.size for here in chosen])
             if not which.size:
-                return found
+                return polished
             for mask, here in zip(waiting, chosen, strict=True):
                 mask[here] = False
-            some = [r.chosen(here) for r, here in zip(roots, chosen, strict=True)]
-            p, node, clock, kept = self._root(Roots.joined(some), which, targets)
+            some = [r.select(here) for r, here in zip(roots, chosen, strict=True)]
+            p, node, clock, kept = self._root(Roots.join(some), which, targets)
             for k, target in enumerate(targets):
                 own = which[kept] == k
                 if own.any():
                     legs = self._final(p[own], node[own], clock[own], target)
-                    found[k] = joined([found[k], legs])
+                    polished[k] = join_legs([polished[k], legs])
 
     def _promising(self, roots: Roots, mask: NDArray[np.bool_], done: Legs) -> NDArray[np.intp]:
-        """Return the roots among those of a mask that may be on the front with what is done."""
+        """Return the masked roots that may be on the front, given the roots polished so far."""
         dv = np.concatenate([done.dv + self.gain, (roots.dv - roots.doubt)[mask]])
         tof = np.concatenate([done.tof, roots.tof[mask]])
         return np.flatnonzero(mask)[front(dv, tof)[done.dv.size :]]
@@ -222,6 +224,7 @@ class Search:
             if not lost.size:
                 break
             x, y, f, g = begin[lost], end[lost], ends[0, lost], ends[1, lost]
+            # secant through both ends
             guess = np.where(f == g, y, x - f * (y - x) / np.where(f == g, 1.0, g - f))
             reach = np.minimum(np.abs(guess - 0.5 * (x + y)), 10.0 * (y - x))
             guess = np.clip(guess, 0.5 * (x + y) - reach, 0.5 * (x + y) + reach)
@@ -231,10 +234,11 @@ class Search:
         held = np.flatnonzero(ends[0] * ends[1] <= 0.0)
         x, y, f, g = begin[held], end[held], ends[0, held], ends[1, held]
         # rounding of the first state moves it along the manifold, which steep strands feel
+        # a change of p below this moves the first state by less than rounding
         least = np.finfo(float).eps * np.max(np.abs(self.local.orbit)) / self.start
         least /= np.log(self.local.growth)
         p = bracketed_roots(
-            lambda p: _settled(gap(p, held)[0]), x, y, f, g,
+            lambda p: _snap_roots_to_zero(gap(p, held)[0]), x, y, f, g,
             np.maximum(np.minimum(0.1, _GAP / np.maximum(_GAP, np.abs(g - f))) * (y - x), least),
         )  # fmt: skip
         return p, node[held], gap(p, held)[1], held
@@ -251,14 +255,14 @@ class Search:
         return x, when + sense * late
 
     def _final(self, p: Array, node: NDArray[np.int64], clock: Array, target: PolarOrbit) -> Legs:
-        """Return the legs at roots: flown once more as a whole, for time and impact."""
+        """Return the legs at roots, propagated as a whole for their time and impacts."""
         local, flow = self.local, self.local.flow
         flown = leaves(
             local, self.watch, p, self.side, start=self.start, distance=self.distance,
             duration=self.limit, ends=self.ends, node=node,
         )  # fmt: skip
-        z = flown.flown.zeros
-        z = z.chosen(z.event == 0)
+        z = flown.ends.zeros
+        z = z.select(z.event == 0)
         late = np.abs(np.abs(flown.node[z.lane] * local.h + z.time) - clock[z.lane])
         # the passage of each lane that is nearest to the root's time
         order = np.lexsort((late, z.lane))
@@ -288,13 +292,13 @@ class Search:
         )
 
 
-def _settled(g: Array) -> Array:
-    """Return g with zero for what is a root: nothing is gained by going on."""
+def _snap_roots_to_zero(g: Array) -> Array:
+    """Return g with roots set to zero exactly, so that the bracketing stops at them."""
     return np.where(np.abs(g) <= _GAP, 0.0, g)
 
 
 def _to_plane(flow: Flow, x: Array, most: float) -> tuple[Array, Array]:
-    """Return the states of the nearest passages through z = 0, and how much later they are."""
+    """Return the states of the nearest passages through z = 0, and their time offsets."""
     late = np.zeros(x.shape[1])
     for _ in range(5):
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,4 +1,4 @@
-"""Spec of the stage ``manifold_transfers``: what a mission may write."""
+"""Spec of the stage ``manifold_transfers``: the keys of a mission."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Self
 
 from pydantic import model_validator
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.spec import (
     DataPath,
     Ref,
@@ -30,7 +31,7 @@ class ManifoldTransferNeeds(Spec):
         "hillsphere_orbits.qso.products:QsoFamily", "has the orbits of departure and arrival"
     )
     orbits: tuple[Ref, ...] = need(
-        "hillsphere.products:OrbitSet", "families whose members are gone through", min_length=1
+        "hillsphere.products:OrbitSet", "families to search for transfers", min_length=1
     )
 
 
@@ -65,14 +66,14 @@ class ManifoldTransfersSpec(StageSpec):
     )
 
     needs: ManifoldTransferNeeds = option("products of earlier stages")
-    plant: Ref = reference("plant", "equations of motion, those of the orbits")
+    plant: Ref = reference("plant", "equations of motion of the orbits")
     departure: str = option("name of the planar orbit that is left", min_length=1)
     arrival: str = option("name of the planar orbit that is reached", min_length=1)
     members: tuple[str, ...] = option(
         "names of the orbits to go through; left out: all", default=()
     )
     leg_limit_s: float = quantity(
-        "time", "longest time of flight of each leg", default=5 * 86400.0, gt=0
+        "time", "longest time of flight of each leg", default=5 * DAY_S, gt=0
     )
     distance: float = option(
         "distance from the unstable orbit where times of flight begin and end; normalised",
@@ -81,7 +82,7 @@ class ManifoldTransfersSpec(StageSpec):
         le=0.1,
     )
     start_distance: float = option(
-        "largest distance at which a trajectory is taken up from the linear motion; normalised",
+        "largest distance from the orbit at which trajectories start, normalised",
         default=1e-4,
         ge=1e-9,
         le=1e-3,

@@ -15,10 +15,10 @@ from hillsphere.runs.workers import Workers
 from hillsphere.show.reference import ReferenceTable
 from hillsphere_orbits.flow import Compiled, Flow, flow_of
 from hillsphere_orbits.invariant_manifolds.flight import UNPROVED
-from hillsphere_orbits.invariant_manifolds.sampling import classified
-from hillsphere_orbits.invariant_manifolds.stage import chosen, orbits_on
-from hillsphere_orbits.manifold_transfers.assembly import Case, Found, assembled
-from hillsphere_orbits.manifold_transfers.flights import Coasts, Flown, Waits
+from hillsphere_orbits.invariant_manifolds.sampling import classify_manifolds
+from hillsphere_orbits.invariant_manifolds.stage import orbits_on, select_orbits
+from hillsphere_orbits.manifold_transfers.assembly import Case, OrbitTransfers, assemble_product
+from hillsphere_orbits.manifold_transfers.flights import Coasts, VerifiedFlights, Waits
 from hillsphere_orbits.manifold_transfers.orbit import OrbitSearch, UnstableOrbit, mirror_of
 from hillsphere_orbits.manifold_transfers.presentation import present_transfers
 from hillsphere_orbits.manifold_transfers.products import ManifoldTransfers
@@ -80,15 +80,15 @@ class ManifoldTransfersStage:
         Raises
         ------
         InputError
-            If an orbit is asked for that there is not, or a planar one is no closed curve.
+            If a requested orbit does not exist, or a planar one is not a closed curve.
         StageError
             If the orbits belong to other equations.
         """
         spec, flow = self.spec, flow_of(self.plant)
-        members = chosen(members_of(*orbits), spec.members)
+        members = select_orbits(members_of(*orbits), spec.members)
         if extra := [name for name in spec.check if name not in members.labels]:
             raise InputError(f"check: no orbit is called {extra[0]!r}")
-        both = [chosen(planar.members, (name,)) for name in (spec.departure, spec.arrival)]
+        both = [select_orbits(planar.members, (name,)) for name in (spec.departure, spec.arrival)]
         x0, period = orbits_on(flow, members)
         ends = [_start_of(flow, orbit) for orbit in both]
         targets = [PolarOrbit(flow, state, duration, name) for name, state, duration in ends]
@@ -99,7 +99,7 @@ class ManifoldTransfersStage:
             gain=spec.least_gain_m_s * scales.time_s / scales.length_m,
             start=spec.start_distance, distance=spec.distance, samples=spec.samples,
         )  # fmt: skip
-        kinds = classified(members.monodromy)
+        kinds = classify_manifolds(members.monodromy)
         pieces = [
             UnstableOrbit(
                 x0[:, i].copy(),
@@ -127,11 +127,11 @@ class ManifoldTransfersStage:
             closure_limit_m=spec.closure_limit_m,
         )
         advance = ctx.track("transfers", len(pieces))
-        found: list[Found] = []
+        results: list[OrbitTransfers] = []
         with Workers(ctx, work) as workers:
             for label, one in zip(members.labels, workers.map(pieces), strict=True):
-                assert isinstance(one, Found)
-                found.append(one)
+                assert isinstance(one, OrbitTransfers)
+                results.append(one)
                 ctx.info(
                     f"{label}: {one.status}; {one.departure.p.size} departure and "
                     f"{one.arrival.p.size} arrival legs, {one.trajectories} trajectories"
@@ -143,12 +143,12 @@ class ManifoldTransfersStage:
                     )
                 advance(1)
 
-            def flown(legs: Sequence[Coasts | Waits]) -> Iterator[Flown]:
+            def flown(legs: Sequence[Coasts | Waits]) -> Iterator[VerifiedFlights]:
                 for one in workers.map(legs):
-                    assert isinstance(one, Flown)
+                    assert isinstance(one, VerifiedFlights)
                     yield one
 
-            return assembled(case, found, flown)
+            return assemble_product(case, results, flown)
 
     def present(
         self, product: ManifoldTransfers, planar: OrbitSet, orbits: tuple[OrbitSet, ...]
@@ -166,7 +166,7 @@ def _start_of(flow: Flow, orbit: PeriodicOrbits) -> tuple[str, Array, float]:
 def _coordinates(
     members: PeriodicOrbits, orbits: tuple[OrbitSet, ...]
 ) -> tuple[NDArray[np.int64], Array]:
-    """Return revolutions and amplitude of each orbit, where its product tells."""
+    """Return revolutions and amplitude of each orbit, where its product has them."""
     revolutions = np.zeros(len(members.labels), dtype=np.int64)
     z_m = np.full(len(members.labels), np.nan)
     for families in orbits:

@@ -1,1 +1,1 @@
-"""How large an error a periodic orbit bears: flown, not linearised."""
+"""Nonlinear stability: the largest offsets that a periodic orbit survives, by simulation."""

@@ -21,11 +21,13 @@ from hillsphere_orbits.nonlinear_stability.survival import Fate, Fates
 __all__ = ["Edges", "Judge", "first_losses"]
 
 Judge: TypeAlias = Callable[[NDArray[np.intp], Array], Fates]
-"""(rows (N,), offsets (N,)) → what becomes of each."""
+"""(rows (N,), offsets (N,)) → fates of the flights."""
 
 _AT_ONCE = 4  # offsets of a row flown together: beyond a loss the larger ones were for nothing
 _SECTIONS = 4
+"""Equal parts into which a round divides the gap; its three inner offsets fly in one batch."""
 _ROUNDS = 2
+"""Rounds: the gap shrinks to a sixteenth, which the docstring of `first_losses` promises."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +41,7 @@ class Edges:
     lost : ndarray, shape (R,)
         Offset of the first loss; infinite if no offset was lost.
     fate : ndarray of int, shape (R,)
-        What became of that one.
+        Its fate.
     time : ndarray, shape (R,)
         When; normalised.
     flights : int
@@ -77,7 +79,9 @@ def first_losses(judge: Judge, largest: Array, doublings: int, scan: int) -> Edg
     search = _Search(judge, largest.size)
     every = np.arange(largest.size)
     powers = 0.5 ** np.arange(doublings, -1, -1.0)
+    # upwards by factors of two, from the smallest
     search.sweep(every, largest[:, None] * powers)
+    # losses need not begin at one edge: scan evenly below the first one found
     top = np.minimum(search.edges().lost, largest)
     search.sweep(every, top[:, None] * (np.arange(1, scan) / scan))
     inner = np.arange(1, _SECTIONS) / _SECTIONS
@@ -90,7 +94,7 @@ def first_losses(judge: Judge, largest: Array, doublings: int, scan: int) -> Edg
 
 
 class _Search:
-    """Everything that was flown, and the edges that follow from it."""
+    """Fates of all offsets flown so far, and the edges that follow from them."""
 
     def __init__(self, judge: Judge, rows: int) -> None:
         self._judge, self._rows = judge, rows
@@ -114,7 +118,7 @@ class _Search:
             rows, offsets = rows[going], offsets[going]
 
     def edges(self) -> Edges:
-        """Return what is known so far."""
+        """Return the edges found so far."""
         lost = self._fate != Fate.SURVIVES
         least = np.full(self._rows, np.inf)
         np.minimum.at(least, self._row[lost], self._offset[lost])

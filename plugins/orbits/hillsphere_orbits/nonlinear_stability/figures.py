@@ -1,4 +1,4 @@
-"""Figures of the offsets that orbits bear."""
+"""Figures of the largest offsets that orbits survive."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def _draw_side(
     lost, survived = product.lost[:, own] * factor, product.survived[:, own] * factor
     fates = product.lost_fate[:, own]
     row = np.broadcast_to(np.arange(lost.shape[0])[:, None], lost.shape)
-    # an orbit that bears nothing has no place on a logarithmic axis: it is named at its left end
+    # a radius of zero has no place on a logarithmic axis: it is written at its left end
     bears = survived > 0.0
     for fate, colour, mark in _FATES:
         chosen = np.isfinite(lost) & bears & (fates == fate)

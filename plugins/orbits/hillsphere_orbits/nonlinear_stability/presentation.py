@@ -1,10 +1,11 @@
-"""Tables, figures and sentences about the offsets that orbits bear."""
+"""Tables, figures and sentences about nonlinear stability."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.presentation import Figure, Metric, Presentation
 from hillsphere.show.tables import (
     FieldColumns,
@@ -17,13 +18,13 @@ from hillsphere.show.tables import (
 from hillsphere_orbits.nonlinear_stability.figures import draw_edges, draw_probabilities
 from hillsphere_orbits.nonlinear_stability.products import NonlinearStability
 from hillsphere_orbits.nonlinear_stability.survival import Fate
-from hillsphere_orbits.qso.presentation import named
+from hillsphere_orbits.qso.presentation import label_identifier
 
 __all__ = ["present_stability"]
 
 
 def present_stability(product: NonlinearStability, label: str) -> Presentation:
-    """Show what was flown.
+    """Show stability radii, survival probabilities and nearby resonances.
 
     Parameters
     ----------
@@ -36,11 +37,11 @@ def present_stability(product: NonlinearStability, label: str) -> Presentation:
     -------
     Presentation
         Tables ``nonlinear_stability``, ``survival_probability``, ``survival_edges``,
-        ``nearby_resonances`` and, if any were asked for, ``offset_fates``; figures
+        ``nearby_resonances`` and, if offsets were given, ``offset_fates``; figures
         ``survival_edges`` and ``survival_probability``.
     """
     rule, errors = rule_of(product), _errors(product)
-    days = product.duration_s / 86400.0
+    days = product.duration_s / DAY_S
     tables = {
         "nonlinear_stability": tabulate(
             f"Nonlinear stability over {days:g} days", _summary(product),
@@ -60,7 +61,7 @@ def present_stability(product: NonlinearStability, label: str) -> Presentation:
         tables["offset_fates"] = tabulate("Fates of given offsets", _offsets(product), [rule])
     figures = {
         "survival_edges": Figure(
-            "Offsets that the orbits bear",
+            "Largest offsets that the orbits survive",
             lambda figure: draw_edges(figure, product),
             f"First losses by direction within {days:g} days; an arrow: not lost at the largest "
             "offset tried. Dashed: one standard deviation of the injection error.",
@@ -78,9 +79,9 @@ def present_stability(product: NonlinearStability, label: str) -> Presentation:
     if np.isfinite(product.drift):
         metrics["survival_integral_drift"] = Metric(product.drift)
     return Presentation(
-        metrics={named(name, label): metric for name, metric in metrics.items()},
-        tables={named(name, label): table for name, table in tables.items()},
-        figures={named(name, label): figure for name, figure in figures.items()},
+        metrics={label_identifier(name, label): metric for name, metric in metrics.items()},
+        tables={label_identifier(name, label): table for name, table in tables.items()},
+        figures={label_identifier(name, label): figure for name, figure in figures.items()},
         verdict=_verdict(product),
     )
 
@@ -93,14 +94,14 @@ _REACH_NOTE = (
 
 
 def rule_of(product: NonlinearStability) -> str:
-    """Say when a flight counts as lost."""
+    """Return the sentence on when a flight counts as lost."""
     planar = np.isinf(product.limit_m[2])
     axes = "|x| or |y|" if planar.all() else "|x|, |y| or |z|"
     if planar.any() and not planar.all():
         axes += " (planar orbits, to a twentieth of their extent: |x| or |y|)"
     surface = ", or meets the surface of the body" if product.has_surface else ""
     return (
-        f"An orbit is lost if within {product.duration_s / 86400.0:g} days it goes beyond "
+        f"An orbit is lost if within {product.duration_s / DAY_S:g} days it goes beyond "
         f"{product.limit:g} times its own largest {axes}{surface}. Another rule changes the "
         "hours rather than the verdicts."
     )
@@ -108,11 +109,11 @@ def rule_of(product: NonlinearStability) -> str:
 
 def _search(product: NonlinearStability) -> str:
     return (
-        "The radius is the least over the directions tried of the offset before the first loss, "
-        f"which is searched with the largest offset halved {product.doublings} times and upwards, "
-        f"then with {product.scan} equal parts of what lies below, then to a sixteenth of the gap. "
-        "Edges are fractal: losses in tongues thinner than that may lie below, and survivors "
-        "beyond."
+        "The stability radius is the largest offset before the first loss, the least of all tried "
+        f"directions. The search begins with the largest offset halved {product.doublings} times, "
+        f"then in {product.scan} equal parts below it, then to a sixteenth of the gap. "
+        "The edge is fractal: tongues of losses thinner than that may lie below it, and survivors "
+        "beyond it."
     )
 
 
@@ -120,12 +121,12 @@ def _errors(product: NonlinearStability) -> str:
     return (
         f"Injection errors are Gaussian, σ = {product.sigma_position_m:g} m and "
         f"{100.0 * product.sigma_velocity_m_s:g} cm/s per axis, {product.draws} draws per orbit "
-        f"and phase; intervals are those of Clopper and Pearson, {100 * product.confidence:g} %."
+        f"and phase; {100 * product.confidence:g} % intervals by Clopper and Pearson."
     )
 
 
 def _fates(product: NonlinearStability) -> NDArray[np.str_]:
-    """Return what became of the first lost flight of each orbit in each direction (M, D)."""
+    """Return the fate of the first lost flight of each orbit in each direction (M, D)."""
     words = np.array([fate.text for fate in Fate])[product.lost_fate]
     return np.where(np.isinf(product.lost), "not lost", words)
 
@@ -246,7 +247,7 @@ def _nearby(product: NonlinearStability) -> list[FilledColumn]:
 
 
 def _verdict(product: NonlinearStability) -> list[str]:
-    days, sentences = product.duration_s / 86400.0, []
+    days, sentences = product.duration_s / DAY_S, []
     share = np.min(product.counts[Fate.SURVIVES], axis=1) / product.draws
     risky = [
         f"{name} ({100 * p:.3g} %)"
@@ -254,8 +255,8 @@ def _verdict(product: NonlinearStability) -> list[str]:
         if p < 1.0
     ]
     if risky:
-        sentences.append(f"Injection errors lose within {days:g} days, survivors in brackets: "
-                         f"{', '.join(risky)}.")  # fmt: skip
+        sentences.append(f"Orbits that drawn injection errors lose within {days:g} days "
+                         f"(survival in brackets): {', '.join(risky)}.")  # fmt: skip
     else:
         sentences.append(f"No drawn injection error loses any of these orbits in {days:g} days.")
     unheld = [
@@ -265,7 +266,6 @@ def _verdict(product: NonlinearStability) -> list[str]:
     ]
     if unheld:
         sentences.append(
-            f"Lost without any offset but rounding, so that their radius is zero: "
-            f"{', '.join(unheld)}."
+            f"Lost even without an offset (stability radius zero): {', '.join(unheld)}."
         )
     return sentences

@@ -1,4 +1,4 @@
-"""What the stage ``nonlinear_stability`` hands on."""
+"""Product of the stage ``nonlinear_stability``."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["NonlinearStability"]
 
 @dataclass(frozen=True)
 class NonlinearStability:
-    """How orbits bear offsets in several directions, phases of injection and given offsets.
+    """Survival of orbits by direction of offset, phase of injection, and for given offsets.
 
     Fates are numbers: 0 survives, 1 escape, 2 impact, 3 unresolved (no step that was tried kept
     the integral of motion). An offset is a position, m, or a velocity, m/s.
@@ -41,11 +41,11 @@ class NonlinearStability:
     survived: Annotated[Array, Shape("orbits", "directions")]
     """Largest offset tried below the first loss."""
     lost: Annotated[Array, Shape("orbits", "directions")]
-    """Offset of the first loss; infinite if none was lost."""
+    """Offset of the first loss; infinite without a loss."""
     lost_fate: Annotated[Integers, Shape("orbits", "directions")]
-    """What became of the first one lost."""
+    """Fate of the first lost flight."""
     lost_time_s: Annotated[Array, Shape("orbits", "directions"), Label("lost after", 4, "h")]
-    """And when; NaN if none was lost."""
+    """Time of that loss; NaN without one."""
     phases: Annotated[Array, Shape("phases"), Label("phase of injection", 4)]
     """Parts of the period."""
     counts: Annotated[Integers, Shape(4, "orbits", "phases")]
@@ -55,9 +55,9 @@ class NonlinearStability:
     high: Annotated[Array, Shape("orbits", "phases"), Label("to", 4)]
     """Its upper end."""
     median_loss_s: Annotated[Array, Shape("orbits", "phases"), Label("median time of loss", 4, "h")]
-    """Median time of loss of those lost; NaN if none was."""
+    """Median time of loss; NaN without a loss."""
     offset: Annotated[Array, Shape(6, "offsets")]
-    """Offsets whose fate was asked for."""
+    """Given offsets."""
     offset_fate: Annotated[Integers, Shape("orbits", "offsets")]
     """Their fates."""
     offset_time_s: Annotated[Array, Shape("orbits", "offsets")]
@@ -81,15 +81,15 @@ class NonlinearStability:
     draws: int
     """Per orbit and phase."""
     confidence: float
-    """Of the intervals, as asked for."""
+    """Of the intervals, as requested."""
     sigma_position_m: float
-    """Of injection errors, as asked for."""
+    """Of injection errors, as requested."""
     sigma_velocity_m_s: float
-    """Of injection errors, as asked for."""
+    """Of injection errors, as requested."""
     duration_s: float
-    """Of the flights, as asked for."""
+    """Of the flights, as requested."""
     limit: float
-    """Multiples of an orbit's amplitudes beyond which it is lost, as asked for."""
+    """Multiples of an orbit's amplitudes beyond which it is lost, as requested."""
     doublings: int
     """Density of the search for edges: how often the largest offset is halved."""
     scan: int
@@ -103,7 +103,7 @@ class NonlinearStability:
     """Whether the plant knows a surface to meet."""
 
     def weakest(self, velocity: bool) -> NDArray[np.int64]:
-        """Return the direction (M,) in which each orbit bears least.
+        """Return the direction (M,) of the least stability radius of each orbit.
 
         Parameters
         ----------
@@ -116,6 +116,6 @@ class NonlinearStability:
             The stability radius is ``survived`` there: the least over the directions tried.
         """
         own = np.flatnonzero(self.direction[3:].any(axis=0) == velocity)
-        # of directions that bear the same, the one in which a loss was found
+        # among equal radii, the direction in which a loss was found
         order = np.lexsort((self.lost[:, own], self.survived[:, own]))
         return np.asarray(own[order[:, 0]], dtype=np.int64)

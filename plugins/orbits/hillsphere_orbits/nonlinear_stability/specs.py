@@ -1,4 +1,4 @@
-"""Spec of the stage ``nonlinear_stability``: what a mission may write."""
+"""Spec of the stage ``nonlinear_stability``: the keys of a mission."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Self
 
 from pydantic import model_validator
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.spec import Ref, StageSpec, Vector3, option, quantity, reference, rule
 from hillsphere_orbits.options import label
 from hillsphere_orbits.source_specs import OrbitNeeds
@@ -14,7 +15,7 @@ __all__ = ["NonlinearStabilitySpec"]
 
 
 class NonlinearStabilitySpec(StageSpec):
-    """How large an offset periodic orbits bear, and how likely they survive injection errors.
+    """Largest offsets that periodic orbits survive, and survival of injection errors.
 
     An orbit is lost when |x|, |y| or, for an orbit in space, |z| passes its limit, or
     when it meets the surface of the body. An orbit that leaves the plane by less than a twentieth
@@ -41,12 +42,12 @@ class NonlinearStabilitySpec(StageSpec):
     )
 
     needs: OrbitNeeds = option("products of earlier stages: whose members are tried")
-    plant: Ref = reference("plant", "equations of motion, those of the orbits")
+    plant: Ref = reference("plant", "equations of motion of the orbits")
     duration_s: float = quantity(
-        "time", "for how long an orbit must not be lost", default=30 * 86400.0, gt=0
+        "time", "for how long an orbit must not be lost", default=30 * DAY_S, gt=0
     )
     limit: float = option(
-        "an orbit is lost beyond so many times its own largest |x|, |y| or, in space, |z|",
+        "an orbit is lost beyond this many times its own largest |x|, |y| or, in space, |z|",
         default=2.0,
         gt=1,
         le=1000,
@@ -78,7 +79,7 @@ class NonlinearStabilitySpec(StageSpec):
         le=30,
     )
     scan: int = option(
-        "then with offsets that divide the range below the first loss into so many equal parts",
+        "number of equal parts into which the range below the first loss is then divided",
         default=8,
         ge=1,
         le=10000,
@@ -104,10 +105,10 @@ class NonlinearStabilitySpec(StageSpec):
         "of the interval of the survival probability", default=0.95, gt=0, lt=1
     )
     position_offsets_m: tuple[Vector3, ...] = quantity(
-        "length", "offsets x, y, z at the start whose fate is told one by one", default=()
+        "length", "offsets x, y, z at the start, each flown for its own fate", default=()
     )
     velocity_offsets_m_s: tuple[Vector3, ...] = quantity(
-        "speed", "offsets ẋ, ẏ, ż at the start whose fate is told one by one", default=()
+        "speed", "offsets ẋ, ẏ, ż at the start, each flown for its own fate", default=()
     )
     n_max: int = option(
         "resonances d:n up to this n are looked for near planar orbits of one revolution",

@@ -1,4 +1,4 @@
-"""The stage ``nonlinear_stability``: offsets that orbits bear, flown."""
+"""The stage ``nonlinear_stability``: largest offsets that orbits survive."""
 
 from __future__ import annotations
 
@@ -13,10 +13,17 @@ from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
 from hillsphere.products import OrbitSet, PeriodicOrbits
 from hillsphere_orbits.nonlinear_stability.edges import Edges, first_losses
-from hillsphere_orbits.nonlinear_stability.nearby import Nearby, nearby_resonances
+from hillsphere_orbits.nonlinear_stability.nearby_resonances import (
+    NearbyResonance,
+    nearby_resonances,
+)
 from hillsphere_orbits.nonlinear_stability.presentation import present_stability
 from hillsphere_orbits.nonlinear_stability.products import NonlinearStability
-from hillsphere_orbits.nonlinear_stability.retraced import Retraced, require_states, retrace
+from hillsphere_orbits.nonlinear_stability.sampled_orbits import (
+    SampledOrbits,
+    require_states,
+    retrace,
+)
 from hillsphere_orbits.nonlinear_stability.specs import NonlinearStabilitySpec
 from hillsphere_orbits.nonlinear_stability.survival import Fate, Fates, Survival
 from hillsphere_orbits.qso.products import QsoFamily
@@ -27,6 +34,8 @@ __all__ = ["NonlinearStabilityStage", "clopper_pearson"]
 
 _AXES = ("x", "y", "z", "vx", "vy", "vz")
 _REACH = 0.5
+"""Largest offset of the search without a limit of the mission, in amplitudes of the orbit: beyond
+it a flight is no perturbation of that orbit any more."""
 _ON_ORBIT = 1e-9  # natural units: how exactly a place on an orbit is known
 
 
@@ -116,16 +125,16 @@ class NonlinearStabilityStage:
             start = trial.at_phase(phase)
             errors = [_draws(spec, ctx, f"{name}, phase {phase!r}") for name in given.labels]
             lanes = np.repeat(every, spec.draws)
-            fates = trial.fly(lanes, start[:, lanes] + trial.normalised(np.hstack(errors)))
+            fates = trial.fly(lanes, start[:, lanes] + trial.normalise(np.hstack(errors)))
             table = fates.fate.reshape(members, spec.draws)
             counts[:, :, k] = [np.count_nonzero(table == fate, axis=1) for fate in Fate]
             times = fates.time.reshape(table.shape)
             for i in np.flatnonzero((table != Fate.SURVIVES).any(axis=1)):
                 median[i, k] = np.median(times[i, table[i] != Fate.SURVIVES])
         low, high = clopper_pearson(counts[Fate.SURVIVES], spec.draws, spec.confidence)
-        offset = _given(spec)
+        offset = _prescribed_offsets(spec)
         asked = np.repeat(every, offset.shape[1])
-        told = trial.fly(asked, trial.start[:, asked] + np.tile(trial.normalised(offset), members))
+        told = trial.fly(asked, trial.start[:, asked] + np.tile(trial.normalise(offset), members))
         near = _near(orbits, spec)
         unit, time = given.length_m, trial.survival.system.time_unit_s
         ctx.info(f"{trial.flights} flights; largest change of the integral {trial.drift:.1e}")
@@ -179,20 +188,20 @@ class NonlinearStabilityStage:
         return present_stability(product, self.spec.label)
 
 
-def _near(orbits: tuple[OrbitSet, ...], spec: NonlinearStabilitySpec) -> list[Nearby]:
+def _near(orbits: tuple[OrbitSet, ...], spec: NonlinearStabilitySpec) -> list[NearbyResonance]:
     """Return the resonances near the members of planar families, numbered among all members."""
-    found: list[Nearby] = []
+    resonances: list[NearbyResonance] = []
     before = 0
     for family in orbits:
         if isinstance(family, QsoFamily):
             near = nearby_resonances(family, spec.n_max, spec.resonance_distance_m)
-            found += [replace(one, member=one.member + before) for one in near]
+            resonances += [replace(one, member=one.member + before) for one in near]
         before += len(family.members.labels)
-    return found
+    return resonances
 
 
 class _Trial:
-    """The orbits of a run with their limits, and what was flown of them so far."""
+    """The orbits of a run with their limits and a propagator for batches of offsets."""
 
     def __init__(
         self,
@@ -202,17 +211,17 @@ class _Trial:
         tick: Callable[[int], None],
     ) -> None:
         self.survival = Survival(plant, spec.accuracy)
-        self.around: Retraced = retrace(self.survival.map, orbits)
+        self.around: SampledOrbits = retrace(self.survival.map, orbits)
         self.start = np.ascontiguousarray(self.around.way[:, 0])
         amplitude = self.around.amplitude
         self.limits = spec.limit * amplitude
-        # in the plane, or nearly so, nothing is said of z
+        # nearly planar orbits have no limit on z
         self.limits[2, amplitude[2] <= NEARLY_PLANAR * np.max(amplitude, axis=0)] = np.inf
         self.flights = 0
         self.drift = 0.0 if self.survival.has_integral else float("nan")
         self._spec, self._tick = spec, tick
 
-    def normalised(self, offsets: Array) -> Array:
+    def normalise(self, offsets: Array) -> Array:
         """Return SI offsets (6, N) in the units of the flights."""
         return offsets / self.survival.system.unit[:, None]
 
@@ -226,11 +235,11 @@ class _Trial:
         return fates
 
     def at_phase(self, phase: float) -> Array:
-        """Return the states (6, M) of the orbits so much of their period after the start."""
+        """Return the states (6, M) of the orbits at a phase, in parts of their period."""
         if phase == 0.0:
             return self.start
         fly, states = self.survival.map, []
-        # each alone, with sub-steps of its own: none may depend on the others
+        # each alone, with its own sub-steps: no result may depend on the other orbits
         for i in range(self.start.shape[1]):
             one, span = self.start[:, [i]], phase * self.around.period[[i]]
             states.append(fly.propagate(one, span, fly.choose_steps(one, span, _ON_ORBIT)))
@@ -254,30 +263,30 @@ class _Trial:
         fast = np.full(members, spec.velocity_max_m_s) if spec.velocity_max_m_s else reach * unit[3]
         is_velocity = direction[3:].any(axis=0)
         largest = np.where(is_velocity, fast[:, None], far[:, None])
-        step = self.normalised(direction)
+        step = self.normalise(direction)
 
         def judge(row: NDArray[np.intp], offset: Array) -> Fates:
             orbit, k = np.divmod(row, count)
             return self.fly(orbit, self.start[:, orbit] + step[:, k] * offset)
 
-        # what is lost without an offset bears none
+        # an orbit that is lost without an offset has the radius zero
         keeps = np.repeat(~reference.lost, count)
         rows = np.flatnonzero(keeps)
-        found = first_losses(
+        losses = first_losses(
             lambda row, offset: judge(rows[row], offset),
             largest.ravel()[rows], spec.doublings, spec.scan,
         )  # fmt: skip
         every = Edges(
             np.zeros(keeps.size), np.zeros(keeps.size), np.repeat(reference.fate, count),
-            np.repeat(reference.time, count), found.flights,
+            np.repeat(reference.time, count), losses.flights,
         )  # fmt: skip
         for name in ("survived", "lost", "fate", "time"):
-            getattr(every, name)[rows] = getattr(found, name)
+            getattr(every, name)[rows] = getattr(losses, name)
         return largest, every
 
 
 def _directions(drawn: int, rng: np.random.Generator) -> tuple[tuple[str, ...], Array]:
-    """Return names and unit vectors (6, D): the axes to either side, and directions drawn."""
+    """Return names and unit vectors (6, D): both senses of each axis, and random directions."""
     names: list[str] = []
     vectors: list[Array] = []
     for first, what in ((0, "position"), (3, "velocity")):
@@ -299,8 +308,8 @@ def _draws(spec: NonlinearStabilitySpec, ctx: Context, stream: str) -> Array:
     return np.asarray((ctx.rng(stream).normal(size=(spec.draws, 6)) * sigma).T)
 
 
-def _given(spec: NonlinearStabilitySpec) -> Array:
-    """Return the offsets that were asked for (6, Q), SI."""
+def _prescribed_offsets(spec: NonlinearStabilitySpec) -> Array:
+    """Return the offsets given in the mission (6, Q), SI."""
     zero = (0.0, 0.0, 0.0)
     rows = [(*r, *zero) for r in spec.position_offsets_m]
     rows += [(*zero, *v) for v in spec.velocity_offsets_m_s]

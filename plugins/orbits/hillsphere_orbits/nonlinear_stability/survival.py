@@ -1,4 +1,4 @@
-"""Flights that end when they are lost: how long an orbit stays near the one that was meant.
+"""Survival of perturbed flights: propagation until a limit, a surface or the duration.
 
 Lanes fly in lockstep by the step map, each with a step of its own in proportion to the local time
 scale, so that a close pass is resolved while the others stride on; a lane that is lost leaves the
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hillsphere.dynamics import ArrayFunction, Derivatives, StepMap, system
 from hillsphere.interfaces import Array, Plant
 from hillsphere.symbolic import Expr, gradient, is_zero, parameter, sum_of
-from hillsphere_orbits.nonlinear_stability.retraced import require_states
+from hillsphere_orbits.nonlinear_stability.sampled_orbits import require_states
 from hillsphere_orbits.survey import ArrayConserved
 
 __all__ = ["Fate", "Fates", "Survival"]
@@ -27,10 +27,18 @@ _STRIDE = 0.4
 """Step times the rate of the fastest local motion: 18 to 28 steps per revolution of a
 quasi-satellite orbit, for errors of 1e-8 of its size."""
 _GROWTH = 1.1
+"""Factor by which a halved stride may grow again in each step. A larger one makes steps alternate
+between halving and growing; with a smaller one a passage near the body slows all that follows."""
 _LEAST_STRIDE = 1e-3
+"""Stride below which a flight is given up as unresolved: halving it 400-fold did not keep the
+integral of motion, so that a singularity is near."""
 _LAST_STRIDE = 0.05
+"""Stride below which a step across a limit is accepted although the integral of motion changes:
+beyond the surface other equations hold. Its place is then known to a small part of a step."""
 _SHARE = 2e-3  # of the accuracy of a flight, for one step
 _SLOWEST = 1e-3
+"""Least rate, per unit of time, of which steps are made: where the gravity gradient vanishes, far
+from all bodies, the step stays finite."""
 _FASTEST = 1e4  # per unit of time: nearer to a singularity nothing is resolved
 _LIMITS = ("limit:x", "limit:y", "limit:z")
 _WIDTH = 8
@@ -41,7 +49,7 @@ _LOOKS = np.linspace(0.0, 1.0, 17)
 
 
 class Fate(IntEnum):
-    """What became of a flight."""
+    """Fate of a flight."""
 
     SURVIVES = 0
     ESCAPE = 1
@@ -50,25 +58,25 @@ class Fate(IntEnum):
 
     @property
     def text(self) -> str:
-        """The word for it in tables."""
+        """Its word in tables."""
         return self.name.lower()
 
     @property
     def plural(self) -> str:
-        """The word for a number of them."""
+        """Its heading in tables of counts."""
         return ("survivors", "escapes", "impacts", "unresolved")[self]
 
 
 @dataclass(frozen=True, eq=False)
 class Fates:
-    """What became of N flights.
+    """Fates of N flights.
 
     Parameters
     ----------
     fate : ndarray of int, shape (N,)
         A `Fate` each.
     time : ndarray, shape (N,)
-        When a lost one was lost, normalised; the whole duration for the others.
+        Time of the loss, normalised; the whole duration for survivors.
     drift : ndarray, shape (N,)
         Change of the integral of motion, normalised; NaN where there is none.
     """
@@ -79,12 +87,12 @@ class Fates:
 
     @property
     def lost(self) -> NDArray[np.bool_]:
-        """Whether each flight did not last."""
+        """Whether each flight was lost."""
         return np.asarray(self.fate != Fate.SURVIVES)
 
 
 class Survival:
-    """Flies lanes until they are lost.
+    """Propagates batches of flights until they are lost.
 
     A lane is lost where |x|, |y| or |z| passes its limit, or where it meets an event of the plant
     (the surface; a distance of escape). Both are looked for inside each step, on the cubic through
@@ -129,7 +137,7 @@ class Survival:
 
     @property
     def has_integral(self) -> bool:
-        """Whether an integral of motion tells how accurate a flight was."""
+        """Whether the plant has an integral of motion; its drift measures the error."""
         return self._energy is not None or self._array is not None
 
     def integral(self, x: Array) -> Array:
@@ -155,7 +163,7 @@ class Survival:
         duration : float
             Normalised.
         tick : callable
-            Told the number of lanes that have ended, now and then; what it raises goes through.
+            Called at intervals with the number of ended lanes; its exceptions pass through.
 
         Returns
         -------
@@ -170,13 +178,13 @@ class Survival:
         fates.fate[np.abs(fates.drift) > self.accuracy] = Fate.UNRESOLVED
         return fates
 
-    def _flock(self, x: Array, limits: Array, own: NDArray[np.intp]) -> _Flock:
-        """Return lanes ready to fly."""
-        owner = _filled(own)
+    def _flock(self, x: Array, limits: Array, own: NDArray[np.intp]) -> _ActiveLanes:
+        """Return the initial state of the lanes."""
+        owner = _pad_lanes(own)
         y, box = np.ascontiguousarray(x[:, owner]), np.ascontiguousarray(limits[:, owner])
         margin, slope = np.split(self._margins(y, box), 2)
         value, zero = self.integral(y), np.zeros(owner.size)
-        return _Flock(owner, y, box, zero, zero.copy(), value, value, margin, slope)
+        return _ActiveLanes(owner, y, box, zero, zero.copy(), value, value, margin, slope)
 
     def _slope(self, margin: Expr) -> Expr:
         """Return the rate of change of a margin along the motion."""
@@ -187,16 +195,18 @@ class Survival:
     def _strides(self, y: Array, time: Array) -> Array:
         """Return steps (N,) for a stride of 1: one over the rate of the fastest local motion."""
         a = self._derivatives.both(y, None, time)[1][3:, :3]
+        # gravity gradient A (3 × 3): the fastest local frequency is about √|A|, the root of its
+        # norm
         rate = np.sqrt(np.sqrt(np.sum(a * a, axis=(0, 1))))
         return np.where(rate < _FASTEST, 1.0 / np.maximum(rate, _SLOWEST), np.nan)
 
     def _march(
-        self, flock: _Flock, duration: float, out: Fates, tick: Callable[[int], None]
+        self, flock: _ActiveLanes, duration: float, out: Fates, tick: Callable[[int], None]
     ) -> None:
-        """Fly lanes and write what became of them into `out`."""
+        """Fly lanes and write their fates into `out`."""
         # per step, so that a whole flight keeps the accuracy
         allowed = _SHARE * self.accuracy
-        # without an integral nothing tells of coarse steps: half the step throughout
+        # without an integral no check of the step exists: half the step throughout
         longest = _STRIDE if self.has_integral else 0.5 * _STRIDE
         flock.stride[:] = longest
         which = np.argmin(flock.margin, axis=0)
@@ -218,11 +228,13 @@ class Survival:
             bad |= ~np.isfinite(there).all(axis=0)
             there = np.where(bad, y, there)
             margin, slope = np.split(self._margins(there, flock.limits), 2)
+            # cubics through margins and slopes: a loss within the step is seen, not only at its end
             part, which = _first_loss(flock.margin, flock.slope, margin, slope, h)
             lost = np.isfinite(part)
+            # the change of the integral in this step measures its error
             value = self.integral(there)
             again = (np.abs(value - flock.value) > allowed * flock.size) & ~bad
-            # beyond a surface the equations are others: of a short step across it nothing is asked
+            # beyond a surface other equations hold: a short step across it is not checked
             again &= ~lost | (flock.stride > _LAST_STRIDE)
             lost &= ~again
             flock.stride = np.where(
@@ -242,7 +254,7 @@ class Survival:
 
 
 @dataclass(eq=False)
-class _Flock:
+class _ActiveLanes:
     """The lanes that still fly.
 
     Their numbers, states, limits, times, strides, the integral at the start and now, the margins
@@ -265,21 +277,21 @@ class _Flock:
         return np.maximum(1.0, np.abs(self.first))
 
     def end(self, done: NDArray[np.bool_], fate: NDArray[np.int64], out: Fates) -> int:
-        """Write down what became of lanes; returns their number."""
+        """Write the fates of ended lanes into `out`; return their number."""
         own = self.owner[done]
         out.fate[own], out.time[own] = fate[done], self.t[done]
         out.drift[own] = ((self.value - self.first) / self.size)[done]
         return int(np.unique(own).size)
 
-    def without(self, done: NDArray[np.bool_]) -> _Flock:
-        """Return the others."""
+    def without(self, done: NDArray[np.bool_]) -> _ActiveLanes:
+        """Return the lanes that are not done."""
         keep = np.flatnonzero(~done)
-        # copies that filled the flock up end with what they are copies of
-        keep = _filled(keep[np.unique(self.owner[keep], return_index=True)[1]])
-        return _Flock(*(getattr(self, field.name)[..., keep] for field in fields(self)))
+        # padding copies end together with their originals
+        keep = _pad_lanes(keep[np.unique(self.owner[keep], return_index=True)[1]])
+        return _ActiveLanes(*(getattr(self, field.name)[..., keep] for field in fields(self)))
 
 
-def _filled(lanes: NDArray[np.intp]) -> NDArray[np.intp]:
+def _pad_lanes(lanes: NDArray[np.intp]) -> NDArray[np.intp]:
     """Repeat the last lane until the number is a multiple of the SIMD width."""
     return np.concatenate([lanes, np.repeat(lanes[-1:], -lanes.size % _WIDTH)])
 
@@ -320,8 +332,8 @@ def _first_loss(
         hit = below.any(axis=0)
         j, lane = np.argmax(below, axis=0)[hit], np.flatnonzero(hit)
         f0, f1 = values[j, lane], values[j + 1, lane]
-        found = _LOOKS[j] + np.diff(_LOOKS)[j] * np.clip(f0 / (f0 - f1), 0.0, 1.0)
+        loss = _LOOKS[j] + np.diff(_LOOKS)[j] * np.clip(f0 / (f0 - f1), 0.0, 1.0)
         i = i[hit]
-        sooner = found < part[i]
-        part[i[sooner]], which[i[sooner]] = found[sooner], k
+        sooner = loss < part[i]
+        part[i[sooner]], which[i[sooner]] = loss[sooner], k
     return part, which

@@ -1,1 +1,1 @@
-"""The stage ``orbit_family``: any family followed, its members carried along other parameters."""
+"""The stage ``orbit_family``: a family and the continuation of its members in parameters."""

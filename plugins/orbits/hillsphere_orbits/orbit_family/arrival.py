@@ -1,4 +1,4 @@
-"""Members carried along a path of parameters in legs, and all that is said of their way."""
+"""Members continued along a path of parameters in legs, with a description of their way."""
 
 from __future__ import annotations
 
@@ -11,24 +11,25 @@ from numpy.typing import NDArray
 from hillsphere.dynamics import System
 from hillsphere.interfaces import Array, Plant
 from hillsphere_orbits.parameter_continuation import (
-    Held,
+    HeldQuantity,
     ParameterPath,
     ParameterProblem,
-    held_integral,
-    held_member,
+    hold_integral,
+    hold_orbit_quantity,
 )
-from hillsphere_orbits.parameter_paths import Method, carry, refined
+from hillsphere_orbits.parameter_paths import Method, carry, refine_orbits
 from hillsphere_orbits.qso.families import Family
 
-__all__ = ["Arrival", "carried", "unchanged"]
+__all__ = ["Arrival", "continue_members", "keep_members"]
 
 _TRACK_POINTS = 240
+"""Intervals of a stored track: a smooth curve in a figure, and a small product."""
 _REACHED = "reached"
 
 
 @dataclass(frozen=True)
 class Arrival:
-    """Where M orbits got to: those N that arrived, and the ways of all; normalised.
+    """Continuation of M orbits: the N that arrived, and the ways of all; normalised.
 
     Parameters
     ----------
@@ -65,7 +66,7 @@ class Arrival:
     clearance: Array
 
 
-def unchanged(family: Family, z: Array) -> Arrival:
+def keep_members(family: Family, z: Array) -> Arrival:
     """Return the members (m, N) of a family as they are: no parameter changes."""
     problem = family.problem
     flow, none = problem.flow, np.empty(0)
@@ -80,12 +81,12 @@ def unchanged(family: Family, z: Array) -> Arrival:
         way_x0=np.empty((len(flow.names), 0)),
         way_period=none,
         way_integral=none,
-        tracks=_thinned(way),
+        tracks=_thin_positions(way),
         clearance=_clearance(flow.system, way, flow.system.parameters(None, way[0].size)),
     )
 
 
-def carried(
+def continue_members(
     plant: Plant,
     family: Family,
     z: Array,
@@ -95,7 +96,7 @@ def carried(
     accuracy: float,
     advance: Callable[[int], None],
 ) -> Arrival:
-    """Carry members along paths of the same parameters, one after the other.
+    """Continue members along paths of the same parameters, one path after the other.
 
     Parameters
     ----------
@@ -137,17 +138,17 @@ def carried(
         here = z[:, lanes]
         for number, leg in enumerate(legs):
             problem = replace(problem, path=leg)
-            held = _held(kind, problem, family)
+            held = _quantity_to_hold(kind, problem, family)
             start = np.concatenate([here, np.zeros((1, here.shape[1]))])
             values[lanes] = held(start)[0]
-            found = carry(problem, here, held, method=method, advance=advance)
-            for i, word in zip(lanes, found.status, strict=True):
+            continued = carry(problem, here, held, method=method, advance=advance)
+            for i, word in zip(lanes, continued.status, strict=True):
                 before = " on the way to the start of the path" if number < len(legs) - 1 else ""
                 status[i] = word if word == _REACHED else word + before
             if number == len(legs) - 1:
-                ways.update(zip(lanes.tolist(), found.ways, strict=True))
-            lanes, here = lanes[found.reached], found.z[:-1, found.reached]
-            ends[:, lanes] = found.z[:, found.reached]
+                ways.update(zip(lanes.tolist(), continued.ways, strict=True))
+            lanes, here = lanes[continued.reached], continued.z[:-1, continued.reached]
+            ends[:, lanes] = continued.z[:, continued.reached]
     there = np.array([word == _REACHED for word in status], dtype=bool)
     if there.any():
         steps = max(problem.base.steps, problem.steps_for(ends[:, there], 0.1 * accuracy))
@@ -155,11 +156,13 @@ def carried(
     for kind in dict.fromkeys(kinds):
         own = there & np.array([other == kind for other in kinds])
         if own.any():
-            ends[:, own] = refined(problem, ends[:, own], _held(kind, problem, family), values[own])
-    return _described(problem, ends[:, there], tuple(status), values, ways)
+            ends[:, own] = refine_orbits(
+                problem, ends[:, own], _quantity_to_hold(kind, problem, family), values[own]
+            )
+    return _describe_arrival(problem, ends[:, there], tuple(status), values, ways)
 
 
-def _described(
+def _describe_arrival(
     problem: ParameterProblem,
     z: Array,
     status: tuple[str, ...],
@@ -181,18 +184,18 @@ def _described(
         way_x0=problem.state(way) * system.unit[:, None],
         way_period=problem.period(way),
         way_integral=problem.integral(way),
-        tracks=_thinned(path),
+        tracks=_thin_positions(path),
         clearance=_clearance(system, path, np.tile(p, (1, path.shape[1]))),
     )
 
 
-def _held(kind: str, problem: ParameterProblem, family: Family) -> Held:
+def _quantity_to_hold(kind: str, problem: ParameterProblem, family: Family) -> HeldQuantity:
     if kind == "jacobi":
-        return held_integral(problem)
-    return held_member(family.period if kind == "period" else family.amplitude)
+        return hold_integral(problem)
+    return hold_orbit_quantity(family.period if kind == "period" else family.amplitude)
 
 
-def _thinned(way: Array) -> Array:
+def _thin_positions(way: Array) -> Array:
     """Return positions (3, Q, N) of trajectories (n, K, N), ends included."""
     last = way.shape[1] - 1
     kept = np.linspace(0, last, min(last, _TRACK_POINTS) + 1).round().astype(np.intp)

@@ -9,16 +9,17 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
 from hillsphere_orbits.continuation import Boundary, StepControl, continue_both
-from hillsphere_orbits.correction import correct, fixed
-from hillsphere_orbits.flow import flow_of
+from hillsphere_orbits.correction import correct, fix_component
+from hillsphere_orbits.flow import XY_MIRROR, flow_of
 from hillsphere_orbits.qso.families import Family
 from hillsphere_orbits.shooting import PeriodicShooting, Shooting, SymmetricShooting
 
 __all__ = ["GuessedFamily"]
 
 _STATES = ("x", "y", "z", "vx", "vy", "vz")
-_FLAT = (1, 1, -1, 1, 1, -1)
 _PASSES = 4
+"""Most times that the family is followed: each pass takes the sub-steps which the orbits of the
+last one need, and the result of the last pass stands."""
 
 
 class GuessedFamily:
@@ -59,7 +60,7 @@ class GuessedFamily:
         """The shooting problem that suits equations and guess, and in words why."""
         flow = flow_of(self.plant)
         samples = _samples()
-        flat = flow.keeps(_FLAT, samples, reverses_time=False) and not (
+        flat = flow.keeps(XY_MIRROR, samples, reverses_time=False) and not (
             {"z", "vz"} & set(self.guess)
         )
         frozen = ("z", "vz") if flat else ()
@@ -97,7 +98,9 @@ class GuessedFamily:
         guess = problem.unknowns_at(state, np.array([self.guess["period"]]))
         x = problem.unknowns.index("x")
         problem = problem.with_steps(self._steps(problem, guess))
-        start = correct(problem, guess, fixed(x, x0), iterations=25).checked("orbit of the guess")
+        start = correct(problem, guess, fix_component(x, x0), iterations=25).require_converged(
+            "orbit of the guess"
+        )
         low = 0.5 * abs(x0) if low_m is None else low_m / unit
         high = 2.0 * abs(x0) if high_m is None else high_m / unit
         # the guess need not lie in the range: it is where following begins
@@ -117,7 +120,7 @@ class GuessedFamily:
             if needed <= problem.steps:
                 break
             problem = problem.with_steps(needed)
-        return Family(self.plant, problem, branch.resampled(problem, members), method)
+        return Family(self.plant, problem, branch.resample(problem, members), method)
 
     def _steps(self, problem: Shooting, z: Array) -> int:
         return problem.flow.steps_for(problem.state(z), z[-1], 0.1 * self.accuracy)

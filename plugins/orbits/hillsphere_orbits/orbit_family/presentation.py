@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hillsphere.base.constants import HOUR_S
 from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, take_or_blank
 from hillsphere_orbits.orbit_family.products import FollowedFamily
-from hillsphere_orbits.qso.presentation import counted, named
+from hillsphere_orbits.qso.presentation import format_count, label_identifier
 from hillsphere_orbits.stability import multipliers
 
 if TYPE_CHECKING:
@@ -37,19 +38,19 @@ def present_followed(product: FollowedFamily, label: str) -> Presentation:
     """
     title = "Orbits asked for"
     tables = {
-        named("orbit_family", label): tabulate(
+        label_identifier("orbit_family", label): tabulate(
             title, _members(product), ["Numbers without unit are in natural units."]
         )
     }
     figures = {
-        named("orbit_family_indices", label): Figure(
+        label_identifier("orbit_family_indices", label): Figure(
             "Stability along the family",
             lambda figure: _draw_indices(figure, product),
             "Stability indices b = λ + 1/λ; shaded: stable. The scale is linear within ±2.",
         )
     }
     if product.members.labels:
-        figures[named("orbit_family_orbits", label)] = Figure(
+        figures[label_identifier("orbit_family_orbits", label)] = Figure(
             title,
             lambda figure: _draw_orbits(figure, product),
             "One period, in the frame of the motion, to scale.",
@@ -57,7 +58,7 @@ def present_followed(product: FollowedFamily, label: str) -> Presentation:
         )
     if product.parameters:
         of = FieldColumns(product, "parameters")
-        tables[named("orbit_family_parameters", label)] = tabulate(
+        tables[label_identifier("orbit_family_parameters", label)] = tabulate(
             "Parameters that change",
             [
                 of("parameters", "parameter"),
@@ -65,7 +66,7 @@ def present_followed(product: FollowedFamily, label: str) -> Presentation:
                 of("parameter_end", "end"),
             ],
         )
-        figures[named("orbit_family_ways", label)] = Figure(
+        figures[label_identifier("orbit_family_ways", label)] = Figure(
             "Orbits as the parameters change",
             lambda figure: _draw_ways(figure, product),
             "Against the part of the change of the parameters; dots are the orbits computed.",
@@ -75,9 +76,9 @@ def present_followed(product: FollowedFamily, label: str) -> Presentation:
     closure = float(np.max(product.members.residual, initial=0.0))
     return Presentation(
         metrics={
-            named("orbits_asked_for", label): Metric(len(product.asked)),
-            named("orbits_found", label): Metric(arrived),
-            named("largest_closure", label): Metric(closure),
+            label_identifier("orbits_asked_for", label): Metric(len(product.asked)),
+            label_identifier("orbits_found", label): Metric(arrived),
+            label_identifier("largest_closure", label): Metric(closure),
         },
         tables=tables,
         figures=figures,
@@ -124,7 +125,7 @@ def _sentences(product: FollowedFamily) -> list[str]:
         kept = ", ".join(_WORDS[word] for word in dict.fromkeys(product.held))
         sentences.append(
             f"With {', '.join(product.parameters)} changing and {kept} held, "
-            f"{counted(len(product.members.labels), 'orbit', of=len(product.asked))} arrived."
+            f"{format_count(len(product.members.labels), 'orbit', of=len(product.asked))} arrived."
         )
     sentences += [
         f"{name}: {status}."
@@ -196,7 +197,7 @@ def _draw_ways(figure: Canvas, product: FollowedFamily) -> None:
     panels = figure.subplots(1, 3)
     rows = (
         ("x at the start (km)", product.way_x0[0] / 1e3),
-        ("period (h)", product.way_period_s / 3600.0),
+        ("period (h)", product.way_period_s / HOUR_S),
         ("integral of motion (natural units)", product.way_integral),
     )
     for axes, (name, values) in zip(panels, rows, strict=True):

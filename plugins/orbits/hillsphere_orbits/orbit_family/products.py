@@ -1,4 +1,4 @@
-"""What the stage ``orbit_family`` hands on."""
+"""Product of the stage ``orbit_family``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["FollowedFamily"]
 
 @dataclass(frozen=True)
 class FollowedFamily(OrbitSet):
-    """A family of periodic orbits, the members asked for, and how parameters carried them.
+    """A family of periodic orbits, its requested members, and their continuation in parameters.
 
     Where parameters change, the members are those that arrived, at the end of their way.
     """
@@ -34,11 +34,11 @@ class FollowedFamily(OrbitSet):
     """Least value of the plant's impact function along the orbit, negative inside the body as the
     plant declares it; NaN without a surface."""
     asked: Annotated[tuple[str, ...], Shape("asked"), Label("orbit")]
-    """Every orbit asked for."""
+    """Names of the requested orbits."""
     status: Annotated[tuple[str, ...], Shape("asked"), Label("status")]
     """``"reached"``, or why it is not among the members."""
     held: tuple[str, ...]
-    """What kept its value as the parameters changed, per orbit asked for; empty if none did."""
+    """Quantity held as the parameters changed, per requested orbit; empty if none changed."""
     held_value: Array
     """That value, natural units."""
     parameters: Annotated[tuple[str, ...], Shape("parameters"), Label("parameter")]
@@ -48,7 +48,7 @@ class FollowedFamily(OrbitSet):
     parameter_end: Annotated[Array, Shape("parameters"), Label("to (SI)", 12)]
     """Their last values, SI."""
     way_orbit: Annotated[Integers, Shape("way")]
-    """Which of the orbits asked for each step on the way belongs to."""
+    """Number of the requested orbit to which each step of the continuation belongs."""
     way_fraction: Annotated[Array, Shape("way")]
     """Part of the change of the parameters there."""
     way_x0: Annotated[Array, Shape("states", "way")]

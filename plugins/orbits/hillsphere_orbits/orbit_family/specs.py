@@ -1,4 +1,4 @@
-"""Spec of the stage ``orbit_family``: what a mission may write."""
+"""Spec of the stage ``orbit_family``: the keys of a mission."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class OrbitFamilySpec(StageSpec):
     curve_members: int = option("orbits along the family", default=81, ge=21, le=4001)
     vary: tuple[VarySpec, ...] = option("parameters of the equations that change", default=())
     hold: Literal["amplitude", "period", "jacobi"] | None = option(
-        "what keeps its value as the parameters change; left out: what an orbit was asked for by",
+        "quantity held as the parameters change; left out: the quantity that selected the orbit",
         default=None,
     )
     method: Literal["arclength", "natural"] = option(

@@ -1,4 +1,4 @@
-"""The stage ``orbit_family``: a family followed, and members carried along other parameters."""
+"""The stage ``orbit_family``: a family of periodic orbits, continued in parameters."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
+from hillsphere.base.constants import HOUR_S
 from hillsphere.base.contracts import Contract
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
 from hillsphere_orbits.members import Quantity, members_at
-from hillsphere_orbits.orbit_family.arrival import Arrival, carried, unchanged
+from hillsphere_orbits.orbit_family.arrival import Arrival, continue_members, keep_members
 from hillsphere_orbits.orbit_family.guess import GuessedFamily
 from hillsphere_orbits.orbit_family.presentation import present_followed
 from hillsphere_orbits.orbit_family.products import FollowedFamily
@@ -22,7 +23,7 @@ from hillsphere_orbits.stability import is_decoupled, stability_indices
 from hillsphere_orbits.survey import LockedMoon, Surveyor, require_accuracy
 from hillsphere_orbits.winding import require_motion
 
-__all__ = ["Followed", "OrbitFamilyStage"]
+__all__ = ["FamilyProvider", "OrbitFamilyStage"]
 
 _BEYOND = 1.02  # of the largest amplitude asked for: so that it is passed
 _FAR = 4.0  # units of length
@@ -30,8 +31,8 @@ _TAYLOR = "re-propagated by Taylor series, independent of the step map that foun
 
 
 @runtime_checkable
-class Followed(Contract, Protocol):
-    """A family that knows where it begins and how it is followed."""
+class FamilyProvider(Contract, Protocol):
+    """Interface of a family that can compute itself between two amplitudes."""
 
     @property
     def plant(self) -> Plant:
@@ -44,7 +45,7 @@ class Followed(Contract, Protocol):
 
 
 class _Absent(NamedTuple):
-    """An orbit asked for that the family does not have: its name, what it keeps, and why."""
+    """A requested orbit that the family does not have: its name, the held quantity, and why."""
 
     name: str
     kind: str
@@ -52,7 +53,7 @@ class _Absent(NamedTuple):
 
 
 class OrbitFamilyStage:
-    """A family of periodic orbits, its members at prescribed values, carried along parameters.
+    """A family of periodic orbits and its members at prescribed values, continued in parameters.
 
     Parameters
     ----------
@@ -67,12 +68,12 @@ class OrbitFamilyStage:
 
     def __init__(self, spec: OrbitFamilySpec) -> None:
         self.spec = spec
-        self.source: Followed
+        self.source: FamilyProvider
         if spec.plant is not None:
             self.source = GuessedFamily(spec.plant.get(), spec.guess, spec.accuracy)
         else:
             family = spec.family.get() if spec.family else None
-            if not isinstance(family, Followed):
+            if not isinstance(family, FamilyProvider):
                 raise InputError(
                     f"a {type(family).__name__} does not say where it begins (it has no method "
                     "'family'); give the stage its plant and a guess instead"
@@ -107,7 +108,7 @@ class OrbitFamilyStage:
         ctx.info(f"family over {family.method}; {family.problem.steps} sub-steps")
         ctx.info(f"its ends: {family.branch.ends[0]}; {family.branch.ends[1]}")
         advance(1)
-        z, labels, kinds, absent = self._asked(family)
+        z, labels, kinds, absent = self._find_members(family)
         for orbit in absent:
             ctx.info(f"{orbit.name}: {orbit.fault}")
         surveyor = Surveyor(plant, family.problem)
@@ -115,12 +116,12 @@ class OrbitFamilyStage:
         require_accuracy(curve, spec.accuracy)
         require_motion(family.problem, family.branch.z, plant.scales.length_m)
         advance(1)
-        found = self._arrival(ctx, family, z, kinds)
-        kept = tuple(name for name, s in zip(labels, found.status, strict=True) if s == "reached")
-        if found.problem is None:
+        arrival = self._arrival(ctx, family, z, kinds)
+        kept = tuple(name for name, s in zip(labels, arrival.status, strict=True) if s == "reached")
+        if arrival.problem is None:
             members = surveyor.orbits(z, labels)
         else:
-            members = found.problem.orbits(found.z, kept)
+            members = arrival.problem.orbits(arrival.z, kept)
         if kept:
             require_accuracy(members, spec.accuracy)
         unit = plant.scales.length_m
@@ -131,22 +132,22 @@ class OrbitFamilyStage:
             curve=curve,
             member_indices=_indices(members.monodromy),
             curve_indices=_indices(curve.monodromy),
-            member_amplitude_m=family.amplitude(found.z[: len(z)])[0] * unit,
+            member_amplitude_m=family.amplitude(arrival.z[: len(z)])[0] * unit,
             curve_amplitude_m=family.amplitude(family.branch.z)[0] * unit,
-            member_clearance=found.clearance,
+            member_clearance=arrival.clearance,
             asked=(*labels, *(orbit.name for orbit in absent)),
-            status=(*found.status, *(orbit.fault for orbit in absent)),
+            status=(*arrival.status, *(orbit.fault for orbit in absent)),
             held=(*kinds, *(orbit.kind for orbit in absent)) if path else (),
-            held_value=np.append(found.held_value, [np.nan] * (len(absent) if path else 0)),
+            held_value=np.append(arrival.held_value, [np.nan] * (len(absent) if path else 0)),
             parameters=path.names if path else (),
             parameter_start=path.start if path else np.empty(0),
             parameter_end=path.end if path else np.empty(0),
-            way_orbit=found.way_orbit,
-            way_fraction=found.way[-1] if path else np.empty(0),
-            way_x0=found.way_x0,
-            way_period_s=found.way_period * plant.scales.time_s,
-            way_integral=found.way_integral,
-            tracks_m=found.tracks * unit,
+            way_orbit=arrival.way_orbit,
+            way_fraction=arrival.way[-1] if path else np.empty(0),
+            way_x0=arrival.way_x0,
+            way_period_s=arrival.way_period * plant.scales.time_s,
+            way_integral=arrival.way_integral,
+            tracks_m=arrival.tracks * unit,
             method=family.method,
             check=_TAYLOR if path else surveyor.check,
             ends=family.branch.ends,
@@ -163,14 +164,14 @@ class OrbitFamilyStage:
         """Carry the members along, if parameters change."""
         spec = self.spec
         if not self.paths:
-            return unchanged(family, z)
+            return keep_members(family, z)
         advance = ctx.track("parameters", len(kinds) * len(self.paths))
-        return carried(
+        return continue_members(
             self.source.plant, family, z, kinds, self.paths, spec.method, spec.accuracy, advance
         )
 
     def _paths(self) -> tuple[ParameterPath, ...]:
-        """Return the path, and before it the way to its start if that is not the plant as it is."""
+        """Return the path, preceded by the one from the plant's own parameters to its start."""
         if not self.spec.vary:
             return ()
         plant = self.source.plant
@@ -198,8 +199,10 @@ class OrbitFamilyStage:
                 high = max(high, _FAR * unit)
         return low, high
 
-    def _asked(self, family: Family) -> tuple[Array, tuple[str, ...], list[str], list[_Absent]]:
-        """Find every orbit asked for: unknowns, names, and what each is asked for by.
+    def _find_members(
+        self, family: Family
+    ) -> tuple[Array, tuple[str, ...], list[str], list[_Absent]]:
+        """Find the requested orbits: unknowns, names, and the quantity that selects each.
 
         Those that are missing come last, by name with what there is instead; if all are, they are
         named in one error.
@@ -213,8 +216,8 @@ class OrbitFamilyStage:
             )  # fmt: skip
         if spec.periods_s:
             asked.append(
-                ("period", "T", " h", scales.time_s / 3600.0, family.period,
-                 tuple(t / 3600.0 for t in spec.periods_s))
+                ("period", "T", " h", scales.time_s / HOUR_S, family.period,
+                 tuple(t / HOUR_S for t in spec.periods_s))
             )  # fmt: skip
         if spec.jacobi_constants:
             asked.append(("jacobi", "C", "", 1.0, family.integral, spec.jacobi_constants))
@@ -223,12 +226,12 @@ class OrbitFamilyStage:
         kinds: list[str] = []
         missing: list[_Absent] = []
         for kind, symbol, unit, size, quantity, values in asked:
-            found = members_at(family.problem, family.branch, quantity, np.array(values) / size)
-            columns.append(found.z)
-            labels += [f"{symbol} = {values[k]:.9g}{unit}" for k in found.target]
-            kinds += [spec.hold or kind] * found.target.size
+            members = members_at(family.problem, family.branch, quantity, np.array(values) / size)
+            columns.append(members.z)
+            labels += [f"{symbol} = {values[k]:.9g}{unit}" for k in members.target]
+            kinds += [spec.hold or kind] * members.target.size
             span = quantity(family.branch.z)[0] * size
-            for k in found.missing(len(values)):
+            for k in members.missing(len(values)):
                 fault = (
                     f"the family has no such member; it has {span.min():.9g} to "
                     f"{span.max():.9g}{unit} and ends: {'; '.join(family.branch.ends)}"

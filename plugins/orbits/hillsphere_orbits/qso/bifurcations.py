@@ -23,10 +23,10 @@ from hillsphere.products import Bifurcations
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.continuation import Branch
 from hillsphere_orbits.correction import tangents
-from hillsphere_orbits.members import members_where, resolved
+from hillsphere_orbits.members import insert_members, members_where
 from hillsphere_orbits.qso.families import Qso
 from hillsphere_orbits.qso.figures import draw_resonances
-from hillsphere_orbits.qso.presentation import named
+from hillsphere_orbits.qso.presentation import label_identifier
 from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.qso.qso_family import family_of
 from hillsphere_orbits.qso.specs import BifurcationSpec, read_resonance
@@ -37,23 +37,26 @@ from hillsphere_orbits.survey import Surveyor, require_accuracy
 __all__ = ["BifurcationStage", "resonances_up_to"]
 
 _SAME_EQUATIONS = 1e-8
+"""Largest residual, natural units, of orbits of the family that count as solutions of this plant's
+equations. By default they are
+computed to 1e-10 or better; other equations (another gravity model, say) give far more."""
 _RESOLUTION = 1e-4  # of the index: extrema this shallow are seen
 _PLANES = ("planar", "vertical")
 
 
 def resonances_up_to(d_max: int, n_max: int) -> list[tuple[int, int]]:
     """Return every d:n in lowest terms with d ≤ d_max, n ≤ n_max and d ≤ n/2, and 1:1."""
-    found = [
+    resonances = [
         (d, n)
         for n in range(1, n_max + 1)
         for d in range(1, min(d_max, max(1, n // 2)) + 1)
         if gcd(d, n) == 1
     ]
-    return sorted(found, key=lambda pair: (pair[0], pair[1]))
+    return sorted(resonances, key=lambda pair: (pair[0], pair[1]))
 
 
 class BifurcationStage:
-    """Where other families branch off a family.
+    """Bifurcations along a family, at which other families branch off.
 
     Parameters
     ----------
@@ -102,22 +105,22 @@ class BifurcationStage:
         pairs: list[tuple[int, int]] = []
         advance = ctx.track("bifurcations", len(_PLANES))
         for row, plane in enumerate(_PLANES):
-            wanted = self._wanted(plane)
+            wanted = self._resonances_to_find(plane)
             if wanted:
 
                 def index(z: Array, row: int = row) -> Array:
                     return stability_indices(problem.monodromy(z))[row]
 
-                found = members_where(
+                members = members_where(
                     problem,
-                    resolved(problem, branch, index, _RESOLUTION),
+                    insert_members(problem, branch, index, _RESOLUTION),
                     index,
                     np.array([2.0 * cos(2.0 * pi * d / n) for d, n in wanted]),
                 )
-                columns.append(found.z)
-                plane_of += [plane] * len(found.target)
-                pairs += [wanted[k] for k in found.target]
-                for k in found.missing(len(wanted)):
+                columns.append(members.z)
+                plane_of += [plane] * len(members.target)
+                pairs += [wanted[k] for k in members.target]
+                for k in members.missing(len(wanted)):
                     ctx.info(f"no {plane} bifurcation {wanted[k][0]}:{wanted[k][1]} on this family")
             advance(1)
         z = np.concatenate(columns, axis=1) if columns else branch.z[:, :0]
@@ -147,19 +150,19 @@ class BifurcationStage:
         absent = [
             f"{plane} {d}:{n}"
             for plane in _PLANES
-            for d, n in self._wanted(plane)
+            for d, n in self._resonances_to_find(plane)
             if (plane, d, n) not in set(zip(product.plane, product.d, product.n, strict=True))
         ]
         if absent:
             verdict.append(f"Not met there: {', '.join(absent)}.")
         return Presentation(
             tables={
-                named("bifurcations", label): tabulate(
+                label_identifier("bifurcations", label): tabulate(
                     "Bifurcations of the family", _columns(product)
                 )
             },
             figures={
-                named("resonances", label): Figure(
+                label_identifier("resonances", label): Figure(
                     "Stability indices with the resonances",
                     lambda figure: draw_resonances(figure, family, compare, product),
                     "Marked: where a family of orbits of n revolutions branches off, "
@@ -171,7 +174,7 @@ class BifurcationStage:
             verdict=verdict,
         )
 
-    def _wanted(self, plane: str) -> Sequence[tuple[int, int]]:
+    def _resonances_to_find(self, plane: str) -> Sequence[tuple[int, int]]:
         listed = self.spec.planar if plane == "planar" else self.spec.vertical
         pairs = [pair for text in listed if (pair := read_resonance(text))]
         if self.spec.n_max is not None:
@@ -179,7 +182,7 @@ class BifurcationStage:
         return list(dict.fromkeys(pairs))
 
     def _branch(self, family: QsoFamily) -> tuple[Shooting, Branch]:
-        """Take the family's curve up again on this stage's own equations."""
+        """Rebuild the family's curve on this stage's own equations."""
         qso: Qso = self.qso
         problem, _ = qso.problem
         system, curve = problem.flow.system, family.curve

@@ -1,4 +1,4 @@
-"""Quasi-satellite orbits as a family: where it starts, how it is corrected, where it ends."""
+"""The family of quasi-satellite orbits: its start, its correction, its ends."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from hillsphere.errors import ConvergenceError, InputError, PropagationError
 from hillsphere.interfaces import Array, Plant
 from hillsphere.symbolic import gradient
 from hillsphere_orbits.continuation import Boundary, Branch, StepControl, continue_both, follow
-from hillsphere_orbits.correction import correct, fixed
-from hillsphere_orbits.flow import Flow, flow_of
+from hillsphere_orbits.correction import correct, fix_component
+from hillsphere_orbits.flow import XY_MIRROR, Flow, flow_of
 from hillsphere_orbits.members import Quantity, coordinate
 from hillsphere_orbits.qso.specs import QsoSpec
 from hillsphere_orbits.shooting import PeriodicShooting, Shooting, SymmetricShooting
@@ -88,15 +88,15 @@ class Family:
         rows = [1 + flow.names.index(name) for name in self.problem.unknowns[:-1]]
 
         def quantity(z: Array) -> tuple[Array, Array]:
-            found = compiled(self.problem.state(z), flow.system.parameters(None, z.shape[1]))
-            return found[0], np.concatenate([found[rows], np.zeros((1, z.shape[1]))])
+            values = compiled(self.problem.state(z), flow.system.parameters(None, z.shape[1]))
+            return values[0], np.concatenate([values[rows], np.zeros((1, z.shape[1]))])
 
         return quantity
 
     def _array_integral(self) -> Quantity:
         """Return the integral of a plant with array gravity; its gradient by differences.
 
-        Newton corrects what the gradient lacks: 1e-9 of it costs no iteration.
+        Newton's method tolerates an error of 1e-9 in the gradient without a further iteration.
         """
         surveyor, problem = Surveyor(self.plant, self.problem), self.problem
         if not isinstance(self.plant, ArrayConserved):
@@ -109,6 +109,8 @@ class Family:
             slopes = np.zeros_like(z)
             for i in range(z.shape[0] - 1):
                 h = np.zeros_like(z)
+                # central differences: their error of 1e-10 is enough for a gradient of Newton's
+                # method
                 h[i] = 1e-5
                 slopes[i] = (values(z + h) - values(z - h)) / 2e-5
             return values(z), slopes
@@ -163,8 +165,7 @@ class Qso:
         """The shooting problem that suits the symmetries of the equations, and why."""
         flow = self.flow
         samples = _samples()
-        flat = (1, 1, -1, 1, 1, -1)
-        frozen = ("z", "vz") if flow.keeps(flat, samples, reverses_time=False) else ()
+        frozen = ("z", "vz") if flow.keeps(XY_MIRROR, samples, reverses_time=False) else ()
         where = "in the plane z = 0" if frozen else "in space (the gravity has no mirror plane xy)"
         mirror = flow.system.mirrors.get("xz")
         if mirror is not None and flow.keeps(mirror, samples, reverses_time=True):
@@ -215,7 +216,7 @@ class Qso:
                 break
             problem = problem.with_steps(needed)
         problem = problem.with_steps(self._steps(problem, branch.z))
-        shown = branch.resampled(problem, members, relative=True)
+        shown = branch.resample(problem, members, relative=True)
         self.winding.require(
             problem, shown.z, unit, "quasi-satellite orbit", "ask for smaller amplitudes (x_max)"
         )
@@ -227,14 +228,14 @@ class Qso:
         return Winding(-1, 0, primary_distance(self.plant))
 
     def _lowest(self) -> float:
-        """Return the amplitude, normalised, below which nothing is asked for by default."""
+        """Return the least amplitude of the family by default, normalised."""
         if "impact" in self.flow.system.events:
             return 0.0
         series = self.plant.series_radius_m if isinstance(self.plant, LockedMoon) else None
         return (series or 0.0) / self.plant.scales.length_m
 
     def _start(self, problem: Shooting, low: float) -> Array:
-        """Return a member clear of the body, from the limit of the family that holds."""
+        """Return a member clear of the body, from the analytic limit that applies."""
         distance = self.winding.distance
         if distance is None or max(_FAR, low) <= _FAR_SHARE * distance:
             return self._far_start(problem, max(_FAR, low))
@@ -244,15 +245,17 @@ class Qso:
         """Return a member near the 2:1 ellipse of Hill's limit, of an amplitude at least."""
         surface, distance = self._grazing(problem), self.winding.distance
         while True:
+            # Hill's limit without the body's attraction: x = a cos t, y = −2a sin t, period 2π
             ellipse = np.array([[amplitude, 0.0, 0.0, 0.0, -2.0 * amplitude, 0.0]]).T
             guess = problem.unknowns_at(ellipse, np.array([2.0 * np.pi]))
-            held = fixed(problem.unknowns.index("x"), amplitude)
+            held = fix_component(problem.unknowns.index("x"), amplitude)
             name = f"amplitude {_km(amplitude * self.plant.scales.length_m)}"
-            found = correct(problem, guess, held, iterations=20)
-            z = found.checked("far 2:1 ellipse", [name])
+            corrected = correct(problem, guess, held, iterations=20)
+            z = corrected.require_converged("far 2:1 ellipse", [name])
             if all(boundary.function(z)[0] > 0.0 for boundary in surface):
                 self._require_kind(problem, z)
                 return z
+            # the orbit grazes the body: try farther out
             amplitude *= 1.5
             if amplitude > (_FARTHEST if distance is None else _FAR_SHARE * distance):
                 raise ConvergenceError(
@@ -261,7 +264,7 @@ class Qso:
                 )
 
     def _close_start(self, problem: Shooting) -> Array:
-        """Return a member near the retrograde Kepler circle, as close in as the surface lets."""
+        """Return a member near the retrograde Kepler circle, close to the surface."""
         unit, x = self.plant.scales.length_m, problem.unknowns.index("x")
         surface, distance = self._grazing(problem), self.winding.distance
         series = self.plant.series_radius_m if isinstance(self.plant, LockedMoon) else None
@@ -277,15 +280,15 @@ class Qso:
             guess = problem.unknowns_at(circle, np.array([2.0 * np.pi / rate]))
             some = problem.with_steps(self._steps(problem, guess))
             try:
-                found = correct(some, guess, fixed(x, radius), iterations=20)
-                clear = bool(found.converged[0]) and all(
-                    boundary.function(found.z)[0] > 0.0 for boundary in surface
+                corrected = correct(some, guess, fix_component(x, radius), iterations=20)
+                clear = bool(corrected.converged[0]) and all(
+                    boundary.function(corrected.z)[0] > 0.0 for boundary in surface
                 )
             except PropagationError:  # through the body, where its gravity is not defined
                 clear = False
-            if clear and bool(self.winding.fits(some, found.z)[0]):
-                self._require_kind(some, found.z)
-                return found.z
+            if clear and bool(self.winding.fits(some, corrected.z)[0]):
+                self._require_kind(some, corrected.z)
+                return corrected.z
             radius *= _GROWTH
         raise ConvergenceError(
             f"no retrograde orbit about the body was found between {_km(first * unit)} and "
@@ -304,9 +307,10 @@ class Qso:
     def _follow(self, problem: Shooting, start: Array, low: float, high: float) -> Branch:
         """Follow the family from `high` to `low`, or to its ends, through a member or from it."""
         unit, x = self.plant.scales.length_m, problem.unknowns.index("x")
-        ends = [*self._grazing(problem), *self._resolved(problem)]
+        ends = [*self._grazing(problem), *self._resolution_boundaries(problem)]
         inner = [*ends, Boundary(f"smallest amplitude {_km(low * unit)}", lambda z: z[x] - low)]
         outer = Boundary(f"largest amplitude {_km(high * unit)}", lambda z: high - z[x])
+        # a long tail far out is nearly straight: steps in proportion to it
         largest = max(0.5, 0.02 * high)
         if self.winding.distance is not None:
             # beyond Hill's limit the family bends over a part of the primary's distance
@@ -314,6 +318,7 @@ class Qso:
         control = StepControl(first=min(0.1, 0.25 * float(start[x, 0])), largest=largest)
         inwards = -np.eye(len(problem.unknowns))[x]
         begin = float(start[x, 0])
+        # the first member lies in the range: follow both ways from it
         if low <= begin <= high:
             whole = continue_both(
                 problem, start[:, 0], inwards, boundaries=[outer, *inner], control=control
@@ -323,6 +328,7 @@ class Qso:
         wanted = high if above else low
         sign = 1.0 if above else -1.0
         there = Boundary("the range begins", lambda z: sign * (z[x] - wanted))
+        # otherwise follow to the edge of the range first, and from there through it
         approach = follow(
             problem, start[:, 0], sign * inwards, boundaries=[there, *ends], control=control
         )
@@ -351,8 +357,8 @@ class Qso:
         branch = Branch(branch.z, branch.tangent, (outer.reason, branch.ends[1]))
         return self._before_turn(branch, x)
 
-    def _resolved(self, problem: Shooting) -> list[Boundary]:
-        """Return the ends of what is resolved: passages of a centre, and almost no period."""
+    def _resolution_boundaries(self, problem: Shooting) -> list[Boundary]:
+        """Return boundaries of resolution: close passages of a centre, vanishing periods."""
         ends = []
         if "impact" not in self.flow.system.events:
             ends.append(
@@ -372,7 +378,8 @@ class Qso:
         return ends
 
     def _before_turn(self, branch: Branch, x: int) -> Branch:
-        """Cut the branch where its amplitude stops falling: what follows is another family."""
+        """Cut the branch where its amplitude stops falling: another family follows."""
+        # chains run inwards: dx/ds < 0 as long as the family is single-valued in x
         turned = np.flatnonzero(branch.tangent[x] >= 0.0)
         if not turned.size:
             return branch
@@ -402,6 +409,7 @@ class Qso:
         def clearance(z: Array) -> Array:
             way = flow.trajectory(problem.state(z), problem.period(z), 2 * problem.steps)
             states, points, cases = way.shape
+            # all points of all orbits as lanes of one evaluation
             flat = np.ascontiguousarray(way.reshape(states, points * cases))
             values = compiled(flat, flow.system.parameters(None, points * cases))[0]
             return _least(values.reshape(points, cases)) - _CLEARANCE

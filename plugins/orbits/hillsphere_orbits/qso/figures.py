@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hillsphere.base.constants import HOUR_S
 from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE
 from hillsphere.products import Bifurcations
@@ -30,15 +31,15 @@ def _other_name(product: QsoFamily, compare: QsoFamily) -> str:
 def draw_periods(figure: Figure, product: QsoFamily, compare: QsoFamily | None) -> None:
     """Draw the period against the amplitude."""
     axes = figure.add_subplot()
-    axes.axhline(2.0 * np.pi * product.curve.time_s / 3600.0, color="#666666", ls=":", lw=1.2,
+    axes.axhline(2.0 * np.pi * product.curve.time_s / HOUR_S, color="#666666", ls=":", lw=1.2,
                  label="orbital period of the moon")  # fmt: skip
     if compare is not None:
-        axes.plot(_amplitudes(compare), compare.curve.period_s / 3600.0, "--",
+        axes.plot(_amplitudes(compare), compare.curve.period_s / HOUR_S, "--",
                   color=PALETTE["orange"], label=_other_name(product, compare))  # fmt: skip
-    axes.plot(_amplitudes(product), product.curve.period_s / 3600.0, color=PALETTE["blue"],
+    axes.plot(_amplitudes(product), product.curve.period_s / HOUR_S, color=PALETTE["blue"],
               label=product.name)  # fmt: skip
     members = product.members
-    axes.plot(members.x0[0] / 1e3, members.period_s / 3600.0, "o", color=PALETTE["black"],
+    axes.plot(members.x0[0] / 1e3, members.period_s / HOUR_S, "o", color=PALETTE["black"],
               label="orbits asked for")  # fmt: skip
     axes.set_xlabel("x at the crossing of the x axis (km)")
     axes.set_ylabel("period (h)")
@@ -65,13 +66,13 @@ def draw_indices(figure: Figure, product: QsoFamily, compare: QsoFamily | None) 
 
 
 def draw_resonances(
-    figure: Figure, product: QsoFamily, compare: QsoFamily | None, found: Bifurcations
+    figure: Figure, product: QsoFamily, compare: QsoFamily | None, bifurcations: Bifurcations
 ) -> None:
     """Draw the stability indices with the resonances marked."""
     axes = draw_indices(figure, product, compare)
     for plane, colour in _PLANES:
-        chosen = [i for i, name in enumerate(found.plane) if name == plane]
-        x, b = found.orbits.x0[0, chosen] / 1e3, found.index[chosen]
+        chosen = [i for i, name in enumerate(bifurcations.plane) if name == plane]
+        x, b = bifurcations.orbits.x0[0, chosen] / 1e3, bifurcations.index[chosen]
         axes.plot(x, b, "o", color=colour, markeredgecolor="white", ms=6, zorder=3)
         last_x, last_b = -np.inf, -np.inf
         reach = 0.028 * float(np.ptp(_amplitudes(product)))
@@ -83,7 +84,8 @@ def draw_resonances(
             i = chosen[int(k)]
             # to the side on which the curve is lower, so that it does not cross the label
             falls = _slope(product, _PLANES.index((plane, colour)), x[k]) < 0.0
-            axes.annotate(f"{found.d[i]}:{found.n[i]}", (x[k], b[k]), fontsize=8, color=colour,
+            resonance = f"{bifurcations.d[i]}:{bifurcations.n[i]}"
+            axes.annotate(resonance, (x[k], b[k]), fontsize=8, color=colour,
                           xytext=(-6 if falls else 6, -9), textcoords="offset points",
                           ha="right" if falls else "left")  # fmt: skip
 

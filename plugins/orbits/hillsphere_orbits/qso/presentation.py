@@ -11,18 +11,20 @@ from hillsphere_orbits.qso.figures import draw_indices, draw_orbits, draw_period
 from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.stability import determinant_error
 
-__all__ = ["counted", "named", "present_family"]
+__all__ = ["format_count", "label_identifier", "present_family"]
 
 _SAME_ORBIT_KM = 1e-6
+"""Amplitudes of a printed orbit and ours that are equal: ours is prescribed, so that only rounding,
+far below this millimetre, separates them."""
 _BEYOND_HILL = 0.1  # part of the distance to the primary
 
 
-def named(identifier: str, label: str) -> str:
-    """Return an identifier with the label that tells two stages apart."""
+def label_identifier(identifier: str, label: str) -> str:
+    """Return an identifier with the label of its stage appended."""
     return f"{identifier}_{label}" if label else identifier
 
 
-def counted(count: int, noun: str, *, of: int | None = None) -> str:
+def format_count(count: int, noun: str, *, of: int | None = None) -> str:
     """Return ``"3 orbits"`` or ``"1 orbit"``; with `of`, ``"1 of 3 orbits"``."""
     whole = count if of is None else of
     words = f"{whole} {noun}{'' if whole == 1 else 's'}"
@@ -106,9 +108,9 @@ def present_family(
         ),
     }
     return Presentation(
-        metrics={named(name, label): metric for name, metric in metrics.items()},
-        tables={named("table_1", label): table},
-        figures={named(name, label): figure for name, figure in figures.items()},
+        metrics={label_identifier(name, label): metric for name, metric in metrics.items()},
+        tables={label_identifier("table_1", label): table},
+        figures={label_identifier(name, label): figure for name, figure in figures.items()},
         verdict=_verdict(product),
     )
 
@@ -131,7 +133,8 @@ def _verdict(product: QsoFamily) -> list[str]:
         sentences.append(f"Not linearly stable: {', '.join(names)}.")
     else:
         sentences.append(
-            "All members are linearly stable; that says nothing of how large an error they bear."
+            "All members are linearly stable. How large an offset they survive is a question of "
+            "nonlinear stability."
         )
     if product.primary_distance_m:
         share = float(np.max(product.y_max_m)) / product.primary_distance_m

@@ -1,4 +1,4 @@
-"""What the orbit stages hand on."""
+"""Product of the stage ``qso_family``."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class QsoFamily(OrbitSet):
     drift_revolutions: int
     """Revolutions."""
     name: str
-    """What tells this family from another in a legend: its gravity or its label."""
+    """Name of the family in a legend: its gravity model or its label."""
     body: str
     """Name of the moon; empty if the plant does not say."""
     semi_axes_m: tuple[float, ...]
@@ -58,4 +58,4 @@ class QsoFamily(OrbitSet):
     ends: tuple[str, str]
     """Why the curve stops at its largest and its smallest amplitude."""
     missing: tuple[str, ...] = ()
-    """Which orbits that were asked for the family does not have, and what it has instead."""
+    """Requested orbits that the family does not have, with the nearest that it has."""

@@ -1,4 +1,4 @@
-"""The stage ``qso_family``: the family, its members at prescribed values, and what is shown."""
+"""The stage ``qso_family``: the family and its members at prescribed values."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 
+from hillsphere.base.constants import HOUR_S
 from hillsphere.base.contracts import Contract
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Plant
@@ -39,7 +40,7 @@ tide; and of the primary's distance, since orbits that reach farther pass it eve
 
 @runtime_checkable
 class QuasiSatelliteFamily(Contract, Protocol):
-    """What stages need of a family of quasi-satellite orbits; `Qso` says what is what.
+    """Interface of a family of quasi-satellite orbits for stages; `Qso` documents the members.
 
     The shooting problem (`hillsphere.interfaces.OrbitFamily.problem`) is needed too, but not looked
     for, which would compile its equations.
@@ -75,7 +76,7 @@ def family_of(plant: object | None, family: object | None, accuracy: float) -> Q
 
 
 def _snap(x_m: Array, asked_m: Sequence[float]) -> None:
-    """Put amplitudes that were asked for in place of those that differ by scaling's rounding."""
+    """Replace amplitudes by the requested ones, which differ by the rounding of scaling."""
     for value in asked_m:
         x_m[np.abs(x_m - value) <= 4.0 * np.spacing(value)] = value
 
@@ -200,13 +201,13 @@ class QsoFamilyStage:
         return low, high
 
     def _members(self, family: Family) -> tuple[Array, tuple[str, ...], tuple[str, ...]]:
-        """Find every member asked for, and say of all that are missing what there is instead."""
+        """Find the requested members; report the missing ones with the family's nearest values."""
         spec, scales = self.spec, self.qso.plant.scales
         asked: list[tuple[str, str, float, Quantity, tuple[float, ...]]] = [
             ("x", " km", scales.length_m / 1e3, family.amplitude,
              tuple(x / 1e3 for x in spec.x_amplitudes_m)),
-            ("T", " h", scales.time_s / 3600.0, family.period,
-             tuple(t / 3600.0 for t in spec.periods_s)),
+            ("T", " h", scales.time_s / HOUR_S, family.period,
+             tuple(t / HOUR_S for t in spec.periods_s)),
         ]  # fmt: skip
         if spec.jacobi_constants:
             asked.append(("C", "", 1.0, family.integral, spec.jacobi_constants))
@@ -216,10 +217,10 @@ class QsoFamilyStage:
         for symbol, unit, size, quantity, values in asked:
             if not values:
                 continue
-            found = members_at(family.problem, family.branch, quantity, np.array(values) / size)
-            columns.append(found.z)
-            labels.extend(f"{symbol} = {values[k]:.9g}{unit}" for k in found.target)
-            if lost := found.missing(len(values)):
+            members = members_at(family.problem, family.branch, quantity, np.array(values) / size)
+            columns.append(members.z)
+            labels.extend(f"{symbol} = {values[k]:.9g}{unit}" for k in members.target)
+            if lost := members.missing(len(values)):
                 span = quantity(family.branch.z)[0] * size
                 missing.append(
                     f"{symbol} = {', '.join(f'{values[k]:.9g}' for k in lost)}{unit} (it has "
@@ -235,10 +236,14 @@ class QsoFamilyStage:
             )
             if not labels:
                 raise InputError(faults[0])
-        return z, self._named(family.amplitude(z)[0] * scales.length_m / 1e3, labels), faults
+        return (
+            z,
+            self._label_members(family.amplitude(z)[0] * scales.length_m / 1e3, labels),
+            faults,
+        )
 
-    def _named(self, x_km: Array, labels: list[str]) -> tuple[str, ...]:
-        """Return the published names where there are some, else the labels, made different."""
+    def _label_members(self, x_km: Array, labels: list[str]) -> tuple[str, ...]:
+        """Return the published names where available, else the labels, made unique."""
         published: Mapping[int, str] = {}
         if self.reference is not None and {"x0_km", "name"} <= set(self.reference.columns):
             rows = (self.reference.match("x0_km", float(x), _SAME_ORBIT_KM) for x in x_km)

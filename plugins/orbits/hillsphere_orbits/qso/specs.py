@@ -1,4 +1,4 @@
-"""Specs of the orbit families and stages: what a mission may write."""
+"""Specs of the orbit families and stages: the keys of a mission."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class QsoSpec(Spec):
 
 
 class _OfFamily(StageSpec):
-    """What the stages have in common: the family's equations."""
+    """Options common to the stages: the family's equations."""
 
     plant: Ref | None = reference(
         "plant", "equations of motion; their quasi-satellite orbits are meant", default=None
@@ -119,7 +119,7 @@ class QsoFamilySpec(_OfFamily):
         gt=0,
     )
     curve_members: int = option(
-        "orbits along the family, for figures and for what is searched on it",
+        "orbits along the family, for figures and for searches along it",
         default=161,
         ge=21,
         le=4001,
@@ -213,7 +213,7 @@ def read_resonance(text: str) -> tuple[int, int] | None:
 
 
 def _fault_of(text: str) -> str:
-    """Say what is wrong with a resonance; empty if nothing is."""
+    """Return the fault of a resonance; empty without one."""
     pair = read_resonance(text)
     if pair is None:
         return f"expected d:n such as '1:17', got {text[:40]!r}"

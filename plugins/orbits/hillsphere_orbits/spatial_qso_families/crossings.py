@@ -1,4 +1,4 @@
-"""Where the chain of a family's members leaps to another family that comes near.
+"""Detection of leaps from a family to another one nearby along a chain of members.
 
 Two families that nearly meet avoid each other: each turns off along the other. A chain whose steps
 are longer than the gap goes straight on and is from there on the other family's. Neither a residual
@@ -19,14 +19,16 @@ import numpy as np
 
 from hillsphere.interfaces import Array
 from hillsphere_orbits.spatial_qso_families.family import Spatial
-from hillsphere_orbits.spatial_qso_families.members import CLOSED, Members, joined, polish
+from hillsphere_orbits.spatial_qso_families.members import CLOSED, Members, join_members, polish
 
-__all__ = ["connected"]
+__all__ = ["count_connected"]
 
 _HALVINGS = 12
+"""Halvings of an interval in which the sense changes: to a 4096th of the distance of two members,
+where families that avoid each other are told from those that cross."""
 
 
-def connected(spatial: Spatial) -> list[int]:
+def count_connected(spatial: Spatial) -> list[int]:
     """Return how many members of each family, from the plane on, are on one curve for certain.
 
     An interval between two members in which the sense of the equations changes is halved, always
@@ -44,32 +46,35 @@ def connected(spatial: Spatial) -> list[int]:
     if not rows:
         return good
     family, first = np.array(rows, dtype=np.intp).T
-    members = joined([spatial.members[f].of(np.array([i, i + 1])) for f, i in rows])
+    members = join_members([spatial.members[f].of(np.array([i, i + 1])) for f, i in rows])
     low, high = members.z[:, ::2], members.z[:, 1::2]
     chord = (high - low) / np.linalg.norm(high - low, axis=0)
     begin, end = first.astype(float), first + 1.0
     sense = _sense(spatial, members.of(np.arange(0, 2 * family.size, 2)), chord)
     apart = np.zeros(family.size, dtype=bool)
     for _ in range(_HALVINGS):
+        # bisection on the sense: its change stays within the interval
         u = 0.5 * (begin + end)
         guess = np.concatenate(
             [spatial.branches[f].guess(u[[k]])[0] for k, f in enumerate(family)], axis=1
         )
-        # a sign is asked for, which no further digits change
-        found = polish(spatial.exact(family, u), guess, chord, guess, CLOSED)
-        before = _sense(spatial, found, chord) == sense
+        # only a sign is needed, which further digits do not change
+        middle = polish(spatial.exact(family, u), guess, chord, guess, CLOSED)
+        before = _sense(spatial, middle, chord) == sense
         begin, end = np.where(before, u, begin), np.where(before, end, u)
-        low, high = np.where(before, found.z, low), np.where(before, high, found.z)
+        low, high = np.where(before, middle.z, low), np.where(before, high, middle.z)
+        # members of one curve approach each other along the chord; families that avoid each other
+        # stay apart beside it
         ahead = np.sum(chord * (high - low), axis=0)
         aside = np.linalg.norm(high - low - ahead * chord, axis=0)
-        apart |= ~(found.error <= CLOSED) | ~(aside <= ahead)
+        apart |= ~(middle.error <= CLOSED) | ~(aside <= ahead)
     for f, i in zip(family[apart], first[apart], strict=True):
         good[f] = min(good[f], int(i) + 1)
     return good
 
 
 def _changes(spatial: Spatial, f: int) -> list[int]:
-    """Return the members of a family behind which the sense of the equations changes."""
+    """Return the members of a family after which the sense of the equations changes."""
     members = spatial.members[f]
     chords = np.diff(members.z, axis=1)
     each = np.arange(members.error.size)

@@ -73,7 +73,7 @@ def first_members(
         With sub-steps good for these members while following.
     z : ndarray, shape (4, M)
         Members with z (or ż) = 0.01, held while correcting.
-    found : ndarray of bool, shape (M,)
+    exists : ndarray of bool, shape (M,)
         Whether there is one.
     """
     z = problem.unknowns_at(x, period * n)
@@ -82,13 +82,13 @@ def first_members(
     problem = problem.with_counts(counts)
     normals = np.zeros_like(z)
     normals[problem.kernel] = 1.0
-    found = polish(problem, z, normals, z)
-    return problem, found.z, np.asarray(found.error <= CLOSED)
+    members = polish(problem, z, normals, z)
+    return problem, members.z, np.asarray(members.error <= CLOSED)
 
 
 @dataclass(frozen=True)
 class Spatial:
-    """Families in space that start alike, computed.
+    """Computed families in space that share the kind of their start.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ class Spatial:
         followed = follow_lanes(
             state, z, direction, done=state.done, control=_CONTROL, finish=False
         )
-        # the orbit that meets the body is none of the family's
+        # an orbit that meets the body does not belong to the family
         followed = [_without_last(b) if f in state.dropped else b for f, b in enumerate(followed)]
         grid = np.array(
             [b.z[:, np.linspace(0, b.size - 1, _GRID).round().astype(int)] for b in followed]
@@ -148,22 +148,24 @@ class Spatial:
         counts, _ = sub_steps(first, flat, _EXACT)
         table = counts.reshape(_GRID, len(followed)).astype(float)
         made = cls(state.problem, tuple(followed), (), table)
-        return made._polished()
+        return made._polish()
 
-    def _polished(self) -> Spatial:
+    def _polish(self) -> Spatial:
         family, u = self.positions
         z = np.concatenate([b.z for b in self.branches], axis=1)
         lines = np.concatenate([b.tangent for b in self.branches], axis=1)
-        found = polish(self.exact(family, u), z, lines, z)
+        polished = polish(self.exact(family, u), z, lines, z)
         branches, members = [], []
         for f, branch in enumerate(self.branches):
             own = np.flatnonzero(family == f)
-            bad = np.flatnonzero(~(found.error[own] <= CLOSED))
+            bad = np.flatnonzero(~(polished.error[own] <= CLOSED))
             end = branch.ends[1]
             if bad.size:
                 own, end = own[: bad[0]], SENSITIVE
-            branches.append(Branch(found.z[:, own], branch.tangent[:, : own.size], ("start", end)))
-            members.append(found.of(own))
+            branches.append(
+                Branch(polished.z[:, own], branch.tangent[:, : own.size], ("start", end))
+            )
+            members.append(polished.of(own))
         return Spatial(self.problem, tuple(branches), tuple(members), self.counts)
 
     def cut(self, good: Sequence[int], reason: str = SENSITIVE) -> Spatial:
@@ -203,6 +205,7 @@ class Spatial:
             own = family == f
             # places were chosen on the branch as it was followed, of which this may be a part
             top = max(self.branches[f].size - 1.0, 1.0)
+            # sub-steps interpolated along the branch, with 5 % of margin
             counts[own] = np.interp(u[own] / top, np.linspace(0.0, 1.0, _GRID), self.counts[:, f])
         return self.problem.of(family).with_counts(np.ceil(1.05 * counts).astype(np.int64))
 
@@ -232,7 +235,9 @@ class Spatial:
             chord = branch.z[:, i + 1] - branch.z[:, i]
             normals[:, lanes] = chord / np.linalg.norm(chord, axis=0)
         guess = own if guess is None else guess
-        return polish(self.exact(family, u), guess, normals, guess, tolerance).checked(family, u)
+        return polish(self.exact(family, u), guess, normals, guess, tolerance).require_converged(
+            family, u
+        )
 
     def members_at(
         self, heights: Sequence[float]
@@ -251,7 +256,7 @@ class Spatial:
             member that cannot be corrected is not among them.
         u : ndarray, shape (N,)
             Position on the family's branch.
-        found : Members
+        members : Members
             The members.
         """
         rows: list[tuple[int, int, int, float, float]] = []
@@ -286,6 +291,7 @@ class Spatial:
                 i.astype(float), i + 1.0, below, above, np.full(wanted.shape, 1e-13),
             )  # fmt: skip
             return family, target, u, self.at(family, u)
+        # linear interpolation; then z itself is prescribed, so that no root is left to find
         u = i + below / (below - above)
         guess = np.concatenate(
             [self.branches[f].guess(np.array([v]))[0] for f, v in zip(family, u, strict=True)],
@@ -294,8 +300,8 @@ class Spatial:
         guess[self.problem.kernel] = wanted
         normals = np.zeros_like(guess)
         normals[self.problem.kernel] = 1.0
-        found = polish(self.exact(family, u), guess, normals, guess)
-        return family, target, u, found.checked(family, u)
+        members = polish(self.exact(family, u), guess, normals, guess)
+        return family, target, u, members.require_converged(family, u)
 
 
 def _without_last(branch: Branch) -> Branch:

@@ -1,4 +1,4 @@
-"""What is looked at while families in space are followed: sub-steps, surface, amplitude."""
+"""Checks while families in space are followed: sub-steps, surface, amplitude."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ BIRTH = 0.01
 """z or ż, natural units, of the first member: beyond it the kernel's plane is left."""
 
 FOLLOWED = 1e-6
-"""Error of half a period while following; what is returned is better."""
+"""Error of half a period while following; returned orbits are corrected further."""
 
 HALF = 1e-10
-"""By the other integrator: what every orbit returned keeps after half a period."""
+"""Largest half-period residual by the other integrator of any returned orbit."""
 
 _APART = 1e-7  # of two orbits by which the growth of errors is judged
 _ROUNDING = np.finfo(float).eps  # of the largest state: it cannot be known better
@@ -50,6 +50,7 @@ def _highest(problem: SpatialShooting, z: Array, way: Array) -> Array:
     here = base = way[:, top, lane]
     h = np.zeros(z.shape[1])
     for _ in range(6):
+        # Newton's iteration for ż = 0 at the highest sample
         h = h - here[5] / flow.rate(here)[5]
         here = flow.at_once(base, h)
     return np.asarray(np.abs(here[2]))
@@ -98,6 +99,7 @@ class Following:
         problem = self.problem.of(lanes)
         way = problem.path(z, 2 * problem.steps)
         growth = self._refine(problem, z, lanes, way[:, -1])
+        # rounding of the start, magnified by half a period, must stay below the residual allowed
         blurred = growth * _ROUNDING * np.max(np.abs(problem.state(z)), axis=0) > HALF
         finite = np.asarray(np.isfinite(way).all(axis=(0, 1)))
         clear = np.full(z.shape[1], -1.0)
@@ -126,7 +128,7 @@ class Following:
     def _refine(
         self, problem: SpatialShooting, z: Array, lanes: NDArray[np.intp], exact: Array
     ) -> Array:
-        """Give more sub-steps to lanes whose error has grown, and return the growth of errors.
+        """Raise the sub-steps of lanes whose error has grown; return the growth of errors.
 
         That is by how much half a period magnifies one of the states, in those that vanish.
         """
@@ -138,6 +140,7 @@ class Following:
         grown = np.isfinite(error) & (error > FOLLOWED)
         if np.any(grown):
             counts = self.problem.counts.copy()
+            # error ∝ steps⁻⁸: aim at a tenth of the limit, at most twice the steps
             factor = np.clip((10.0 * error[grown] / FOLLOWED) ** 0.125, 1.1, 2.0)
             counts[lanes[grown]] = np.ceil(factor * counts[lanes[grown]]).astype(np.int64)
             self.problem = self.problem.with_counts(counts)
@@ -161,6 +164,7 @@ def clearance(
         a[:3] * (1.0 + 2.0 * s) * (1.0 - s) ** 2 + b[:3] * s**2 * (3.0 - 2.0 * s)
         + h * (a[3:] * s * (1.0 - s) ** 2 - b[3:] * s**2 * (1.0 - s))
     )  # fmt: skip
+    # the event depends on the place alone; any velocity serves
     states = np.concatenate([place, np.broadcast_to(a[3:], place.shape)])
     flat = np.ascontiguousarray(states.reshape(6, -1))
     values = impact(flat, problem.flow.system.parameters(None, flat.shape[1]))[0]

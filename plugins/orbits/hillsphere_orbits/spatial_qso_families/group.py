@@ -1,4 +1,4 @@
-"""Families in space that start on the same mirror: followed, described and judged together."""
+"""Families in space that start on the same mirror, computed and described together."""
 
 from __future__ import annotations
 
@@ -9,32 +9,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
-from hillsphere_orbits.spatial_qso_families.crossings import connected
+from hillsphere_orbits.spatial_qso_families.crossings import count_connected
 from hillsphere_orbits.spatial_qso_families.family import ALONE, Spatial, first_members
 from hillsphere_orbits.spatial_qso_families.following import HALF, height
 from hillsphere_orbits.spatial_qso_families.members import LostMembersError, Members
-from hillsphere_orbits.spatial_qso_families.samples import Families, Samples, sampled
+from hillsphere_orbits.spatial_qso_families.samples import Families, Samples, sample_families
 from hillsphere_orbits.spatial_qso_families.shooting import SpatialShooting
 from hillsphere_orbits.spatial_qso_families.stability import ReturnMaps
 from hillsphere_orbits.spatial_qso_families.windows import Event, bifurcations, windows
 from hillsphere_orbits.survey import Surveyor
 
-__all__ = ["Described", "Group", "joined"]
+__all__ = ["Group", "OrbitDescriptions", "join_descriptions"]
 
 LEAPS = "another family comes near, and the orbits beyond are not on one curve with those before"
 BETWEEN = "beyond, orbits between two of the family could not be computed"
 _NO_FIRST = "no orbit near the plane was found"
 _TRACK_POINTS = 1600
+"""Sub-steps of half a track; every second state is stored."""
 
 
 @dataclass(frozen=True)
-class Described:
-    """Orbits of families with all that is said of them, normalised; last axis: orbits.
+class OrbitDescriptions:
+    """Orbits of families with their stability and accuracy, normalised; last axis: orbits.
 
     Parameters
     ----------
     family : ndarray of int
-        Number of the family, in the order asked for.
+        Number of the family, in the requested order.
     place : ndarray
         Position along it.
     x, period, integral, monodromy : ndarray
@@ -70,15 +71,17 @@ class Described:
     closure: Array
 
 
-def joined(parts: Sequence[Described]) -> tuple[Described, NDArray[np.intp]]:
+def join_descriptions(
+    parts: Sequence[OrbitDescriptions],
+) -> tuple[OrbitDescriptions, NDArray[np.intp]]:
     """Return all orbits ordered by family, those of a family as they were, and the order."""
     family = np.concatenate([part.family for part in parts])
     order = np.argsort(family, kind="stable")
     together = {
         field.name: np.concatenate([getattr(p, field.name) for p in parts], axis=-1)[..., order]
-        for field in fields(Described)
+        for field in fields(OrbitDescriptions)
     }
-    return Described(**together), order
+    return OrbitDescriptions(**together), order
 
 
 @dataclass(frozen=True)
@@ -92,14 +95,14 @@ class Group:
     families : Families
         Those that could be followed.
     number : ndarray of int, shape (F,)
-        Their numbers in the order asked for.
+        Their numbers in the requested order.
     ends : mapping of int to str
         Why each family, by number, was followed no further.
-    curve : Described
+    curve : OrbitDescriptions
         All orbits along them.
     events : list of Event
         Secondary bifurcations; their `family` is a number.
-    events_at : Described
+    events_at : OrbitDescriptions
         The orbits there.
     windows : list of (int, float, float)
         Number of the family and amplitudes of the windows of stability.
@@ -109,9 +112,9 @@ class Group:
     families: Families
     number: NDArray[np.int64]
     ends: dict[int, str]
-    curve: Described
+    curve: OrbitDescriptions
     events: list[Event]
-    events_at: Described
+    events_at: OrbitDescriptions
     windows: list[tuple[int, float, float]]
 
     @classmethod
@@ -140,9 +143,9 @@ class Group:
         tick : callable
             See `Spatial.follow`.
         """
-        problem, z, found = first_members(problem, x, period, n)
-        ends = {int(k): _NO_FIRST for k in number[~found]}
-        lanes = np.flatnonzero(found)
+        problem, z, exists = first_members(problem, x, period, n)
+        ends = {int(k): _NO_FIRST for k in number[~exists]}
+        lanes = np.flatnonzero(exists)
         if not lanes.size:
             return ends
         number = number[lanes]
@@ -156,18 +159,18 @@ class Group:
                 return ends
             number, spatial = number[whole], spatial.only(whole)
             sizes = [branch.size for branch in spatial.branches]
-            if (good := connected(spatial)) != sizes:
+            if (good := count_connected(spatial)) != sizes:
                 spatial = spatial.cut(good, LEAPS)
                 continue
             families = Families(spatial, symmetries)
             try:
-                samples = sampled(families)
-                curve = _described(
+                samples = sample_families(families)
+                curve = _describe_orbits(
                     surveyor, spatial, number, samples.family, samples.u, samples.members,
                     samples.maps,
                 )  # fmt: skip
                 if not np.all(curve.half <= HALF):
-                    # what the other integrator does not confirm is not returned, nor what lies
+                    # orbits that the other integrator does not confirm are not returned, nor any
                     # beyond
                     spatial = spatial.cut(_good(spatial, samples, curve.half))
                     continue
@@ -176,7 +179,7 @@ class Group:
                 spatial = spatial.cut(lost.good(sizes), BETWEEN)
                 continue
             break
-        events_at = _described(
+        events_at = _describe_orbits(
             surveyor, spatial, number, at.family, at.u, at.members, at.maps, confirmed=False
         )
         tall = np.concatenate([curve.height, events_at.height])
@@ -194,7 +197,9 @@ class Group:
             ],
         )
 
-    def members_at(self, heights: Sequence[float]) -> tuple[Described, NDArray[np.intp], Array]:
+    def members_at(
+        self, heights: Sequence[float]
+    ) -> tuple[OrbitDescriptions, NDArray[np.intp], Array]:
         """Return the orbits at amplitudes, the number of each one's amplitude, and tracks.
 
         Parameters
@@ -204,7 +209,7 @@ class Group:
 
         Returns
         -------
-        orbits : Described
+        orbits : OrbitDescriptions
             By family, amplitude and arclength.
         target : ndarray of int, shape (N,)
             Number of the amplitude.
@@ -212,13 +217,15 @@ class Group:
             Positions along one period, ends included.
         """
         spatial = self.families.spatial
-        family, target, u, found = spatial.members_at(heights)
-        samples = self.families.samples(family, u, found)
-        made = _described(self.surveyor, spatial, self.number, family, u, found, samples.maps)
-        return made, target, _tracks(spatial.problem.of(family), found.z)
+        family, target, u, members = spatial.members_at(heights)
+        samples = self.families.samples(family, u, members)
+        made = _describe_orbits(
+            self.surveyor, spatial, self.number, family, u, members, samples.maps
+        )
+        return made, target, _tracks(spatial.problem.of(family), members.z)
 
 
-def _described(
+def _describe_orbits(
     surveyor: Surveyor,
     spatial: Spatial,
     number: NDArray[np.int64],
@@ -228,13 +235,13 @@ def _described(
     maps: ReturnMaps,
     *,
     confirmed: bool = True,
-) -> Described:
+) -> OrbitDescriptions:
     problem = spatial.exact(family, u)
     x = problem.state(members.z)
     half = closure = np.full(u.size, np.nan)
     if confirmed:
         half, closure = _closures(surveyor, problem, members.z)
-    return Described(
+    return OrbitDescriptions(
         family=number[family],
         place=u,
         x=x,

@@ -27,14 +27,13 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere_orbits.flow import Flow
+from hillsphere_orbits.flow import XY_MIRROR, Z_HALF_TURN, Flow
 from hillsphere_orbits.spatial_qso_families.shooting import MIRRORS
 
 __all__ = ["Start", "starts_of", "symmetries_of"]
 
-_PLANE = (1, 1, -1, 1, 1, -1)
-_HALF_TURN = (-1, -1, 1, -1, -1, 1)
 _INVERSION = (-1, -1, -1, -1, -1, -1)
+"""Signs of the states under inversion, the product of the mirror xy and the half turn about z."""
 _SAME = 0.05  # of the angle between axes: a start is on an axis to rounding, or the plane is wrong
 
 
@@ -73,7 +72,7 @@ def symmetries_of(flow: Flow, samples: Array) -> tuple[tuple[int, ...], ...]:
         If the equations do not keep the mirrors xy and, reversing time, xz: there are no such
         families then.
     """
-    if not flow.keeps(_PLANE, samples, reverses_time=False) or not flow.keeps(
+    if not flow.keeps(XY_MIRROR, samples, reverses_time=False) or not flow.keeps(
         MIRRORS["position"], samples, reverses_time=True
     ):
         raise InputError(
@@ -81,8 +80,8 @@ def symmetries_of(flow: Flow, samples: Array) -> tuple[tuple[int, ...], ...]:
             "gravity does not (harmonics with S terms or of odd degree minus order, a tilted body)"
         )
     if flow.keeps(MIRRORS["y_position"], samples, reverses_time=True):
-        return (_PLANE, _HALF_TURN, _INVERSION)
-    return (_PLANE,)
+        return (XY_MIRROR, Z_HALF_TURN, _INVERSION)
+    return (XY_MIRROR,)
 
 
 def starts_of(
@@ -112,7 +111,9 @@ def starts_of(
     start = np.repeat(x[:, None], 4, axis=1)
     places, phi = flow.with_matrix(start, times, flow.steps_for(start, times))
     # displacement and velocity along z, in coordinates in which a revolution is a rotation
+    # planar orbit: the motion along z is linear and separate, a 2 × 2 matrix
     vertical = phi[np.ix_([2, 5], [2, 5])]
+    # scales z so that the matrix of one revolution becomes a rotation by 2π d/n
     stretch = np.sqrt(np.abs(vertical[1, 0, 3] / vertical[0, 1, 3]))
 
     def phase(row: int, place: int) -> float:
@@ -120,6 +121,7 @@ def starts_of(
         z, vz = np.linalg.solve(vertical[:, :, place], np.eye(2)[row])
         return float(np.arctan2(vz, stretch * z))
 
+    # number of symmetry axes on the circle of phases, by the order of the dihedral group [1]
     turns = 2 * n if doubly or n % 2 else n
     candidates = [
         ("velocity", 0, phase(1, 0)),
@@ -127,7 +129,7 @@ def starts_of(
         *([("y_position", 1, phase(0, 1))] if doubly else []),
     ]
     first = Start("position", x, True)
-    found = {"position": first}
+    starts = {"position": first}
     for mirror, place, angle in candidates:
         # the axes are π/turns apart; the even ones are those of "position"
         axis = angle * turns / np.pi
@@ -139,12 +141,12 @@ def starts_of(
             )
         made = Start(mirror, places[:, place], nearest % 2 == 0)
         if mirror == "velocity":
-            found["velocity"] = made
+            starts["velocity"] = made
         if not made.of_position:
-            found.setdefault("companion", made)
-    if "companion" not in found:
+            starts.setdefault("companion", made)
+    if "companion" not in starts:
         raise InputError(
             f"bifurcation {d}:{n} at x = {x[0]:.6g} natural units: the second family has no start "
             "on a mirror of these equations"
         )
-    return found
+    return starts

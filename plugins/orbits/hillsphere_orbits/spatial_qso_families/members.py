@@ -12,7 +12,7 @@ from hillsphere.errors import ConvergenceError
 from hillsphere.interfaces import Array
 from hillsphere_orbits.spatial_qso_families.shooting import SpatialShooting
 
-__all__ = ["CLOSED", "RETURNED", "Members", "joined", "polish"]
+__all__ = ["CLOSED", "RETURNED", "Members", "join_members", "polish"]
 
 CLOSED = 1e-9
 """Residual beyond which a member counts as not found."""
@@ -25,7 +25,7 @@ _NEWTON = 12  # evaluations
 
 @dataclass(frozen=True)
 class Members:
-    """Orbits of families, with what half a period makes of them.
+    """Orbits of families, with their states and matrices after half a period.
 
     Parameters
     ----------
@@ -50,15 +50,15 @@ class Members:
             self.z[:, lanes], self.end[:, lanes], self.phi[:, :, lanes], self.error[lanes]
         )
 
-    def replaced(self, lanes: NDArray[np.intp], others: Members) -> Members:
-        """Return these with other ones in some lanes."""
+    def with_lanes(self, lanes: NDArray[np.intp], others: Members) -> Members:
+        """Return a copy with other members in some lanes."""
         z, end, phi, error = (a.copy() for a in (self.z, self.end, self.phi, self.error))
         z[:, lanes], end[:, lanes] = others.z, others.end
         phi[:, :, lanes], error[lanes] = others.phi, others.error
         return Members(z, end, phi, error)
 
-    def checked(self, family: NDArray[np.intp], u: Array) -> Members:
-        """Return these, or raise `LostMembersError` if some were not found.
+    def require_converged(self, family: NDArray[np.intp], u: Array) -> Members:
+        """Return itself, or raise `LostMembersError` if a member was not found.
 
         Parameters
         ----------
@@ -71,7 +71,7 @@ class Members:
         return self
 
 
-def joined(parts: Sequence[Members]) -> Members:
+def join_members(parts: Sequence[Members]) -> Members:
     """Return several sets of members as one."""
     return Members(
         *(
@@ -104,7 +104,7 @@ class LostMembersError(ConvergenceError):
         self.family, self.u = family, u
 
     def among(self, family: int, interval: int) -> bool:
-        """Whether one is lost of a family's interval between two members."""
+        """Whether a lost member lies in an interval of a family."""
         return bool(np.any((self.family == family) & (np.floor(self.u) == interval)))
 
     def good(self, sizes: Sequence[int]) -> list[int]:
@@ -144,6 +144,7 @@ def polish(
     for _ in range(_NEWTON):
         values, slopes, here, matrix = problem.of(todo).evaluate(z[:, todo])
         plane = np.sum(normals[:, todo] * (z[:, todo] - points[:, todo]), axis=0)
+        # bordered by the plane's equation, which singles out one member of the curve
         values = np.concatenate([values, plane[None]])
         slopes = np.concatenate([slopes, normals[None, :, todo]])
         size = np.max(np.abs(values), axis=0)
@@ -160,6 +161,7 @@ def polish(
         go &= usable
         if not np.any(go):
             break
+        # pseudo-inverse: near a bifurcation the system is almost singular
         step = np.linalg.pinv(np.moveaxis(slopes[:, :, go], 2, 0)) @ values[:, go].T[:, :, None]
         todo = todo[go]
         z[:, todo] -= step[:, :, 0].T

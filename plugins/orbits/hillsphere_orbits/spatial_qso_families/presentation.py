@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
-from hillsphere_orbits.qso.presentation import counted, named
+from hillsphere_orbits.qso.presentation import format_count, label_identifier
 from hillsphere_orbits.spatial_qso_families.products import SpatialFamilies
 
 if TYPE_CHECKING:
@@ -109,9 +109,9 @@ def present_families(product: SpatialFamilies, label: str) -> Presentation:
         ),
     }  # fmt: skip
     return Presentation(
-        metrics={named(name, label): metric for name, metric in metrics.items()},
-        tables={named(name, label): table for name, table in tables.items()},
-        figures={named(name, label): figure for name, figure in figures.items()},
+        metrics={label_identifier(name, label): metric for name, metric in metrics.items()},
+        tables={label_identifier(name, label): table for name, table in tables.items()},
+        figures={label_identifier(name, label): figure for name, figure in figures.items()},
         verdict=_verdict(product, label),
     )
 
@@ -219,7 +219,7 @@ def _verdict(product: SpatialFamilies, label: str) -> list[str]:
     sentences = [
         f"{'Family' if len(followed) == 1 else 'Families'} in space ({which}branch "
         f"{product.branch}): {said}.",
-        f"{'Its' if len(followed) == 1 else 'Their'} {counted(members, 'member')} "
+        f"{'Its' if len(followed) == 1 else 'Their'} {format_count(members, 'member')} "
         f"{'closes' if one else 'close'} to {half:.1e} after half a period and to {closure:.1e} "
         f"after a whole one ({product.check}).",
     ]

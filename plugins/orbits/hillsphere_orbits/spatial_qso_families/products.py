@@ -1,4 +1,4 @@
-"""What the stages on families in space hand on."""
+"""Product of the stages on families in space."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class SpatialFamilies(OrbitSet):
     """Families of orbits in space: their curves, and the members that were asked for."""
 
     branch: str
-    """``"position"``, ``"velocity"`` or ``"companion"``, as asked for."""
+    """``"position"``, ``"velocity"`` or ``"companion"``, as requested."""
     d: Annotated[tuple[int, ...], Shape("families")]
     """The family branches off at the resonance d:n."""
     n: Annotated[tuple[int, ...], Shape("families")]
@@ -35,7 +35,7 @@ class SpatialFamilies(OrbitSet):
     ends: Annotated[tuple[str, ...], Shape("families"), Label("it ends")]
     """Why each family was followed no further, or not at all."""
     missing: tuple[str, ...]
-    """Which families have no member of which amplitudes asked for, and what they have; a sentence
+    """Families without members of requested amplitudes, and their amplitudes; a sentence
     each."""
     curve: PeriodicOrbits
     """All orbits along the families, denser where stability may change."""

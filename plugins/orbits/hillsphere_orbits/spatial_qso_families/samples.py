@@ -1,4 +1,4 @@
-"""Samples along families, dense enough that no change of stability hides between them.
+"""Samples along families, dense enough to resolve every change of stability.
 
 Between neighbouring members a spline through the index says where it may come near an edge of
 stability; an orbit is computed there, and by how much the spline erred says how far it can be
@@ -19,7 +19,7 @@ from scipy.interpolate import CubicSpline
 
 from hillsphere.interfaces import Array
 from hillsphere_orbits.spatial_qso_families.family import Spatial
-from hillsphere_orbits.spatial_qso_families.members import RETURNED, Members, joined
+from hillsphere_orbits.spatial_qso_families.members import RETURNED, Members, join_members
 from hillsphere_orbits.spatial_qso_families.stability import (
     CIRCLE,
     ReturnMaps,
@@ -27,10 +27,12 @@ from hillsphere_orbits.spatial_qso_families.stability import (
     return_symmetry,
 )
 
-__all__ = ["Families", "Samples", "sampled"]
+__all__ = ["Families", "Samples", "sample_families"]
 
 _NEAR = 6.0  # index up to which an interval is looked into in any case
 _PASSES = 9
+"""Most rounds of new samples. Each about halves the intervals in doubt, so that the last ones reach
+the narrowest interval (`_NARROW`), a 2⁻¹⁰th."""
 _TRUST = 2.0  # times the last error of the spline
 _FINE = 1e-7  # error of the spline below which it is as good as the index itself
 _NARROW = 1e-3  # width of an interval, in distances of two members of the branch
@@ -68,7 +70,7 @@ class Samples:
         return z
 
     def rows(self, own: NDArray[np.intp]) -> list[tuple[str, Array, tuple[float, ...]]]:
-        """Return (name, values, edges) of the smooth functions that tell stability of a family.
+        """Return (name, values, edges) of the smooth functions that decide on stability.
 
         With a second pair 1, 1 it is the other index, else the characteristic polynomial at the
         edges, the product of both indices' distances, and the discriminant.
@@ -99,7 +101,7 @@ class Families:
     spatial : Spatial
         The families.
     symmetries : sequence of tuple of int
-        Spatial symmetries of the equations, see `spatial_kernel.symmetries_of`.
+        Spatial symmetries of the equations, see `kernel.symmetries_of`.
     """
 
     def __init__(self, spatial: Spatial, symmetries: Sequence[tuple[int, ...]]) -> None:
@@ -116,54 +118,55 @@ class Families:
         return Samples(family, u, members, return_maps(members.phi, self.signs[:, family], mirror))
 
     def at(
-        self, found: Samples, family: NDArray[np.intp], u: Array, tolerance: float = RETURNED
+        self, samples: Samples, family: NDArray[np.intp], u: Array, tolerance: float = RETURNED
     ) -> Samples:
         """Return orbits at positions between samples that are known."""
-        guess = found.guess(family, u)
+        guess = samples.guess(family, u)
         return self.samples(family, u, self.spatial.at(family, u, guess, tolerance))
 
-    def merged(self, a: Samples, b: Samples) -> Samples:
+    def merge(self, a: Samples, b: Samples) -> Samples:
         """Return both, ordered by family and position."""
         family, u = np.concatenate([a.family, b.family]), np.concatenate([a.u, b.u])
         order = np.lexsort((u, family))
-        return self.samples(family[order], u[order], joined([a.members, b.members]).of(order))
+        return self.samples(family[order], u[order], join_members([a.members, b.members]).of(order))
 
 
-def sampled(families: Families) -> Samples:
+def sample_families(families: Families) -> Samples:
     """Return all members of the branches, and more where stability may change between them."""
     spatial = families.spatial
     family, u = spatial.positions
-    found = families.samples(family, u, joined(spatial.members))
+    samples = families.samples(family, u, join_members(spatial.members))
     errors: dict[tuple[int, str], tuple[Array, Array]] = {}
     for _ in range(_PASSES):
         wanted = [
             (f, place)
             for f in range(len(spatial.branches))
             if spatial.branches[f].size >= 4
-            for place in _places(found, f, errors)
+            for place in _places(samples, f, errors)
         ]
         if not wanted:
             break
         more_family = np.array([f for f, _ in wanted], dtype=np.intp)
         more_u = np.array([place for _, place in wanted])
-        more = families.at(found, more_family, more_u)
-        merged = families.merged(found, more)
-        _learn(found, merged, more_family, more_u, errors)
-        found = merged
-    return found
+        more = families.at(samples, more_family, more_u)
+        merged = families.merge(samples, more)
+        _learn(samples, merged, more_family, more_u, errors)
+        samples = merged
+    return samples
 
 
 def _places(
-    found: Samples, f: int, errors: dict[tuple[int, str], tuple[Array, Array]]
+    samples: Samples, f: int, errors: dict[tuple[int, str], tuple[Array, Array]]
 ) -> list[float]:
-    """Return where a family is to be sampled next."""
-    own = np.flatnonzero(found.family == f)
-    u = found.u[own]
+    """Return the positions at which a family needs further samples."""
+    own = np.flatnonzero(samples.family == f)
+    u = samples.u[own]
     places: dict[int, float] = {}
-    for name, values, edges in found.rows(own):
+    for name, values, edges in samples.rows(own):
         known = np.isfinite(values)
         if np.count_nonzero(known) < 4:
             continue
+        # arsinh tames indices that grow exponentially and keeps the sign of small ones
         curve = CubicSpline(u[known], np.arcsinh(values[known]))
         middles, last = errors.get((f, name), (np.empty(0), np.empty(0)))
         for i in range(u.size - 1):
@@ -181,6 +184,7 @@ def _places(
             error = float(last[looked[-1]])
             if error < _FINE:
                 continue
+            # the error of a spline falls to zero at its samples: a parabola bounds it in between
             doubt = _TRUST * error * 4.0 * _LOOKS * (1.0 - _LOOKS)
             ends = np.arcsinh(values[[i, i + 1]])
             for edge in np.arcsinh(edges):
@@ -208,7 +212,7 @@ def _learn(
     u: Array,
     errors: dict[tuple[int, str], tuple[Array, Array]],
 ) -> None:
-    """Note at the places of new samples by how much the spline through the old ones erred."""
+    """Record the error of the old spline at the positions of new samples."""
     for f in np.unique(family):
         old, new = (np.flatnonzero(s.family == f) for s in (before, after))
         fresh = np.isin(after.u[new], u[family == f])

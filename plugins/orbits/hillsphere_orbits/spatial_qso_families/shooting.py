@@ -30,9 +30,10 @@ MIRRORS = {
 the plane yz with z ≠ 0.
 """
 
-_WIDTH = 8  # lanes that compiled code takes at once; what is left over costs as much one by one
+_WIDTH = 8  # lanes per SIMD call; the lanes of a remainder cost as much each
 _ORDER = 8.0  # of the step map's formula
 _MOST = 100_000
+"""Most sub-steps of half a period: beyond these an orbit takes seconds and gains no digit."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ class SpatialShooting:
         h, flown = duration / self.counts, 0
         for count in np.unique(self.counts):
             lanes = np.flatnonzero(self.counts >= count)
-            wide = _padded(lanes)
+            wide = _pad_lanes(lanes)
             legs = int(count) - flown
             begin, lost = _finite(end[:, wide])
             y, m = self.flow.map.propagate(begin, h[wide] * legs, legs, strict=False)
@@ -128,7 +129,7 @@ class SpatialShooting:
         return *self.conditions(z, end, phi), end, phi
 
     def conditions(self, z: Array, end: Array, phi: Array) -> tuple[Array, Array]:
-        """Return F and dF/dz from what half a period makes of z: states and matrices."""
+        """Return F and dF/dz from the states and matrices after half a period."""
         return self._common.conditions(self.state(z), end, phi, self.flow.rate(end))
 
     def residual(self, z: Array) -> tuple[Array, Array]:
@@ -142,7 +143,7 @@ class SpatialShooting:
 
     def path(self, z: Array, steps: int | None = None) -> Array:
         """Return the states (6, K + 1, N) along half a period, not finite where it fails."""
-        wide = _padded(np.arange(z.shape[1]))
+        wide = _pad_lanes(np.arange(z.shape[1]))
         way = self.flow.plain.trajectory(
             np.ascontiguousarray(self.state(z)[:, wide]),
             z[-1, wide],
@@ -171,11 +172,11 @@ def sub_steps(
     -------
     counts : ndarray of int, shape (N,)
         Sub-steps.
-    found : ndarray of bool, shape (N,)
+    converged : ndarray of bool, shape (N,)
         Whether they meet the tolerance.
     """
     counts = problem.counts.copy()
-    found = np.zeros(counts.size, dtype=bool)
+    converged = np.zeros(counts.size, dtype=bool)
     best = np.full(counts.size, np.inf)
     stalled = np.zeros(counts.size, dtype=int)
     todo = np.arange(counts.size)
@@ -184,16 +185,18 @@ def sub_steps(
         fine = ends(problem, z[:, todo], 2 * counts[todo])
         error = np.max(np.abs(coarse - fine), axis=0)
         error = np.where(np.isfinite(error), error, np.inf)
-        found[todo] = error <= tolerance
+        converged[todo] = error <= tolerance
         # a difference that no longer shrinks is rounding: more steps cannot better it
         stalled[todo] += error > 0.5 * best[todo]
         best[todo] = np.minimum(best[todo], error)
+        # error ∝ steps⁻⁸: factor by which the steps must grow to meet the tolerance
         growth = np.where(np.isfinite(error), (error / tolerance) ** (1.0 / _ORDER), 2.0)
+        # 5 % of margin; at most fourfold, since a large error is not yet asymptotic
         raised = np.ceil(counts[todo] * np.clip(1.05 * growth, 1.02, 4.0)).astype(np.int64)
-        again = ~found[todo] & (stalled[todo] < 2) & (raised <= _MOST)
+        again = ~converged[todo] & (stalled[todo] < 2) & (raised <= _MOST)
         counts[todo[again]] = raised[again]
         todo = todo[again]
-    return counts, found
+    return counts, converged
 
 
 def ends(problem: SpatialShooting, z: Array, counts: NDArray[np.int64]) -> Array:
@@ -201,7 +204,7 @@ def ends(problem: SpatialShooting, z: Array, counts: NDArray[np.int64]) -> Array
     end, h, flown = problem.state(z), z[-1] / counts, 0
     for count in np.unique(counts):
         lanes = np.flatnonzero(counts >= count)
-        wide, legs = _padded(lanes), int(count) - flown
+        wide, legs = _pad_lanes(lanes), int(count) - flown
         begin, lost = _finite(end[:, wide])
         y = problem.flow.plain.propagate(begin, h[wide] * legs, legs, strict=False)
         y[:, lost] = np.nan
@@ -216,7 +219,7 @@ def _finite(x: Array) -> tuple[Array, NDArray[np.bool_]]:
     return np.ascontiguousarray(np.where(lost, 1.0, x)), lost
 
 
-def _padded(lanes: NDArray[np.intp]) -> NDArray[np.intp]:
+def _pad_lanes(lanes: NDArray[np.intp]) -> NDArray[np.intp]:
     """Repeat the last lane until the number of lanes is a whole multiple of the width."""
     if lanes.size <= 2:
         return lanes

@@ -1,4 +1,4 @@
-"""Specs of the stages on families of orbits in space: what a mission may write."""
+"""Specs of the stages on families of orbits in space: the keys of a mission."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.spec import (
     DataPath,
     Ref,
@@ -65,7 +66,7 @@ class SpatialFamiliesSpec(StageSpec):
     )
 
     needs: SpatialFamiliesNeeds = option("products of earlier stages")
-    plant: Ref = reference("plant", "equations of motion, those of the bifurcations")
+    plant: Ref = reference("plant", "equations of motion of the bifurcations")
     resonances: tuple[str, ...] = option(
         "which vertical bifurcations d:n to start from; left out: all that were found", default=()
     )
@@ -111,7 +112,7 @@ class StationKeepingNeeds(Spec):
 
 
 class StationKeepingSpec(StageSpec):
-    """What it costs to null the unstable component once per period, knowing it perfectly."""
+    """Analytic cost of nulling the unstable component once per period."""
 
     produces = "hillsphere_orbits.spatial_qso_families.products:StationKeepingIndex"
     examples = ({"needs": {"families": "families"}},)
@@ -125,7 +126,7 @@ class StationKeepingSpec(StageSpec):
     )
     sigmas: float = option("how many standard deviations are covered", default=3.0, gt=0)
     duration_s: float = quantity(
-        "time", "over which the corrections are added up", default=30 * 86400.0, gt=0
+        "time", "over which the corrections are added up", default=30 * DAY_S, gt=0
     )
     reference: DataPath | None = data_path(
         "cited CSV of published costs with the columns n, Az_km and v_cm_m_s, shown beside ours; "

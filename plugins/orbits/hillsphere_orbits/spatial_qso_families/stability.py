@@ -54,11 +54,13 @@ def pair_indices(monodromy: Array) -> NDArray[np.complex128]:
     """
     total = np.trace(monodromy) - 2.0
     squares = np.einsum("ijk,jik->k", monodromy, monodromy) + 2.0
+    # value of the quadratic in b at 2: zero if one pair is 1, 1
     at_two = 4.0 - 2.0 * total + 0.5 * (total**2 - squares)
     other = total - 2.0
     neutral = np.abs(at_two) <= _NEUTRAL * np.maximum(1.0, np.abs(other - 2.0))
     root = np.sqrt((2.0 * squares - total**2).astype(complex))
     upper, lower = 0.5 * (total + root), 0.5 * (total - root)
+    # dominant: the index of larger modulus
     swap = np.abs(lower) > np.abs(upper)
     first = np.where(neutral, other, np.where(swap, lower, upper))
     second = np.where(neutral, 2.0, np.where(swap, upper, lower))
@@ -71,6 +73,7 @@ def spectrum(monodromy: Array) -> NDArray[np.complex128]:
 
 
 def _multipliers(b: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    # λ² − b λ + 1 = 0; the root of larger modulus first, its inverse without cancellation
     root = np.sqrt(b * b - 4.0)
     outer = 0.5 * np.where(np.abs(b + root) >= np.abs(b - root), b + root, b - root)
     ones = np.ones((2, b.shape[1]), dtype=complex)
@@ -121,6 +124,7 @@ class ReturnMaps:
     @property
     def monodromy(self) -> Array:
         """M (6, 6, K)."""
+        # M = N² where half a period and a symmetry make the return map
         square = np.einsum("ijk,jlk->ilk", self.matrix, self.matrix)
         return np.where(self.power == 2, square, self.matrix)
 
@@ -141,7 +145,7 @@ class ReturnMaps:
 
     @property
     def neutral(self) -> NDArray[np.bool_]:
-        """Whether the second pair cannot be told from 1, 1 (K,)."""
+        """Whether the second pair is 1, 1 to within rounding (K,)."""
         return np.asarray(self.indices[1] == 2.0)
 
 
@@ -181,6 +185,7 @@ def return_maps(phi: Array, signs: NDArray[np.int64], mirror: Sequence[int]) -> 
         Signs of the time reversal that the orbits keep.
     """
     twice = np.any(signs != 0, axis=0)
+    # N = S Φ(T/2): half a period, then the symmetry that brings the orbit back to its start
     matrix = signs[:, None] * phi
     if not np.all(twice):
         rest = np.ascontiguousarray(phi[:, :, ~twice])

@@ -14,7 +14,7 @@ from hillsphere.products import Bifurcations, PeriodicOrbits
 from hillsphere_orbits.flow import Flow, flow_of
 from hillsphere_orbits.qso.specs import read_resonance
 from hillsphere_orbits.shooting import SymmetricShooting
-from hillsphere_orbits.spatial_qso_families.group import Described, Group, joined
+from hillsphere_orbits.spatial_qso_families.group import Group, OrbitDescriptions, join_descriptions
 from hillsphere_orbits.spatial_qso_families.kernel import starts_of, symmetries_of
 from hillsphere_orbits.spatial_qso_families.presentation import present_families
 from hillsphere_orbits.spatial_qso_families.products import SpatialFamilies
@@ -25,6 +25,9 @@ from hillsphere_orbits.survey import LockedMoon, Surveyor
 __all__ = ["SpatialFamiliesStage"]
 
 _SAME_EQUATIONS = 1e-8
+"""Largest closure, natural units, of bifurcating orbits that count as solutions of this plant's
+equations. By default they are
+computed to 1e-10 or better; other equations (another gravity model, say) give far more."""
 _STATES = ("x", "y", "z", "vx", "vy", "vz")
 
 
@@ -79,7 +82,7 @@ class SpatialFamiliesStage:
             If no family can be followed.
         """
         spec, unit = self.spec, self.plant.scales.length_m
-        chosen = self._chosen(bifurcations)
+        chosen = self._select_bifurcations(bifurcations)
         flow = flow_of(self.plant)
         symmetries = symmetries_of(flow, _samples())
         x, period = self._planar(flow, bifurcations, chosen)
@@ -110,14 +113,14 @@ class SpatialFamiliesStage:
             reasons = "; ".join(f"{a}: {b}" for a, b in zip(resonances, ends, strict=True))
             raise ConvergenceError(f"no family could be followed ({reasons})")
         ctx.info(f"{sum(g.number.size for g in groups)} of {n.size} families followed")
-        curve, _ = joined([group.curve for group in groups])
+        curve, _ = join_descriptions([group.curve for group in groups])
         heights = [z / unit for z in spec.z_amplitudes_m]
         parts = [group.members_at(heights) for group in groups]
-        members, order = joined([part[0] for part in parts])
+        members, order = join_descriptions([part[0] for part in parts])
         target = np.concatenate([part[1] for part in parts])[order]
         missing = self._missing(curve, members, target, resonances, ends)
         advance(1)
-        events, event_order = joined([group.events_at for group in groups])
+        events, event_order = join_descriptions([group.events_at for group in groups])
         kinds = [event.kind for group in groups for event in group.events]
         windows = sorted((row for group in groups for row in group.windows), key=itemgetter(0))
         asked = np.array(spec.z_amplitudes_m)[target]
@@ -162,7 +165,7 @@ class SpatialFamiliesStage:
             prime_meridian_rad=moon.prime_meridian_rad if moon else 0.0,
         )
 
-    def _orbits(self, orbits: Described, labels: tuple[str, ...]) -> PeriodicOrbits:
+    def _orbits(self, orbits: OrbitDescriptions, labels: tuple[str, ...]) -> PeriodicOrbits:
         system, scales = flow_of(self.plant).system, self.plant.scales
         return PeriodicOrbits(
             frame=system.frame,
@@ -181,8 +184,8 @@ class SpatialFamiliesStage:
         """Show members, windows of stability, the families in space and their multipliers."""
         return present_families(product, self.spec.label)
 
-    def _chosen(self, bifurcations: Bifurcations) -> list[int]:
-        """Return the numbers of the bifurcations to start from, in the order asked for."""
+    def _select_bifurcations(self, bifurcations: Bifurcations) -> list[int]:
+        """Return the numbers of the bifurcations to start from, in the requested order."""
         pairs = list(zip(bifurcations.d, bifurcations.n, strict=True))
         vertical = [i for i, plane in enumerate(bifurcations.plane) if plane == "vertical"]
         wanted = [pair for text in self.spec.resonances if (pair := read_resonance(text))]
@@ -221,13 +224,13 @@ class SpatialFamiliesStage:
 
     def _missing(
         self,
-        curve: Described,
-        members: Described,
+        curve: OrbitDescriptions,
+        members: OrbitDescriptions,
         target: NDArray[np.intp],
         resonances: list[str],
         ends: list[str],
     ) -> tuple[str, ...]:
-        """Say which families have no member of which amplitudes; raise if there is none at all."""
+        """Return sentences on families without requested amplitudes; raise if no member exists."""
         met = set(zip(members.family.tolist(), target.tolist(), strict=True))
         faults = []
         for f in np.unique(curve.family).tolist():

@@ -21,6 +21,8 @@ __all__ = ["Event", "bifurcations", "windows"]
 
 _WIDTH = 1e-7  # of a root's place
 _ROOT_STEPS = 8
+"""Most steps of the secant method for a root's place; from the spline's root it needs two or
+three."""
 _SOUGHT = 1e-9  # residual of the orbits of bifurcations
 _TURN = 0.05  # distance of a fold from where the integral turns: both are found by splines
 
@@ -49,7 +51,7 @@ class Event:
 
 
 def bifurcations(
-    families: Families, found: Samples, integral: Array
+    families: Families, samples: Samples, integral: Array
 ) -> tuple[list[Event], Samples]:
     """Locate the secondary bifurcations between samples.
 
@@ -57,8 +59,8 @@ def bifurcations(
     ----------
     families : Families
         The families.
-    found : Samples
-        From `sampled`.
+    samples : Samples
+        From `sample_families`.
     integral : ndarray, shape (K,)
         Integral of motion of the samples: a family turns back in it at a fold.
 
@@ -70,15 +72,15 @@ def bifurcations(
         The orbits there, in the same order.
     """
     crossings = sorted(
-        (crossing for f in np.unique(found.family) for crossing in _crossings(found, int(f))),
+        (crossing for f in np.unique(samples.family) for crossing in _crossings(samples, int(f))),
         key=lambda crossing: (crossing.family, crossing.u),
     )
     family = np.array([crossing.family for crossing in crossings], dtype=np.intp)
     if not crossings:
-        none = found.members.of(family)
+        none = samples.members.of(family)
         return [], families.samples(family, np.empty(0), none)
     u, low, high, slope = np.array([(c.u, c.low, c.high, c.slope) for c in crossings]).T
-    at = families.at(found, family, u, _SOUGHT)
+    at = families.at(samples, family, u, _SOUGHT)
     before, todo = u.copy(), np.arange(u.size)
     off = last = np.array([_beyond(at, k, c) for k, c in enumerate(crossings)])
     for _ in range(_ROOT_STEPS):
@@ -86,17 +88,18 @@ def bifurcations(
         moved = (u[todo] != before[todo]) & (off[todo] != last[todo])
         own = todo[moved]
         slope[own] = (off[own] - last[own]) / (u[own] - before[own])
+        # secant step of each root; members are corrected anew at every place
         step = np.where(np.isfinite(off[todo]), off[todo] / slope[todo], 0.0)
         todo, step = todo[np.abs(step) > _WIDTH], step[np.abs(step) > _WIDTH]
         if not todo.size:
             break
         before, last = u.copy(), off.copy()
         u[todo] = np.clip(u[todo] - step, low[todo], high[todo])
-        better = families.at(found, family[todo], u[todo], _SOUGHT)
+        better = families.at(samples, family[todo], u[todo], _SOUGHT)
         off = off.copy()
         off[todo] = [_beyond(better, i, crossings[k]) for i, k in enumerate(todo)]
-        at = families.samples(family, u, at.members.replaced(todo, better.members))
-    turns = {int(f): _turns(found, integral, int(f)) for f in np.unique(family)}
+        at = families.samples(family, u, at.members.with_lanes(todo, better.members))
+    turns = {int(f): _turns(samples, integral, int(f)) for f in np.unique(family)}
     events = []
     for crossing, place, power in zip(crossings, u, at.maps.power, strict=True):
         kind = _kind(crossing.name, crossing.edge, int(power))
@@ -110,7 +113,7 @@ def bifurcations(
 
 @dataclass(frozen=True)
 class _Crossing:
-    """A value passed by a smooth function between two samples, as a spline sees it."""
+    """A crossing of a value by the spline of a smooth function between two samples."""
 
     family: int
     name: str
@@ -121,14 +124,14 @@ class _Crossing:
     slope: float
 
 
-def _crossings(found: Samples, f: int) -> list[_Crossing]:
-    own = np.flatnonzero(found.family == f)
+def _crossings(samples: Samples, f: int) -> list[_Crossing]:
+    own = np.flatnonzero(samples.family == f)
     rows: list[_Crossing] = []
-    for name, values, edges in found.rows(own):
+    for name, values, edges in samples.rows(own):
         known = np.flatnonzero(np.isfinite(values))
         if known.size < 2:
             continue
-        u, seen = found.u[own][known], np.arcsinh(values[known])
+        u, seen = samples.u[own][known], np.arcsinh(values[known])
         curve = CubicSpline(u, seen) if known.size > 3 else None
         for edge in edges:
             beyond = seen - np.arcsinh(edge)
@@ -163,12 +166,12 @@ def _beyond(at: Samples, k: int, crossing: _Crossing) -> float:
     return float(np.arcsinh(values[crossing.name][0]) - np.arcsinh(crossing.edge))
 
 
-def _turns(found: Samples, integral: Array, f: int) -> Array:
+def _turns(samples: Samples, integral: Array, f: int) -> Array:
     """Return the positions at which the integral turns along a family."""
-    own = found.family == f
+    own = samples.family == f
     if np.count_nonzero(own) < 4:
         return np.empty(0)
-    roots = CubicSpline(found.u[own], integral[own]).derivative().roots(extrapolate=False)
+    roots = CubicSpline(samples.u[own], integral[own]).derivative().roots(extrapolate=False)
     return np.asarray(roots[np.isfinite(roots)])
 
 
@@ -181,13 +184,13 @@ def _kind(name: str, edge: float, power: int) -> str:
     return "tangent" if value == 2 else "doubling"
 
 
-def windows(found: Samples, events: Sequence[Event]) -> list[tuple[int, int, int]]:
+def windows(samples: Samples, events: Sequence[Event]) -> list[tuple[int, int, int]]:
     """Return (family, begin, end) of every window of stability, in the order of the families.
 
     Parameters
     ----------
-    found : Samples
-        From `sampled`, K of them.
+    samples : Samples
+        From `sample_families`, K of them.
     events : list of Event
         From `bifurcations`.
 
@@ -197,13 +200,13 @@ def windows(found: Samples, events: Sequence[Event]) -> list[tuple[int, int, int
         The edges are numbers of samples (the ends of a family), or K plus that of an event.
     """
     rows: list[tuple[int, int, int]] = []
-    for f in np.unique(found.family):
-        own = np.flatnonzero(found.family == f)
-        u, stable = found.u[own], found.maps.stable[own]
+    for f in np.unique(samples.family):
+        own = np.flatnonzero(samples.family == f)
+        u, stable = samples.u[own], samples.maps.stable[own]
         cuts = [k for k, e in enumerate(events) if e.family == f and e.changes]
         cuts.sort(key=lambda k: events[k].u)
         places = [u[0], *(events[k].u for k in cuts), u[-1]]
-        edges = [int(own[0]), *(found.u.size + k for k in cuts), int(own[-1])]
+        edges = [int(own[0]), *(samples.u.size + k for k in cuts), int(own[-1])]
         before = False
         for k, (begin, end) in enumerate(pairwise(places)):
             inside = (u > begin + _WIDTH) & (u < end - _WIDTH)

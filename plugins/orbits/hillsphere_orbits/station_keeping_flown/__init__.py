@@ -1,1 +1,1 @@
-"""Station-keeping in the closed loop: strategies, correction intervals and what survives."""
+"""Station-keeping in the closed loop: strategies, correction intervals and survival."""

@@ -9,6 +9,7 @@ from math import ceil, nan
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.interfaces import Array, Compensator, Integers, Plant
 from hillsphere.simulation import (
     BLOCK,
@@ -33,7 +34,7 @@ from hillsphere_orbits.station_keeping_flown.strategies import (
 )
 from hillsphere_orbits.station_keeping_flown.tuning import (
     TUNABLE,
-    Tuned,
+    TuningResult,
     count_candidates,
     tune,
 )
@@ -44,9 +45,15 @@ __all__ = ["ClosedLoop", "Outcome"]
 _ACCURACY = 1e-6
 """Of a flight over `_PROBE`, both in natural units: centimetres where navigation errs by metres."""
 _PROBE = 2.0
+"""Duration of the trial flight that sets the sub-steps, natural units: a third of a revolution of
+the primary (2π), long enough to pass the place nearest to the body."""
 _ENDS = 1e-9
+"""Relative slack of durations: the quotient of two durations, rounded, must not add a
+correction."""
 _MOST_BYTES = 100_000_000
-_COAST_S = 86400.0
+"""Memory for the histories of the cases that fly at once; a smaller value costs no accuracy, only
+more calls of the simulator."""
+_COAST_S = DAY_S
 """Between the samples of a flight without corrections."""
 _STREAM = "station_keeping_flown"
 _TUNING = "station_keeping_tuning"
@@ -55,7 +62,7 @@ _TUNING = "station_keeping_tuning"
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of the flights of one combination.
+    """Survival and cost of the flights of one combination.
 
     Parameters
     ----------
@@ -66,7 +73,7 @@ class Outcome:
     deviation_m : float
         Root mean square of the distance from the reference at their corrections after the first:
         from its nearest point for laws on that point, else from where it is at the time.
-    tuned : Tuned or None
+    tuned : TuningResult or None
         The weights that were chosen; None for a strategy that has none, or if they are as written.
     """
 
@@ -74,11 +81,11 @@ class Outcome:
     cost_m_s: float = nan
     cost_95_m_s: float = nan
     deviation_m: float = nan
-    tuned: Tuned | None = None
+    tuned: TuningResult | None = None
 
 
 class ClosedLoop:
-    """Flies references with the errors that a Spec states.
+    """Simulates the station-keeping of references with the errors of a Spec.
 
     Parameters
     ----------
@@ -139,8 +146,10 @@ class ClosedLoop:
         cases = self.spec.tuning_cases
 
         def attempt(weights: Weights) -> tuple[int, float]:
-            found = self._fly(sampling, make(sampling, weights), seed, advance, cases, _TUNING)
-            return found.counts[STATUSES.index("completed")], self._weighed(found, sampling.count)
+            survivors = self._fly(sampling, make(sampling, weights), seed, advance, cases, _TUNING)
+            return survivors.counts[STATUSES.index("completed")], self._weigh(
+                survivors, sampling.count
+            )
 
         tuned = tune(strategy, self._weights, attempt)
         law = make(sampling, tuned.weights)
@@ -151,13 +160,13 @@ class ClosedLoop:
         tries = count_candidates(strategy, self._weights) if self._tunes(strategy) else 0
         return self.spec.cases + tries * self.spec.tuning_cases
 
-    def _weighed(self, found: Outcome, corrections: int) -> float:
+    def _weigh(self, survivors: Outcome, corrections: int) -> float:
         """Return the deviation and the mean impulse weighed by their tolerable sizes as written.
 
         Δv alone would be least without any correction wherever the flights just survive that.
         """
-        deviation = found.deviation_m / self.spec.tolerable_position_m
-        impulse = found.cost_m_s / (corrections * self.spec.tolerable_impulse_m_s)
+        deviation = survivors.deviation_m / self.spec.tolerable_position_m
+        impulse = survivors.cost_m_s / (corrections * self.spec.tolerable_impulse_m_s)
         return float(np.nan_to_num(deviation) ** 2 + np.nan_to_num(impulse) ** 2)
 
     def _tunes(self, strategy: str) -> bool:
@@ -196,7 +205,7 @@ class ClosedLoop:
         cases: int | None = None,
         stream: str = _STREAM,
     ) -> Outcome:
-        """Fly the cases with a law, those asked for or some of another stream of errors."""
+        """Fly cases with a law: those of the mission, or others of another stream of errors."""
         spec, system, path = self.spec, self.flow.system, sampling.path
         corrections, interval_s = sampling.count, law.period_s
         reference = path.states(sampling.times) * system.unit[:, None]
@@ -217,7 +226,7 @@ class ClosedLoop:
         )
         sigma = self._sigma(spec.injection_position_m, spec.injection_velocity_m_s)
         total = spec.cases if cases is None else cases
-        found = _Survivors(law)
+        survivors = _Survivors(law)
         # in parts, for the histories of many cases are large
         per_block = 8 * BLOCK * corrections * 4 * len(sigma)
         at_once = BLOCK * max(1, _MOST_BYTES // per_block)
@@ -225,7 +234,7 @@ class ClosedLoop:
             numbers = np.arange(first, min(first + at_once, total))
             error = draws(seed, stream, numbers, "injection", (sigma.size,))
             start = reference[:, :1] + sigma[:, None] * error
-            found.add(
+            survivors.add(
                 simulator.fly(
                     Cases(start, numbers=numbers),
                     corrections,
@@ -235,7 +244,7 @@ class ClosedLoop:
                     advance=advance,
                 )
             )
-        return found.outcome()
+        return survivors.outcome()
 
     def _sigma(self, position_m: float, velocity_m_s: float) -> Array:
         """Return standard deviations of the plant's states (n,), zero beyond the first six."""
@@ -244,10 +253,10 @@ class ClosedLoop:
         return sigma
 
     def _limits(self, path: ReferencePath, flight_s: float) -> list[Limit]:
-        """Return what ends a flight beside the plant's events."""
+        """Return the limits that end a flight, beside the plant's events."""
         spec, system = self.spec, self.flow.system
         box = spec.limit_factor * path.amplitude * system.unit[:3]
-        # in the plane, or nearly so, nothing is said of z
+        # nearly planar orbits have no limit on z
         box[2] = np.inf if box[2] <= NEARLY_PLANAR * np.max(box) else box[2]
         n = len(self.plant.states)
         steep = np.concatenate([1.0 / box, np.zeros(n - 3)])
@@ -256,7 +265,7 @@ class ClosedLoop:
             most = spec.distance_max_m
 
             def near(t_s: Array, x: Array, cases: Integers) -> Array:
-                place, _ = path.interpolated(t_s / system.time_unit_s)
+                place, _ = path.interpolate(t_s / system.time_unit_s)
                 gap = x[:3] - place[:3] * system.unit[:3, None]
                 return np.asarray(1.0 - np.sqrt(np.sum(gap**2, axis=0)) / most)
 
@@ -279,7 +288,7 @@ class ClosedLoop:
 
 
 def _within(box: Array, t_s: Array, x: Array, cases: Integers) -> Array:
-    """Return what is left, as a part, of the limits (3, 1) of |x|, |y| and |z|."""
+    """Return the margins 1 − |x_i|/limit_i of the limits (3, 1) of |x|, |y| and |z|."""
     return np.asarray(1.0 - np.maximum.reduce(np.abs(x[:3]) / box, axis=0))
 
 
@@ -292,24 +301,24 @@ class _Survivors:
         self._dv: list[Array] = []
         self._square, self._places = 0.0, 0
 
-    def add(self, found: Flights) -> None:
-        """Take some flights into account."""
-        for status, count in found.counts().items():
+    def add(self, flights: Flights) -> None:
+        """Add the results of some flights."""
+        for status, count in flights.counts().items():
             self._counts[status] += count
-        survived = np.flatnonzero(np.array(found.status) == "completed")
-        self._dv.append(found.dv_m_s[survived])
+        survived = np.flatnonzero(np.array(flights.status) == "completed")
+        self._dv.append(flights.dv_m_s[survived])
         # flights that all ended before the first correction have no history of it
-        if found.history is not None and survived.size:
-            x = found.history.x[:, 1:-1, survived]
+        if flights.history is not None and survived.size:
+            x = flights.history.x[:, 1:-1, survived]
             if self._law is None:
-                gap = x[:3] - found.history.ref[:3, 1:, survived]
+                gap = x[:3] - flights.history.ref[:3, 1:, survived]
             else:
                 gap = _across(self._law, x)
             self._square += float(np.sum(gap**2))
             self._places += gap[0].size
 
     def outcome(self) -> Outcome:
-        """Return what became of them all."""
+        """Return survival and cost of all flights."""
         counts, dv = list(self._counts.values()), np.concatenate(self._dv)
         if not dv.size:
             return Outcome(counts)

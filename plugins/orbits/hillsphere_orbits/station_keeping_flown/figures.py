@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S, HOUR_S
 from hillsphere.presentation import PALETTE
 from hillsphere_orbits.station_keeping_flown.products import StationKeepingFlown
 
@@ -17,8 +18,13 @@ __all__ = ["MOST_ORBITS", "UNCORRECTED", "draw_cost", "draw_survival"]
 _MARKS = ("o", "s", "^", "D", "v", "P", "X")
 _COLOURS = ("blue", "vermillion", "green", "purple", "orange", "sky")
 _APART = 0.03
+"""Shift of the marks of neighbouring orbits, in the logarithm of the interval: just visible beside
+each other, far less than the distance of two intervals."""
 _MARGIN = 1.5
+"""Factor by which the axis goes beyond the shortest and longest interval, so that no mark is
+cut."""
 _TICKS = (0.25, 0.5, 1, 2, 3, 6, 12, 24, 48, 96, 192, 384, 768)
+"""Intervals with a tick, hours: whole, halved and doubled days instead of powers of ten."""
 UNCORRECTED = "none"
 """How flights without any correction are called beside the strategies."""
 MOST_ORBITS = 12
@@ -71,7 +77,7 @@ def draw_cost(figure: Figure, product: StationKeepingFlown) -> None:
     panels = figure.subplots(1, len(product.strategies), sharey=True, sharex=True, squeeze=False)[0]
     from matplotlib.ticker import FixedLocator, FormatStrFormatter, NullLocator
 
-    survival, hours = product.survival, product.interval_s / 3600.0
+    survival, hours = product.survival, product.interval_s / HOUR_S
     total = len(product.labels)
     chosen = np.unique(np.linspace(0, total - 1, min(total, MOST_ORBITS)).round().astype(int))
     for s, axes in enumerate(panels):
@@ -100,6 +106,6 @@ def draw_cost(figure: Figure, product: StationKeepingFlown) -> None:
     panels[0].xaxis.set_major_formatter(FormatStrFormatter("%g"))
     panels[0].xaxis.set_minor_locator(NullLocator())
     panels[0].set_ylim(bottom=0.0)
-    panels[0].set_ylabel(f"Δv (m/s per {product.duration_s / 86400.0:g} days)")
+    panels[0].set_ylabel(f"Δv (m/s per {product.duration_s / DAY_S:g} days)")
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside right center", fontsize=8)

@@ -1,4 +1,4 @@
-r"""Gains by phase: target points and the linear-quadratic regulator of an orbit, not of a time.
+r"""Gains by phase, independent of time: target points and linear-quadratic regulator.
 
 A deviation :math:`\delta` is taken from the nearest point of the orbit, so that it is orthogonal to
 the rate f of the orbit there. With the projector :math:`\Pi = 1 - f f^T/|f|^2` (over positions and
@@ -36,13 +36,15 @@ _SPACING = 0.08
 """Largest distance of the phases at which gains are computed, natural units: some sixty in one
 revolution, so that lines between them are right to half a percent."""
 _SWEEPS = 300
+"""Most steps of the Riccati iteration, one interval each. It converges as fast as the closed loop
+damps deviations; a law that needs more than these is taken as it is then."""
 _CONVERGED = 1e-6
 """Relative change of the cost matrix; the errors of an impulse are a hundredth of it."""
 
 
 @dataclass(frozen=True, eq=False)
 class PhaseGains:
-    """Gains at phases of a path, lines between them.
+    """Gains at phases of a path, with linear interpolation between them.
 
     Parameters
     ----------
@@ -62,8 +64,8 @@ class PhaseGains:
         """Return the gains (3, 6, K) at phases (K,)."""
         left, right, part = _between(self.t, self.period, t)
         part = part[:, None, None]
-        found = (1.0 - part) * self.gains[left] + part * self.gains[right]
-        return np.ascontiguousarray(np.moveaxis(found, 0, 2))
+        gains = (1.0 - part) * self.gains[left] + part * self.gains[right]
+        return np.ascontiguousarray(np.moveaxis(gains, 0, 2))
 
 
 def phase_free_target_point_gains(sampling: Sampling, weights: Weights) -> PhaseGains:
@@ -90,13 +92,16 @@ def phase_free_target_point_gains(sampling: Sampling, weights: Weights) -> Phase
     rows = [np.zeros((count, 3, 6))]
     total = np.broadcast_to(np.eye(6), (count, 6, 6))
     for i in range(1, last + 1):
+        # Φ(τ + iT, τ), built up interval by interval
         total = grid.transitions[(i - 1) * m : (i - 1) * m + count] @ total
         if i in weights.targets:
             across = grid.projectors[i * m : i * m + count] @ total
             rows.append(across[:, :3] / weights.position)
     seen = np.concatenate(rows, axis=1)
     by_impulse = seen[:, :, 3:].copy()
+    # the first three rows penalise the impulse itself
     by_impulse[:, :3] = np.eye(3) / weights.impulse
+    # least squares by the pseudo-inverse: Δv = −G δ minimises the weighted sum of squares
     gains = np.linalg.pinv(by_impulse) @ seen @ grid.projectors[:count]
     return PhaseGains(grid.t[:count], gains, sampling.path.period)
 
@@ -124,6 +129,7 @@ def phase_free_lqr_gains(sampling: Sampling, weights: Weights) -> PhaseGains:
     grid = _grid(sampling, 1)
     count, m, period = grid.count, grid.per_interval, sampling.path.period
     across = grid.projectors[:count]
+    # transition of the deviation across the orbit: its part along the orbit is projected out
     steps = grid.projectors[m : m + count] @ grid.transitions[:count]
     size = np.diag(np.repeat([weights.position, weights.velocity], 3) ** -2.0)
     q, r = across @ size @ across, np.eye(3) / weights.impulse**2
@@ -148,6 +154,7 @@ def phase_free_lqr_gains(sampling: Sampling, weights: Weights) -> PhaseGains:
 def _riccati(steps: Array, q: Array, r: Array, ahead: Array) -> tuple[Array, Array]:
     """Return gains (K, 3, 6) and cost matrices (K, 6, 6) one interval before those `ahead`."""
     cost = np.swapaxes(steps, 1, 2) @ ahead @ steps  # of the state after the impulse
+    # G = (R + BᵀPB)⁻¹ BᵀP with B = [0; I]
     gains = np.asarray(np.linalg.solve(r + cost[:, 3:, 3:], cost[:, 3:]), dtype=float)
     # Joseph's form: a sum of squares, which stays positive
     kept = np.repeat(np.eye(6)[None], len(steps), axis=0)
@@ -188,6 +195,7 @@ def _products(each: Array, m: int) -> Array:
     power, done, total = each, 0, None
     length = 1
     while m:
+        # binary exponentiation over a sliding window: log₂ m products instead of m
         if m & 1:
             if total is None:
                 total = power
@@ -206,6 +214,7 @@ def _products(each: Array, m: int) -> Array:
 
 def _projectors(path: ReferencePath, t: Array) -> Array:
     """Return Π (K, 6, 6) at times (K,)."""
+    # Π = I − f fᵀ/|f|²: projects on the deviations across the direction of motion
     f = path.flow.rate(path.states(t))[:6]
     f = f / np.linalg.norm(f, axis=0)
     return np.asarray(np.eye(6) - np.einsum("iK,jK->Kij", f, f))

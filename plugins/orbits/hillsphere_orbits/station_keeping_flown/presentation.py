@@ -7,18 +7,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.base.constants import DAY_S, HOUR_S
 from hillsphere.interfaces import Integers
 from hillsphere.presentation import Figure, Metric, Presentation
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
-from hillsphere_orbits.qso.presentation import counted, named
+from hillsphere_orbits.qso.presentation import format_count, label_identifier
 from hillsphere_orbits.station_keeping_flown.figures import (
     MOST_ORBITS,
     UNCORRECTED,
     draw_cost,
     draw_survival,
 )
-from hillsphere_orbits.station_keeping_flown.held import FLOWN
 from hillsphere_orbits.station_keeping_flown.products import StationKeepingFlown
+from hillsphere_orbits.station_keeping_flown.references import FLOWN
 from hillsphere_orbits.station_keeping_flown.tuning import REGULATORS
 
 __all__ = ["present_flown"]
@@ -44,7 +45,7 @@ def present_flown(product: StationKeepingFlown, label: str) -> Presentation:
         Tables ``station_keeping_flown`` and ``station_keeping_longest``, figures
         ``station_keeping_survival`` and ``station_keeping_cost``.
     """
-    days = f"{product.duration_s / 86400.0:g} days"
+    days = f"{product.duration_s / DAY_S:g} days"
     rows, many = max(len(product.labels), 2), len(product.labels) > MOST_ORBITS
     survival = Figure(
         f"Survival of {days}",
@@ -61,7 +62,7 @@ def present_flown(product: StationKeepingFlown, label: str) -> Presentation:
         lambda canvas: draw_cost(canvas, product),
         "Mean Δv of the flights that survived, and its 95th percentile (bar), against the time "
         f"between corrections. Full marks: at least {100 * product.survival_required:g} % "
-        "survived; open marks: fewer did, and the cost is that of the lucky ones."
+        "survived; open marks: fewer did, so that the cost is of a favourable selection."
         + (f" {MOST_ORBITS} of the {len(product.labels)} orbits." if many else ""),
         size_in=(9.0, 3.8 + 0.06 * min(rows, MOST_ORBITS)),
     )
@@ -81,11 +82,11 @@ def present_flown(product: StationKeepingFlown, label: str) -> Presentation:
         "station_keeping_held": Metric(int(np.count_nonzero(held))),
     }
     return Presentation(
-        metrics={named(name, label): metric for name, metric in metrics.items()},
-        tables={named(name, label): table for name, table in names.items()},
+        metrics={label_identifier(name, label): metric for name, metric in metrics.items()},
+        tables={label_identifier(name, label): table for name, table in names.items()},
         figures={
-            named("station_keeping_survival", label): survival,
-            named("station_keeping_cost", label): cost,
+            label_identifier("station_keeping_survival", label): survival,
+            label_identifier("station_keeping_cost", label): cost,
         },
         verdict=_verdict(product),
     )
@@ -101,7 +102,7 @@ def _grid(product: StationKeepingFlown) -> list[FilledColumn]:
     free_ends, free_other = _ends(product.uncorrected_counts, product)
 
     def both(values: Any, there: Any = flown, uncorrected: Any = None) -> list[Any]:
-        """Return cells of all rows: blank where not flown, and where nothing is to be told."""
+        """Return cells of all rows: blank where not flown or not applicable."""
         first = _where(np.isfinite(free), uncorrected) if uncorrected is not None else free * np.nan
         return [*first, *_where(there, values).ravel()]
 
@@ -145,14 +146,14 @@ def _grid(product: StationKeepingFlown) -> list[FilledColumn]:
 
 
 def _where(there: NDArray[np.bool_], values: NDArray[Any]) -> NDArray[np.object_]:
-    """Return values, None where they are not there: counts stay whole numbers."""
+    """Return values, None where absent; an object array keeps counts integers."""
     cells = np.full(np.shape(values), None, dtype=object)
     cells[there] = values[there]
     return cells
 
 
 def _ends(counts: Integers, product: StationKeepingFlown) -> tuple[dict[str, Integers], Integers]:
-    """Return the counts by name, and those of losses that have no column of their own."""
+    """Return the counts by name, and the counts of losses without a column."""
     ends = dict(zip(product.statuses, counts, strict=True))
     return ends, counts.sum(axis=0) - ends["completed"] - ends["impact"] - ends["escape"]
 
@@ -209,21 +210,21 @@ def _notes(product: StationKeepingFlown) -> list[str]:
     sure = (0.5 * (1.0 - product.confidence)) ** (1.0 / product.cases)
     return [
         f"{product.cases} flights of each combination. One standard deviation per axis: at the "
-        f"start {product.injection_m:g} m and {100 * product.injection_m_s:g} cm/s; of what is "
-        f"known at each correction {product.navigation_m:g} m and "
+        f"start {product.injection_m:g} m and {100 * product.injection_m_s:g} cm/s; of the "
+        f"navigation at each correction {product.navigation_m:g} m and "
         f"{100 * product.navigation_m_s:g} cm/s, independent each time. Impulses err by "
         f"{100 * product.execution_magnitude:g} % in size and "
         f"{np.degrees(product.execution_pointing_rad):.3g}° in direction; below "
-        f"{1e3 * product.minimum_impulse_m_s:g} mm/s none is made.",
+        f"{1e3 * product.minimum_impulse_m_s:g} mm/s no impulse is made.",
         f"A flight is lost beyond {limit}, or when it meets the body.",
         f"Strategy {UNCORRECTED}: the same cases without any correction. Where they survive and "
         "corrected ones do not, the errors of navigation and execution do the harm.",
-        "Δv and deviation are those of the flights that survived; where none did, there are none. "
+        "Δv and deviation are of the flights that survived; blank where none did. "
         "The deviation is the distance at the corrections: for the Floquet mode and the phase-free "
-        "strategies from the nearest point of the reference, else from where that is then.",
+        "strategies from the nearest point of the reference, else from its point at that time.",
         _tuning_note(product),
-        f"The range of the probability holds it with {100 * product.confidence:g} % confidence "
-        f"(Clopper and Pearson): if all {product.cases} survive it is at least {sure:.3f}.",
+        f"The interval contains the probability with {100 * product.confidence:g} % confidence "
+        f"(Clopper and Pearson): if all {product.cases} survive, its lower end is {sure:.3f}.",
     ]
 
 
@@ -247,8 +248,8 @@ def _longest_notes(product: StationKeepingFlown) -> list[str]:
     ]
     if np.isfinite(product.index_m_s).any():
         notes.append(
-            "v_cm is an index, not a flown cost: it takes the state to be known perfectly and "
-            "corrects once per period; compare it with what one correction per period does here."
+            "v_cm is an analytic index, not a simulated cost: it assumes perfect navigation and "
+            "one correction per period. Compare it with the rows of one correction per period."
         )
     return notes
 
@@ -256,7 +257,7 @@ def _longest_notes(product: StationKeepingFlown) -> list[str]:
 def _verdict(product: StationKeepingFlown) -> list[str]:
     total, longest = len(product.labels), product.longest()
     refused = sum(status != FLOWN for status in product.status)
-    days = f"{product.duration_s / 86400.0:g} days"
+    days = f"{product.duration_s / DAY_S:g} days"
     said = []
     free = product.uncorrected_survival
     survive = np.asarray(free >= product.survival_required)
@@ -264,7 +265,7 @@ def _verdict(product: StationKeepingFlown) -> list[str]:
         surviving = int(np.count_nonzero(survive))
         said.append(
             "Without any correction "
-            f"{counted(surviving, 'orbit', of=int(np.count_nonzero(np.isfinite(free))))} "
+            f"{format_count(surviving, 'orbit', of=int(np.count_nonzero(np.isfinite(free))))} "
             f"{'survives' if surviving == 1 else 'survive'} {days} with "
             f"{100 * product.survival_required:g} % probability."
         )
@@ -274,11 +275,11 @@ def _verdict(product: StationKeepingFlown) -> list[str]:
         if not tried.any():
             continue  # all stable, or none could be flown: said below
         held = np.isfinite(longest[:, s])
-        whole = counted(int(np.count_nonzero(held)), "orbit", of=int(np.count_nonzero(tried)))
+        whole = format_count(int(np.count_nonzero(held)), "orbit", of=int(np.count_nonzero(tried)))
         sentence = f"Strategy {name} holds {whole} flown for {days} with "
         sentence += f"{100 * product.survival_required:g} % survival"
         if held.any():
-            hours = longest[held, s] / 3600.0
+            hours = longest[held, s] / HOUR_S
             span = f"{hours.min():.4g}"
             if hours.max() > hours.min():
                 span += f" to {hours.max():.4g}"
@@ -287,7 +288,7 @@ def _verdict(product: StationKeepingFlown) -> list[str]:
     stable = int(np.count_nonzero(product.stable))
     if stable:
         said.append(
-            f"{counted(stable, 'orbit', of=total)} {'is' if stable == 1 else 'are'} stable: "
+            f"{format_count(stable, 'orbit', of=total)} {'is' if stable == 1 else 'are'} stable: "
             "without an unstable component, the Floquet mode has nothing to correct and no cost."
         )
     if refused:
@@ -312,7 +313,7 @@ def _not_held(product: StationKeepingFlown, survive: NDArray[np.bool_]) -> list[
 
     That an orbit cannot be held is said only where several tuned laws failed on the same flights.
     """
-    found: dict[str, list[str]] = {}
+    orbits: dict[str, list[str]] = {}
     lost = product.flown.any(axis=(1, 2)) & ~np.isfinite(product.longest()).any(axis=1)
     tuned = np.asarray(product.tuned.any(axis=2))
     flown = np.asarray(product.flown.any(axis=2))
@@ -331,5 +332,5 @@ def _not_held(product: StationKeepingFlown, survive: NDArray[np.bool_]) -> list[
                 f"not held by what was tried ({tried}); fewer than {_SEVERAL} tuned laws were, "
                 "which says nothing about others."
             )
-        found.setdefault(text, []).append(product.labels[i])
-    return [f"{'; '.join(labels)}: {text}" for text, labels in found.items()]
+        orbits.setdefault(text, []).append(product.labels[i])
+    return [f"{'; '.join(labels)}: {text}" for text, labels in orbits.items()]

@@ -1,4 +1,4 @@
-"""What the stage ``station_keeping_flown`` hands on."""
+"""Product of the stage ``station_keeping_flown``."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class StationKeepingFlown:
     stable: Annotated[NDArray[np.bool_], Shape("orbits")]
     """Whether no deviation grows exponentially."""
     strategies: Annotated[tuple[str, ...], Shape("strategies"), Label("strategy")]
-    """As asked for."""
+    """As requested."""
     intervals: Annotated[tuple[str, ...], Shape("intervals")]
     """``"6 h"`` and so on; ``"period"``."""
     interval_s: Annotated[Array, Shape("orbits", "intervals")]
@@ -80,11 +80,11 @@ class StationKeepingFlown:
     seed: int
     """Root seed of both."""
     duration_s: float
-    """Of the flights, as asked for."""
+    """Of the flights, as requested."""
     survival_required: float
-    """Part of the flights that must survive, as asked for."""
+    """Part of the flights that must survive, as requested."""
     confidence: float
-    """Of the intervals, as asked for."""
+    """Of the intervals, as requested."""
     injection_m: float
     """Standard deviation per axis of the position at the start."""
     injection_m_s: float
@@ -100,9 +100,9 @@ class StationKeepingFlown:
     minimum_impulse_m_s: float
     """Least size of impulses."""
     limit_factor: float
-    """Multiples of an orbit's amplitudes beyond which it is lost, as asked for."""
+    """Multiples of an orbit's amplitudes beyond which it is lost, as requested."""
     distance_max_m: float | None
-    """Distance from the reference beyond which it is lost, as asked for."""
+    """Distance from the reference beyond which it is lost, as requested."""
 
     @property
     def survival(self) -> Array:

@@ -1,4 +1,4 @@
-"""References that are to be followed: states at any time, and how deviations from them grow."""
+"""Reference orbits and trajectories: states at any time, and the growth of deviations."""
 
 from __future__ import annotations
 
@@ -12,21 +12,31 @@ from hillsphere.errors import StageError
 from hillsphere.interfaces import Array, Plant
 from hillsphere.products import PeriodicOrbits, Trajectories
 from hillsphere_orbits.flow import Flow, flow_of
-from hillsphere_orbits.nonlinear_stability.retraced import retrace
+from hillsphere_orbits.nonlinear_stability.sampled_orbits import retrace
 from hillsphere_orbits.spatial_qso_families.stability import is_stable, spectrum
 
-__all__ = ["ReferencePath", "left_unstable", "paths_of_flights", "paths_of_orbits"]
+__all__ = ["ReferencePath", "paths_of_flights", "paths_of_orbits", "unstable_left_subspace"]
 
 _PIECE = 0.5
 """Longest piece, natural units, over which a matrix is integrated: its elements stay of order one
 to a hundred, and longer ones are products of such, never inverted."""
 _SPACING = 0.05
+"""Longest step of the table of states, natural units: Hermite's cubic errs by its fourth power over
+384, about 2e-8 of the orbit."""
 _ACCURACY = 1e-11
+"""Error of the flow over one piece, natural units: below that of the interpolation."""
 _NEWTON = 5
+"""Steps of Gauss and Newton's iteration for the nearest point. Their number is fixed, so that a
+case does not depend on the others of its batch; from the last correction's phase these are
+enough."""
 _LONGEST = 0.3
 """Longest change of a time at once, natural units."""
 _SAME_EQUATIONS = 1e-6
+"""Largest gap, natural units, between one state of a flight and the next one propagated from it. It
+is wider than for periodic orbits: flights may come from other programs, in fewer digits."""
 _UNSTABLE = 1.0 + 1e-6
+"""Modulus of a multiplier from which its direction is unstable. The double multiplier 1 of a
+periodic orbit splits by the root of rounding, some 1e-7, and must not count."""
 _GROWS = 10.0
 """Growth from which a direction of an aperiodic reference counts as unstable, over its first half,
 after it has turned to the direction of fastest growth along the second. The shear along an orbit,
@@ -75,18 +85,19 @@ class ReferencePath:
         start = np.ascontiguousarray(self._x[:, left])
         return np.asarray(self.flow.plain.propagate(start, dt, steps))
 
-    def interpolated(self, t: Array) -> tuple[Array, Array]:
+    def interpolate(self, t: Array) -> tuple[Array, Array]:
         """Return states and their rates (n, K) at times (K,), by cubics between the nodes."""
         left, here = self._place(t)
         h = self._t[left + 1] - self._t[left]
         s = np.minimum((here - self._t[left]) / h, 1.0)
         a, b = self._x[:, left], self._x[:, left + 1]
         da, db = self._rate[:, left] * h, self._rate[:, left + 1] * h
+        # Hermite's cubic in s = (t − t_left)/h, and its derivative
         c2, c3 = 3.0 * (b - a) - 2.0 * da - db, 2.0 * (a - b) + da + db
         return a + s * (da + s * (c2 + s * c3)), (da + s * (2.0 * c2 + 3.0 * s * c3)) / h
 
     def fastest(self, unit: Array) -> float:
-        """Return an upper bound of the speed of `interpolated`, positions in units (3,) of SI.
+        """Return an upper bound of the speed of `interpolate`, positions in units (3,) of SI.
 
         The slope of a cubic is at most the largest of its Bernstein coefficients: those at the
         nodes and one between.
@@ -103,7 +114,8 @@ class ReferencePath:
         In the first six states, by Gauss and Newton's iteration; within the path if it ends.
         """
         for _ in range(_NEWTON):
-            here, rate = self.interpolated(t)
+            here, rate = self.interpolate(t)
+            # minimum of |x − x_ref(t)|²: the change is the projection of the gap on the rate
             gap, rate = (x - here)[:6], rate[:6]
             change = np.sum(gap * rate, axis=0) / np.sum(rate**2, axis=0)
             t = np.clip(t + np.clip(change, -_LONGEST, _LONGEST), -np.inf, self.length)
@@ -133,6 +145,7 @@ class ReferencePath:
         each = np.moveaxis(each.reshape(n, n, pieces, t.size), (2, 3), (0, 1))
         total = each[0]
         for piece in each[1:]:
+            # Φ(t, t + T) as a product of short pieces, each of moderate size
             total = piece @ total
         return np.ascontiguousarray(np.moveaxis(total, 0, 2))
 
@@ -150,11 +163,12 @@ class ReferencePath:
         .. [1] G. Benettin, L. Galgani, A. Giorgilli, J.-M. Strelcyn (1980), Lyapunov characteristic
            exponents for smooth dynamical systems, Meccanica 15, p. 9.
         """
-        times, table = self._carried
+        times, table = self._unstable_rows
         here = self._place(t)[1]
         right = np.clip(np.searchsorted(times, here, side="left"), 0, times.size - 1)
         ahead = np.maximum(times[right] - here, 0.0)
         phi = np.moveaxis(self.transitions(here, ahead), 2, 0)
+        # W(t) = W(t₁) Φ(t₁, t): carried backwards, in the direction in which the rows grow
         rows = table[right] @ phi
         return np.ascontiguousarray(np.moveaxis(_orthonormal(rows), 0, 2))
 
@@ -167,25 +181,27 @@ class ReferencePath:
         w = np.moveaxis(self.unstable_rows(self._t), 2, 0)
         if not w.shape[1]:
             return np.zeros((3, w.shape[2], self._t.size))
+        # least impulse with W (δ + B Δv) = 0: Δv = −W_v⁺ W δ
         return np.ascontiguousarray(np.moveaxis(np.linalg.pinv(w[:, :, 3:6]) @ w, 0, 2))
 
     @property
     def unstable(self) -> int:
         """Number m of unstable directions."""
-        return int(self._carried[1].shape[1])
+        return int(self._unstable_rows[1].shape[1])
 
     @cached_property
-    def _carried(self) -> tuple[Array, Array]:
+    def _unstable_rows(self) -> tuple[Array, Array]:
         """Return times (Q + 1,) and rows (Q + 1, m, n) of the left unstable directions."""
         end = float(self._t[-1])
         count = max(1, ceil(end / _PIECE))
         times = np.linspace(0.0, end, count + 1)
         matrices = np.moveaxis(self.transitions(times[:-1], np.diff(times)), 2, 0)
         periodic = self.monodromy
-        w = self._growing(matrices) if periodic is None else left_unstable(periodic)
+        w = self._growing(matrices) if periodic is None else unstable_left_subspace(periodic)
         rows = np.empty((count + 1, *w.shape))
         rows[-1] = w
         for k in range(count - 1, -1, -1):
+            # orthonormalised after each piece: otherwise all rows turn to the fastest-growing one
             rows[k] = _orthonormal((rows[k + 1] @ matrices[k])[None])[0]
         return times, rows
 
@@ -194,6 +210,8 @@ class ReferencePath:
         n = matrices.shape[1]
         w, growth = np.eye(n), np.zeros(n)
         for k in range(len(matrices) - 1, -1, -1):
+            # Benettin's method: the logarithms of the diagonal of R sum to the growth of each
+            # direction
             q, r = np.linalg.qr((w @ matrices[k]).T)
             w = q.T
             if 2 * k < len(matrices):
@@ -306,8 +324,8 @@ def paths_of_flights(plant: Plant, flights: Trajectories) -> list[ReferencePath]
     return paths
 
 
-def left_unstable(monodromy: Array) -> Array:
-    """Return orthonormal rows (m, n) that span the left unstable invariant subspace.
+def unstable_left_subspace(monodromy: Array) -> Array:
+    """Return orthonormal rows (m, n) that span the unstable subspace of left eigenvectors.
 
     Parameters
     ----------
@@ -331,7 +349,7 @@ def left_unstable(monodromy: Array) -> Array:
 
 
 def _orthonormal(rows: Array) -> Array:
-    """Return rows (K, m, n) that span the same as given ones and are orthonormal."""
+    """Return orthonormal rows (K, m, n) that span the same spaces as the given ones."""
     if not rows.shape[1]:
         return rows
     q, _ = np.linalg.qr(np.swapaxes(rows, 1, 2))

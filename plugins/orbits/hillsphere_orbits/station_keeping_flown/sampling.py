@@ -1,4 +1,4 @@
-"""The orbit at the corrections of a strategy, and the weights that its gains come from."""
+"""The reference sampled at the corrections, and the weights of a strategy's gains."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ numbers, far below any tolerance of a correction."""
 
 @dataclass(frozen=True)
 class Weights:
-    """What deviations and impulses are weighed by: one over the square of a tolerable size [1]_.
+    """Weights of deviations and impulses: one over the square of a tolerable size [1]_.
 
     Normalised.
 
@@ -75,6 +75,7 @@ class Sampling:
         """Corrections in a period of the reference; None if that is no whole number."""
         if self.path.period is None:
             return None
+        # a periodic schedule of gains exists only if a whole number of intervals makes a period
         ratio = self.path.period / self.interval
         whole = round(ratio)
         return whole if whole >= 1 and abs(ratio - whole) <= _WHOLE * whole else None

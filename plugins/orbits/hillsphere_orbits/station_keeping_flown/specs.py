@@ -1,4 +1,4 @@
-"""Spec of the stage ``station_keeping_flown``: what a mission may write."""
+"""Spec of the stage ``station_keeping_flown``: the keys of a mission."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
+from hillsphere.base.constants import DAY_S, HOUR_S
 from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference, rule
 from hillsphere_orbits.options import label
 
@@ -31,7 +32,7 @@ class StationKeepingFlownNeeds(Spec):
     )
     index: Ref | None = need(
         "hillsphere_orbits.spatial_qso_families.products:StationKeepingIndex",
-        "analytic index, shown beside what is flown",
+        "analytic index, shown beside the simulated cost",
         default=None,
     )
 
@@ -71,7 +72,7 @@ class StationKeepingFlownSpec(StageSpec):
     )
 
     needs: StationKeepingFlownNeeds = option("products of earlier stages")
-    plant: Ref = reference("plant", "equations of motion, those of the orbits and flights")
+    plant: Ref = reference("plant", "equations of motion of the orbits and flights")
     rung: str = option(
         "with needs.ladder: name of the rung whose flights are held, that of the plant", default=""
     )
@@ -79,7 +80,7 @@ class StationKeepingFlownSpec(StageSpec):
         "names of the orbits and flights that are held; left out: all", default=()
     )
     duration_s: float = quantity(
-        "time", "for how long every orbit is held", default=30 * 86400.0, gt=0
+        "time", "for how long every orbit is held", default=30 * DAY_S, gt=0
     )
     strategies: tuple[
         Literal[
@@ -95,7 +96,7 @@ class StationKeepingFlownSpec(StageSpec):
         "'target_point' weighs the impulse against the deviations at later times; 'periodic_lqr' "
         "is the linear-quadratic regulator along the orbit; 'phase_free_target_point' and "
         "'phase_free_lqr' do the same with the deviation from the nearest point of the orbit, "
-        "and ignore what lies along it",
+        "and ignore deviations along it",
         default=(
             "floquet_mode",
             "target_point",
@@ -108,7 +109,7 @@ class StationKeepingFlownSpec(StageSpec):
     intervals_s: tuple[float, ...] = quantity(
         "time",
         "times between corrections that are tried",
-        default=(6 * 3600.0, 12 * 3600.0, 24 * 3600.0, 48 * 3600.0),
+        default=(6 * HOUR_S, 12 * HOUR_S, 24 * HOUR_S, 48 * HOUR_S),
         ge=600.0,
     )
     once_per_period: bool = option(
@@ -123,13 +124,13 @@ class StationKeepingFlownSpec(StageSpec):
     )
     navigation_position_m: float = quantity(
         "length",
-        "standard deviation per axis of what is known of the position at each correction",
+        "standard deviation per axis of the navigation error in position at each correction",
         default=30.0,
         ge=0,
     )
     navigation_velocity_m_s: float = quantity(
         "speed",
-        "standard deviation per axis of what is known of the velocity at each correction",
+        "standard deviation per axis of the navigation error in velocity at each correction",
         default=0.01,
         ge=0,
     )
@@ -147,7 +148,7 @@ class StationKeepingFlownSpec(StageSpec):
         "speed", "a smaller impulse is not done", default=0.001, ge=0
     )
     limit_factor: float = option(
-        "a flight is lost beyond so many times the reference's largest |x|, |y| or, in space, |z|",
+        "a flight is lost beyond this many times the reference's largest |x|, |y| or |z|",
         default=2.0,
         gt=1,
         le=1000,

@@ -7,6 +7,7 @@ from math import nan
 
 import numpy as np
 
+from hillsphere.base.constants import HOUR_S
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
@@ -16,9 +17,9 @@ from hillsphere_orbits.fidelity_ladder.products import FidelityLadder
 from hillsphere_orbits.nonlinear_stability.stage import clopper_pearson
 from hillsphere_orbits.spatial_qso_families.products import StationKeepingIndex
 from hillsphere_orbits.station_keeping_flown.closed_loop import ClosedLoop
-from hillsphere_orbits.station_keeping_flown.held import Sources, held_of
 from hillsphere_orbits.station_keeping_flown.presentation import present_flown
 from hillsphere_orbits.station_keeping_flown.products import StationKeepingFlown
+from hillsphere_orbits.station_keeping_flown.references import Sources, references_of
 from hillsphere_orbits.station_keeping_flown.specs import StationKeepingFlownSpec
 
 __all__ = ["StationKeepingFlownStage"]
@@ -69,7 +70,7 @@ class StationKeepingFlownStage:
         ladder : FidelityLadder, optional
             Orbits carried over to this plant, to be held.
         index : StationKeepingIndex, optional
-            Shown beside what is flown, by the names of the members.
+            Analytic indices, shown beside the simulated cost, matched by name.
 
         Returns
         -------
@@ -87,12 +88,12 @@ class StationKeepingFlownStage:
         """
         spec = self.spec
         sources = Sources(orbits, flights, ladder, spec.rung, spec.members)
-        held = held_of(self.plant, sources, spec.duration_s)
+        held = references_of(self.plant, sources, spec.duration_s)
         loop = ClosedLoop(self.plant, spec, [h.path for h in held if h.path is not None])
         period = np.array([h.period_s for h in held])
         stable = np.array([h.stable for h in held], dtype=bool)
         interval = np.tile(np.array(spec.intervals_s, dtype=float), (len(held), 1))
-        names = [f"{value / 3600.0:g} h" for value in spec.intervals_s]
+        names = [f"{value / HOUR_S:g} h" for value in spec.intervals_s]
         if spec.once_per_period:
             interval = np.column_stack([interval, period])
             names.append("period")
@@ -120,17 +121,17 @@ class StationKeepingFlownStage:
         for i, s, j in wanted:
             path = held[i].path
             assert path is not None
-            found = loop.fly(path, spec.strategies[s], float(interval[i, j]), ctx.seed, advance)
+            outcome = loop.fly(path, spec.strategies[s], float(interval[i, j]), ctx.seed, advance)
             flown[i, s, j] = True
-            counts[:, i, s, j] = found.counts
-            cost[i, s, j], cost_95[i, s, j] = found.cost_m_s, found.cost_95_m_s
-            deviation[i, s, j] = found.deviation_m
-            if found.tuned is not None:
-                weights, unit = found.tuned.weights, path.flow.system.unit[3]
+            counts[:, i, s, j] = outcome.counts
+            cost[i, s, j], cost_95[i, s, j] = outcome.cost_m_s, outcome.cost_95_m_s
+            deviation[i, s, j] = outcome.deviation_m
+            if outcome.tuned is not None:
+                weights, unit = outcome.tuned.weights, path.flow.system.unit[3]
                 impulse[i, s, j] = weights.impulse * unit
                 velocity[i, s, j] = weights.velocity * unit
                 targets[i, s, j] = len(weights.targets)
-                survivors_tuning[i, s, j] = found.tuned.survivors
+                survivors_tuning[i, s, j] = outcome.tuned.survivors
         survivors = counts[STATUSES.index("completed")]
         low, high = clopper_pearson(survivors, spec.cases, spec.confidence)
         free_low, free_high = clopper_pearson(

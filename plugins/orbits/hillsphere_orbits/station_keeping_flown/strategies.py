@@ -43,18 +43,20 @@ __all__ = [
 ]
 
 _SWEEPS = 500
+"""Most rounds of the periodic Riccati recursion, one period each; the last one stands."""
 _CONVERGED = 1e-10
+"""Relative change of the cost matrix in one round: the gains follow to about as many digits."""
 
 
 class GainSchedule:
-    """Impulses −G_k (seen − reference), the gain by the number of the correction.
+    """Impulses −G_k (estimate − reference), with a gain per number of the correction.
 
     Parameters
     ----------
     period_s : float
         Time between corrections.
     gains : ndarray, shape (K, p, q)
-        One per correction, from what is seen (q rows, SI) to the Δv (p, m/s).
+        One per correction, from the estimated deviation (q rows, SI) to the Δv (p, m/s).
 
     Raises
     ------
@@ -134,7 +136,7 @@ class NearestPointLaw:
         system = self.path.flow.system
         seen = y / system.unit[:, None]
         phase = self.path.nearest(seen, (t_s + slip_s) / system.time_unit_s)
-        return phase, seen - self.path.interpolated(phase)[0]
+        return phase, seen - self.path.interpolate(phase)[0]
 
 
 class FloquetMode(NearestPointLaw):
@@ -163,7 +165,7 @@ class FloquetMode(NearestPointLaw):
 
 
 class Uncorrected:
-    """No impulse at all: what corrections are compared with.
+    """No impulse at all: the baseline for comparison.
 
     Parameters
     ----------
@@ -230,6 +232,7 @@ def periodic_lqr_gains(sampling: Sampling, weights: Weights) -> Array:
     p = q.copy()
     gains = np.empty((len(steps), 3, 6))
     for _ in range(rounds):
+        # backwards in time through one cycle of corrections
         before = p
         for k in range(len(steps) - 1, -1, -1):
             cost = steps[k].T @ p @ steps[k]  # of the state after the impulse
@@ -251,12 +254,12 @@ def floquet_mode(sampling: Sampling, weights: Weights) -> Compensator:
 
 def target_point(sampling: Sampling, weights: Weights) -> Compensator:
     """Return the schedule of `target_point_gains`."""
-    return _scheduled(sampling, target_point_gains(sampling, weights))
+    return _gain_schedule(sampling, target_point_gains(sampling, weights))
 
 
 def periodic_lqr(sampling: Sampling, weights: Weights) -> Compensator:
     """Return the schedule of `periodic_lqr_gains`."""
-    return _scheduled(sampling, periodic_lqr_gains(sampling, weights))
+    return _gain_schedule(sampling, periodic_lqr_gains(sampling, weights))
 
 
 def phase_free_target_point(sampling: Sampling, weights: Weights) -> Compensator:
@@ -281,7 +284,7 @@ STRATEGIES: Mapping[str, Callable[[Sampling, Weights], Compensator]] = {
 """By the name that a mission writes."""
 
 
-def _scheduled(sampling: Sampling, gains: Array) -> GainSchedule:
+def _gain_schedule(sampling: Sampling, gains: Array) -> GainSchedule:
     unit = sampling.path.flow.system.unit
     wide = np.zeros((len(gains), 3, len(unit)))
     wide[:, :, :6] = gains * (unit[3:6, None] / unit[:6])

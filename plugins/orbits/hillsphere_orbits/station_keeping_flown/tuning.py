@@ -1,4 +1,4 @@
-"""Choice of the weights of a strategy on flights of their own."""
+"""Choice of the weights of a strategy on separate flights."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from dataclasses import dataclass, replace
 
 from hillsphere_orbits.station_keeping_flown.sampling import Weights
 
-__all__ = ["IMPULSE_FACTORS", "REGULATORS", "TUNABLE", "Tuned", "count_candidates", "tune"]
+__all__ = ["IMPULSE_FACTORS", "REGULATORS", "TUNABLE", "TuningResult", "count_candidates", "tune"]
 
 IMPULSE_FACTORS = (1.0, 0.1, 0.3, 3.0)
 """Of the tolerable impulse. Only its ratio to the tolerable position matters; half-decades, because
 the cost goes about as its root. The weights as written come first, so that they win ties."""
 _VELOCITY_FACTORS = (0.3, 3.0)
+"""Of the tolerable velocity: half a decade to either side; the factor 1 was tried with the
+impulse."""
 _TARGET_POINTS = ("target_point", "phase_free_target_point")
 REGULATORS = ("periodic_lqr", "phase_free_lqr")
 """Strategies that weigh velocities too."""
@@ -21,7 +23,7 @@ TUNABLE = _TARGET_POINTS + REGULATORS
 
 
 @dataclass(frozen=True)
-class Tuned:
+class TuningResult:
     """Weights chosen for a strategy at an interval.
 
     Parameters
@@ -44,8 +46,10 @@ def count_candidates(strategy: str, weights: Weights) -> int:
     return len(IMPULSE_FACTORS) + len(_second(strategy, weights))
 
 
-def tune(strategy: str, weights: Weights, fly: Callable[[Weights], tuple[int, float]]) -> Tuned:
-    """Choose the weights with the most survivors, of these those with the least cost.
+def tune(
+    strategy: str, weights: Weights, fly: Callable[[Weights], tuple[int, float]]
+) -> TuningResult:
+    """Choose the weights with the most survivors; among equals, the least cost.
 
     First over the tolerable impulse; then, with the best of these, over the tolerable velocity of a
     regulator or over fewer targets of target points.
@@ -61,7 +65,7 @@ def tune(strategy: str, weights: Weights, fly: Callable[[Weights], tuple[int, fl
 
     Returns
     -------
-    Tuned
+    TuningResult
         The first of equals.
     """
     tried: list[tuple[tuple[int, float], Weights]] = []
@@ -74,7 +78,7 @@ def tune(strategy: str, weights: Weights, fly: Callable[[Weights], tuple[int, fl
 
     _, chosen = best([replace(weights, impulse=f * weights.impulse) for f in IMPULSE_FACTORS])
     score, chosen = best(_second(strategy, chosen))
-    return Tuned(chosen, score[0], len(tried))
+    return TuningResult(chosen, score[0], len(tried))
 
 
 def _second(strategy: str, weights: Weights) -> list[Weights]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.presentation import (
     PALETTE,
     Cell,
@@ -19,7 +20,7 @@ from hillsphere.presentation import (
 )
 from hillsphere.show.reference import ReferenceTable
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
-from hillsphere_orbits.qso.presentation import named
+from hillsphere_orbits.qso.presentation import label_identifier
 from hillsphere_orbits.spatial_qso_families.presentation import family_colours
 from hillsphere_orbits.spatial_qso_families.products import StationKeepingIndex
 from hillsphere_orbits.spatial_qso_families.specs import StationKeepingSpec
@@ -57,7 +58,7 @@ def present_index(
     Presentation
         Tables ``table_3`` and ``table_3_differences``, figure ``station_keeping``.
     """
-    days = spec.duration_s / 86400.0
+    days = spec.duration_s / DAY_S
     notes = [
         f"v_cm is an index, not a cost that can be flown: it nulls the unstable component once "
         f"per period, adds up {spec.sigmas:g}σ of it over {days:g} days, and takes the state to "
@@ -70,7 +71,7 @@ def present_index(
     if reference is not None:
         table, differences = _beside(table, reference)
         if differences:
-            tables[named("table_3_differences", label)] = tabulate(
+            tables[label_identifier("table_3_differences", label)] = tabulate(
                 "Station-keeping index against the published one", differences
             )
     unstable = product.v_cm_m_s[~product.stable]
@@ -91,9 +92,9 @@ def present_index(
         size_in=(8.0, 5.0),
     )
     return Presentation(
-        metrics={named(name, label): metric for name, metric in metrics.items()},
-        tables={named("table_3", label): table, **tables},
-        figures={named("station_keeping", label): figure},
+        metrics={label_identifier(name, label): metric for name, metric in metrics.items()},
+        tables={label_identifier("table_3", label): table, **tables},
+        figures={label_identifier("station_keeping", label): figure},
         verdict=verdict,
     )
 

@@ -1,4 +1,4 @@
-"""Where a family of orbits of n revolutions leaves its parent: one routine for every symmetry.
+"""Branches of orbits of n revolutions from their parent, for every symmetry.
 
 At the bifurcating orbit the equations of n revolutions, F(z) = 0 in the unknowns of a shooting
 problem, have besides the tangent t of the parent family further null vectors: the kernel of the
@@ -34,12 +34,16 @@ from hillsphere_orbits.correction import Problem, correct, on_planes
 
 __all__ = ["BranchPoint", "branch_point", "first_members"]
 
-_NULL = 1e-6  # of the largest singular value: what is smaller is null
+_NULL = 1e-6  # of the largest singular value: smaller ones count as zero
 _STEP = 1e-4  # of the differences that give Q: dF/dz is good to 1e-11
 _DISTANCES = (0.06, 0.03, 0.015, 0.0075, 0.004)
+"""Distances ε from the branch point at which first members are sought, the largest first: farther
+out the branches differ more clearly. Too far out Newton's method reaches other orbits, so that
+nearer ones follow, halved each time."""
 _CLOSE = 2.0  # distance from z_b, in ε, beyond which Newton has gone elsewhere
 _APART = 0.03  # from the parent, in ε, below which it has gone back to it
 _TOLERANCE = 1e-10
+"""Newton's tolerance for first members: far below 1e-4, their least distance from the parent."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +98,7 @@ def branch_point(
     """
     tangent = tangent / np.linalg.norm(tangent)
     _, slopes = problem.residual(z[:, None])
+    # null vectors of F' (kernel) and of its transpose (cokernel)
     left, size, right = np.linalg.svd(slopes[:, :, 0])
     rank = int(np.count_nonzero(size > null * size[0]))
     cokernel = left[:, rank:]
@@ -108,7 +113,9 @@ def branch_point(
     ways = np.concatenate([tangent[:, None], kernel], axis=1)
     both = np.concatenate([z[:, None] + _STEP * ways, z[:, None] - _STEP * ways], axis=1)
     _, around_z = problem.residual(both)
+    # second derivatives Q of F along the tangent and the kernel, by central differences
     second = (around_z[:, :, : ways.shape[1]] - around_z[:, :, ways.shape[1] :]) / (2.0 * _STEP)
+    # bifurcation equation, projected on the cokernel: 2α Q(t, κ) + Q(κ, κ) = 0
     along_t = cokernel.T @ second[:, :, 0] @ kappa
     weights = kernel.T @ kappa
     along_k = np.einsum("ck,cmr,mj,rj->kj", cokernel, second[:, :, 1:], kappa, weights)
@@ -153,14 +160,14 @@ def first_members(
     -------
     z : ndarray, shape (m, K)
         One member per direction.
-    found : ndarray of bool, shape (K,)
+    exists : ndarray of bool, shape (K,)
         Whether there is one; columns without are NaN.
     """
     count = point.directions.shape[1]
     z = np.full((point.z.size, count), np.nan)
-    found = np.zeros(count, dtype=bool)
+    exists = np.zeros(count, dtype=bool)
     for distance in _DISTANCES:
-        left = np.flatnonzero(~found)
+        left = np.flatnonzero(~exists)
         if not left.size:
             break
         b = point.directions[:, left]
@@ -173,5 +180,5 @@ def first_members(
         good = tried.converged & near
         good[good] &= apart(tried.z[:, good]) > _APART * distance
         z[:, left[good]] = tried.z[:, good]
-        found[left[good]] = True
-    return z, found
+        exists[left[good]] = True
+    return z, exists

@@ -1,4 +1,4 @@
-"""Families that begin where a mirror breaks along a symmetric family.
+"""Symmetry-breaking bifurcations along a symmetric family, and the families that begin there.
 
 At a secondary bifurcation of the kind ``branching`` a pair of planar multipliers passes 1 although
 the integral does not turn there: orbits of the same period and less symmetry begin. Those that keep
@@ -49,7 +49,7 @@ def starts_of_breaking(flow: Flow, chain: Chain, number: int, u: float) -> list[
         as where the pair only seems to pass 1.
     """
     start, problem = chain.start, chain.problem(flow)
-    # at the branching itself Newton's equations are singular: its neighbours tell where it is
+    # at the branching itself Newton's equations are singular: its neighbours bracket it
     last = chain.branch.size - 1.0
     z = at_positions(
         problem, chain.branch, np.clip(u, 3.0 * _BESIDE, last - 3.0 * _BESIDE) + _NODES
@@ -58,21 +58,22 @@ def starts_of_breaking(flow: Flow, chain: Chain, number: int, u: float) -> list[
     mirrors = [axis for axis in AXES if axis in start.symmetry]
     for axis in mirrors:
         state = x
+        # an orbit with two mirrors crosses the other axis a quarter of a period later
         if axis != start.axis:
             state = flow.with_matrix(x, 0.25 * period, _FINER * problem.steps)[0]
         other = next((a for a in mirrors if a != axis), "")
         if not other:
             continue  # the only mirror: what keeps it is no other family of this period
         half = swing_problem(flow, axis).with_steps(problem.steps)
-        found = _first(half, half.unknowns_at(state, period), _without(flow, other, half))
-        if found is not None:
-            origin, first = found
+        leaving = _first(half, half.unknowns_at(state, period), _without(flow, other, half))
+        if leaving is not None:
+            origin, first = leaving
             return [Start(start.d, start.n, axis, 1, axis, number, origin, first)]
     whole = swing_problem(flow, start.axis, mirror=False).with_steps(_FINER * problem.steps)
-    found = _first(whole, whole.unknowns_at(x, period), _oblique(whole, start.axis))
-    if found is None:
+    leaving = _first(whole, whole.unknowns_at(x, period), _oblique(whole, start.axis))
+    if leaving is None:
         return []
-    origin, first = found
+    origin, first = leaving
     return [Start(start.d, start.n, start.axis, 1, "none", number, origin, first)]
 
 
@@ -80,6 +81,7 @@ def _first(
     problem: Shooting, z: Array, apart: Callable[[Array], Array]
 ) -> tuple[Array, Array] | None:
     """Return the bifurcating orbit and a first member, if any, from its neighbours z (m, 4)."""
+    # cubic interpolation of four neighbours at the bifurcation, and the chord as its tangent
     middle, line = z @ _WEIGHTS, z[:, 2] - z[:, 1]
     slopes = problem.residual(middle[:, None])[1]
     size = np.linalg.svd(slopes[:, :, 0], compute_uv=False)
@@ -88,8 +90,8 @@ def _first(
     point = branch_point(problem, middle, line, null=_NULL)
     if not point.kernel.shape[1]:
         return None
-    members, found = first_members(problem, point, apart)
-    return (point.z, members[:, np.argmax(found)]) if np.any(found) else None
+    members, exists = first_members(problem, point, apart)
+    return (point.z, members[:, np.argmax(exists)]) if np.any(exists) else None
 
 
 def _without(flow: Flow, axis: str, problem: Shooting) -> Callable[[Array], Array]:

@@ -1,4 +1,4 @@
-"""Families of planar orbits of several revolutions, taken up again from a product."""
+"""Families of planar orbits of several revolutions, rebuilt from a product."""
 
 from __future__ import annotations
 
@@ -14,13 +14,16 @@ from hillsphere_orbits.flow import Flow, flow_of
 from hillsphere_orbits.shooting import PeriodicShooting, Shooting, SymmetricShooting
 from hillsphere_orbits.swing_qso_families.products import SwingFamilies
 
-__all__ = ["AXES", "Known", "Swing", "at_positions", "swing_problem"]
+__all__ = ["AXES", "FamilyTangents", "Swing", "at_positions", "swing_problem"]
 
 AXES = {"x": "xz", "y": "yz"}
 """Axis that an orbit crosses perpendicularly → the mirror plane that this keeps."""
 
 _FROZEN = ("z", "vz")
 _SAME_EQUATIONS = 1e-7
+"""Largest residual, natural units, of orbits that count as solutions of this plant's equations. An
+orbit of several revolutions magnifies the rounding of its stored state, so that this is ten times
+wider than for simple orbits."""
 _ACCEPTED = 1e-9  # residual; Newton takes one more step from there
 _ROUNDING = 1e-12  # accuracy of the flow that members are corrected with
 
@@ -72,13 +75,13 @@ def at_positions(problem: Shooting, branch: Branch, u: Array) -> Array:
         return branch.z[:, :0]
     guess, planes = branch.guess(u)
     what, names = "orbit between two others", [f"position {value:.3f}" for value in u]
-    z = correct(problem, guess, planes, tolerance=_ACCEPTED).checked(what, names)
+    z = correct(problem, guess, planes, tolerance=_ACCEPTED).require_converged(what, names)
     return branch.near(u, z, what, names)
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
-    """What `Swing` has worked out of a family of N orbits, for another one to take up.
+class FamilyTangents:
+    """Results of `Swing` for a family of N orbits that are costly, for another process to reuse.
 
     Parameters
     ----------
@@ -135,7 +138,7 @@ class Swing:
     def problem(self, family: int) -> Shooting:
         """Return the equations of a family's orbits, with sub-steps to rounding."""
         if family not in self._problems:
-            self._problems[family] = self._tried(family)
+            self._problems[family] = self._validate_problem(family)
         return self._problems[family]
 
     def branch(self, family: int) -> Branch:
@@ -148,12 +151,12 @@ class Swing:
             )
         return self._branches[family]
 
-    def known(self, family: int) -> Known:
-        """Return what it takes long to work out of a family."""
-        return Known(self.problem(family).steps, self.branch(family).tangent)
+    def tangents(self, family: int) -> FamilyTangents:
+        """Return the costly results for a family: sub-steps and tangents."""
+        return FamilyTangents(self.problem(family).steps, self.branch(family).tangent)
 
-    def learn(self, family: int, known: Known) -> None:
-        """Take up what another one has worked out of a family."""
+    def learn(self, family: int, known: FamilyTangents) -> None:
+        """Reuse the results that another process computed for a family."""
         if family in self._branches:
             return
         problem = self._equations(family).with_steps(known.steps)
@@ -168,12 +171,13 @@ class Swing:
     def _chain(self, family: int, z: Array, tangent: Array) -> Branch:
         return Branch(z, tangent, ("it branches off", self.product.ends[family]))
 
-    def _tried(self, family: int) -> Shooting:
+    def _validate_problem(self, family: int) -> Shooting:
         """Return the equations of a family's orbits, tried on some of them."""
         mirror = self.product.symmetry[family] != "none"
         problem = self._equations(family)
         x, period = self._start(family)
         z = problem.unknowns_at(x, period)
+        # five members, ends included, stand for the family
         some = np.unique(np.linspace(0, z.shape[1] - 1, 5).astype(int))
         flown = 0.5 * period[some] if mirror else period[some]
         coarse = self.flow.map.choose_steps(x[:, some], flown, 1e-6)
@@ -207,5 +211,5 @@ class Swing:
 
     def exact(self, family: int, z: Array) -> Array:
         """Return the unknowns (m, N) corrected with the shortest step, from near guesses."""
-        found = correct(self.problem(family), z, tolerance=_ACCEPTED)
-        return found.checked(f"orbit of {self.product.name(family)}")
+        corrected = correct(self.problem(family), z, tolerance=_ACCEPTED)
+        return corrected.require_converged(f"orbit of {self.product.name(family)}")

@@ -1,4 +1,4 @@
-"""Everything that is said of orbits of several revolutions: states, stability, extent, checks."""
+"""Description of orbits of several revolutions: states, stability, extent, checks."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from hillsphere_orbits.members import Quantity, coordinate
 from hillsphere_orbits.shooting import Shooting, SymmetricShooting
 from hillsphere_orbits.stability import stability_indices
 from hillsphere_orbits.survey import Surveyor
-from hillsphere_orbits.swing_qso_families.families import flown
+from hillsphere_orbits.swing_qso_families.families import integration_time
 
 __all__ = [
+    "concatenate",
     "distances",
     "errors",
     "integral_of",
-    "joined",
     "largest_multiplier",
     "orbits_of",
     "period_of",
@@ -33,6 +33,8 @@ __all__ = [
 ]
 
 _HALF_TRACK = 600
+"""Sub-steps of half a track: an orbit of several revolutions needs more points than a simple
+one."""
 _CIRCLE = 1e-8  # of an index: orbits with two mirrors touch −2 and turn back
 
 
@@ -51,8 +53,8 @@ def integral_of(problem: Shooting) -> Quantity:
     rows = [1 + problem.flow.names.index(name) for name in problem.unknowns[:-1]]
 
     def quantity(z: Array) -> tuple[Array, Array]:
-        found = compiled(problem.state(z), system.parameters(None, z.shape[1]))
-        return found[0], np.concatenate([found[rows], np.zeros((1, z.shape[1]))])
+        values = compiled(problem.state(z), system.parameters(None, z.shape[1]))
+        return values[0], np.concatenate([values[rows], np.zeros((1, z.shape[1]))])
 
     return quantity
 
@@ -60,6 +62,7 @@ def integral_of(problem: Shooting) -> Quantity:
 def position_on(branch: Branch, z: Array) -> float:
     """Return the position on a chain of the orbit z (m,), which lies between two of its orbits."""
     chord = np.diff(branch.z, axis=1)
+    # foot of the perpendicular on each chord; the nearest chord wins
     part = np.sum(chord * (z[:, None] - branch.z[:, :-1]), axis=0) / np.sum(chord**2, axis=0)
     part = np.clip(part, 0.0, 1.0)
     away = np.linalg.norm(branch.z[:, :-1] + part * chord - z[:, None], axis=0)
@@ -67,18 +70,19 @@ def position_on(branch: Branch, z: Array) -> float:
     return float(k + part[k])
 
 
-def joined(parts: Sequence[Array]) -> Array:
-    """Return arrays (N,) one after the other, perhaps none."""
+def concatenate(parts: Sequence[Array]) -> Array:
+    """Return the concatenation of arrays (N,); empty without any."""
     return np.concatenate(parts) if parts else np.empty(0)
 
 
 def errors(surveyor: Surveyor, problem: Shooting, z: Array) -> tuple[Array, Array]:
     """Return half-period residual and closure (N,), by the surveyor's propagator."""
     x, period = problem.state(z), problem.period(z)
-    end = surveyor.propagate(x, flown(problem, z))
+    end = surveyor.propagate(x, integration_time(problem, z))
     if not isinstance(problem, SymmetricShooting):
         change = end - x
         return np.max(np.abs(change), axis=0), np.linalg.norm(change, axis=0)
+    # a symmetric orbit meets the mirror perpendicularly: states with sign −1 vanish there
     odd = np.array(problem.mirror) == -1
     half = np.max(np.abs(end[odd]), axis=0)
     return half, np.linalg.norm(surveyor.propagate(end, 0.5 * period) - x, axis=0)
@@ -97,7 +101,7 @@ def orbits_of(
     n = len(system.states)
     pairs = [(p, each) for p, each in zip(problems, z, strict=True) if each.shape[1]]
     x = np.concatenate([np.empty((n, 0)), *(p.state(each) for p, each in pairs)], axis=1)
-    period = joined([p.period(each) for p, each in pairs])
+    period = concatenate([p.period(each) for p, each in pairs])
     if closure is None:
         closure = [errors(surveyor, p, each)[1] for p, each in pairs]
     if monodromy is None:
@@ -109,7 +113,7 @@ def orbits_of(
         period_s=period * system.time_unit_s,
         integral=surveyor.integral(x) if x.shape[1] else np.empty(0),
         monodromy=np.concatenate([np.empty((n, n, 0)), *monodromy], axis=2),
-        residual=joined(closure),
+        residual=concatenate(closure),
         labels=tuple(labels),
         length_m=scales.length_m,
         time_s=scales.time_s,
@@ -127,6 +131,7 @@ def spectrum_of(monodromy: Array) -> NDArray[np.complex128]:
     From traces: four multipliers that are nearly 1 are scattered by an eigenvalue solver.
     """
     b = np.array(stability_indices(monodromy), dtype=complex)
+    # λ² − b λ + 1 = 0; the larger root without cancellation
     root = np.sqrt(b * b - 4.0)
     outer = 0.5 * np.where(np.abs(b + root) >= np.abs(b - root), b + root, b - root)
     ones = np.ones((2, b.shape[1]), dtype=complex)
@@ -141,7 +146,7 @@ def stable(monodromy: Array) -> NDArray[np.bool_]:
 
 def distances(problem: Shooting, z: Array) -> tuple[Array, Array]:
     """Return least and largest distance from the centre (N,) along each orbit, normalised."""
-    way = problem.flow.trajectory(problem.state(z), flown(problem, z), problem.steps)
+    way = problem.flow.trajectory(problem.state(z), integration_time(problem, z), problem.steps)
     radius = np.sqrt(np.sum(way[:3] ** 2, axis=0))
     return np.min(radius, axis=0), np.max(radius, axis=0)
 
@@ -153,10 +158,12 @@ def tracks_of(problems: Sequence[Shooting], z: Sequence[Array]) -> Array:
 
 
 def _track(problem: Shooting, z: Array) -> Array:
-    """Return states (n, P, N); what the problem solves once is not propagated farther."""
+    """Return states (n, P, N) over the time that the problem integrates."""
     points = _HALF_TRACK if isinstance(problem, SymmetricShooting) else 2 * _HALF_TRACK
     thin = -(-problem.steps // points)
-    way = problem.flow.trajectory(problem.state(z), flown(problem, z), thin * points)[:, ::thin]
+    way = problem.flow.trajectory(problem.state(z), integration_time(problem, z), thin * points)[
+        :, ::thin
+    ]
     if not isinstance(problem, SymmetricShooting):
         return way
     # the second half is the mirror image of the first, run backwards

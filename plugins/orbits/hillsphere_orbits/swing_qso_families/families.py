@@ -1,4 +1,4 @@
-"""Families of orbits of several revolutions, followed from their first members to their ends."""
+"""Continuation of families of orbits of several revolutions from first members to their ends."""
 
 from __future__ import annotations
 
@@ -21,19 +21,24 @@ from hillsphere_orbits.swing_qso_families.curves import at_positions, swing_prob
 from hillsphere_orbits.swing_qso_families.starts import Start
 from hillsphere_orbits.winding import turns
 
-__all__ = ["Chain", "Limits", "flown", "follow", "groups_of"]
+__all__ = ["Chain", "Limits", "follow", "groups_of", "integration_time"]
 
 _CONTROL = StepControl(first=0.03, largest=0.4, turn=0.3, members=200)
-_FOLLOWED = 1e-6  # error of the flow while following; what is returned is better
-_WITHOUT_MIRROR = 1e-10  # the same where only the map itself tells the branches apart
+_FOLLOWED = 1e-6  # error of the flow while following; returned members are corrected further
+_WITHOUT_MIRROR = 1e-10  # the same where no mirror separates the branches
 _RETURNED = 1e-11
+"""Error of the flow over the time that is solved, for the members that are returned."""
 _MARGIN = 1.5  # of the sub-steps that meet the tolerance: it divides the error by 25
 _EDGE = 1e-3  # of the distance of two orbits: where the last one lies
 _LOOKS = 64  # per revolution, at the distance from the body
 _APART = 1e-7  # of two orbits by which the growth of errors is judged
 _MOST = 1 << 12
-_ROUNDING = 3e-14  # of the matrix: what no number of steps improves on
+"""Most sub-steps. An orbit that needs more passes through the body or next to a singularity: it
+lies beyond the end of its family."""
+_ROUNDING = 3e-14  # of the matrix: rounding, below which no number of steps helps
 _PASSES = 3
+"""Most times that a group is followed: each pass takes the sub-steps which the ends of the last one
+need, and the result of the last pass stands."""
 _SIMILAR = 1.6  # largest ratio of the revolutions of families that share their sub-steps
 _RETURNS = 0.3  # of the largest closure after one revolution: below it the parent is near
 _CLEARANCE = 1e-9  # of an event: on the surface itself the gravity gradient is ambiguous
@@ -98,7 +103,7 @@ class Chain:
         return swing_problem(flow, self.start.axis, mirror=mirror).with_steps(self.steps)
 
 
-def flown(problem: Shooting, z: Array) -> Array:
+def integration_time(problem: Shooting, z: Array) -> Array:
     """Return the time (N,) over which a problem integrates: half a period, or a whole one."""
     period = problem.period(z)
     return 0.5 * period if isinstance(problem, SymmetricShooting) else period
@@ -129,16 +134,16 @@ def follow(flow: Flow, starts: Sequence[Start], limits: Limits) -> tuple[list[Ch
     while todo:
         some = todo.pop()
         try:
-            found = _Follower(flow, [starts[k] for k in some], limits).chains()
+            followed = _Follower(flow, [starts[k] for k in some], limits).chains()
         except (ConvergenceError, PropagationError) as error:
             if len(some) > 1:
-                # one that fails must not take the others along
+                # the failure of one family must not stop the others
                 todo += [[k] for k in some]
                 continue
             start = starts[some[0]]
             notes.append(f"{start.d}:{start.n} from the {start.axis} axis: {error}")
         else:
-            chains.update(zip(some, found, strict=True))
+            chains.update(zip(some, followed, strict=True))
     return [chains[k] for k in sorted(chains)], notes
 
 
@@ -167,7 +172,7 @@ def _map_of(flow: Flow) -> StepMap:
 
 
 class _Follower:
-    """Lanes of families with the same equations."""
+    """Continuation of families with the same equations, one per lane."""
 
     def __init__(self, flow: Flow, starts: list[Start], limits: Limits) -> None:
         self.flow, self.starts, self.limits = flow, starts, limits
@@ -180,7 +185,7 @@ class _Follower:
         mirror = isinstance(self.problem, SymmetricShooting)
         self._error = _FOLLOWED if mirror else _WITHOUT_MIRROR
         self.problem = self.problem.with_steps(_steps(self.problem, z, self._error))
-        way = self._way(self.problem.state(origin), flown(self.problem, origin))
+        way = self._way(self.problem.state(origin), integration_time(self.problem, origin))
         reach = np.max(np.abs(way[0]), axis=0)
         self.farthest = (
             3.0 * reach if limits.farthest is None else np.full(z.shape[1], limits.farthest)
@@ -212,21 +217,19 @@ class _Follower:
                 break
             self.problem = self.problem.with_steps(needed)
         return [
-            Chain(start, exact.steps, self._wound(k, exact, self._ended(k, exact, branch)))
+            Chain(start, exact.steps, self._wound(k, exact, self._trim_at_end(k, exact, branch)))
             for k, (start, branch) in enumerate(zip(self.starts, branches, strict=True))
         ]
 
     def _wound(self, lane: int, problem: Shooting, branch: Branch) -> Branch:
-        """Leave out what lies beyond a member that winds otherwise about the body than the first.
+        """Cut the branch before the first member that winds differently about the body.
 
         In the plane that number changes only in a collision, so that a family which a step took
         across one is no longer the same.
         """
         z = branch.z
-        way = self._map.trajectory(
-            problem.state(z), flown(problem, z), max(problem.steps, _LOOKS * int(self.n[lane])),
-            strict=False,
-        )  # fmt: skip
+        time, steps = integration_time(problem, z), max(problem.steps, _LOOKS * int(self.n[lane]))
+        way = self._map.trajectory(problem.state(z), time, steps, strict=False)
         number = turns(way)
         # half a symmetric orbit winds by half the whole number
         other = np.flatnonzero(np.abs(number - number[0]) > 0.25)
@@ -258,7 +261,7 @@ class _Follower:
         return self._map.trajectory(x, duration, steps, strict=False)
 
     def _room(self, way: Array, lanes: NDArray[np.intp]) -> Array:
-        """Return what is left of the surface, the least and the largest distance, (3, N)."""
+        """Return least clearance of the surface, least and largest distance, (3, N)."""
         states, points, cases = way.shape
         surface = np.ones(cases)
         if self._impact is not None:
@@ -270,7 +273,7 @@ class _Follower:
         return np.array([surface, radius - self.limits.nearest, self.farthest[lanes] - reach])
 
     def _done(self, z: Array, lanes: NDArray[np.intp]) -> list[str]:
-        x, duration, cases = self.problem.state(z), flown(self.problem, z), z.shape[1]
+        x, duration, cases = self.problem.state(z), integration_time(self.problem, z), z.shape[1]
         beside = x + _APART * np.array([[0.5], [0.5], [0.0], [0.5], [0.5], [0.0]])
         both = self._way(np.concatenate([x, beside], axis=1), np.tile(duration, 2))
         room = self._room(both[:, :, :cases], lanes)
@@ -287,17 +290,18 @@ class _Follower:
                 else FAR if room[2, k] < 0.0
                 else UNSTABLE if not growth[k] <= self.limits.growth
                 else LONG if self._length[lane] > self.limits.length
-                else self._returned(int(lane), gap[:, k], z[:, k])
+                else self._return_reason(int(lane), gap[:, k], z[:, k])
             )  # fmt: skip
             self._last[:, lane] = z[:, k]
         return reasons
 
-    def _returned(self, lane: int, gap: Array, z: Array) -> str:
+    def _return_reason(self, lane: int, gap: Array, z: Array) -> str:
         """Say whether a lane has come back to orbits of one revolution, or to its own start."""
         before, self._gap[lane] = self._gap[lane], gap
         size = float(np.linalg.norm(gap))
         self._widest[lane] = max(self._widest[lane], size)
         one_turn = self.starts[lane].parent < 0
+        # near the parent the orbit almost closes after one revolution
         small = size < _RETURNS * self._widest[lane]
         # passing through the parent, the displacement after one revolution changes sign
         back = before is not None and (float(gap @ before) < 0.0 or size < _ON_PARENT)
@@ -309,7 +313,7 @@ class _Follower:
         self._ahead[lane] = passed
         return LOOP if closes else ""
 
-    def _ended(self, lane: int, problem: Shooting, branch: Branch) -> Branch:
+    def _trim_at_end(self, lane: int, problem: Shooting, branch: Branch) -> Branch:
         """Put the family's last member where it ends, or leave out one that lies beyond."""
         reason = branch.ends[1]
         edges = (SURFACE, CLOSE, FAR)
@@ -321,7 +325,7 @@ class _Follower:
 
             def room(u: Array) -> Array:
                 z = at_positions(problem, branch, u)
-                way = self._way(problem.state(z), flown(problem, z))
+                way = self._way(problem.state(z), integration_time(problem, z))
                 return np.asarray(self._room(way, np.array([lane]))[row])
 
             low, high = np.array([last - 1.0]), np.array([last])
@@ -362,8 +366,10 @@ def _steps(problem: Shooting, z: Array, tolerance: float, least: int = 32) -> in
     Where no number of steps meets it (an orbit dips into the body, where the gravity gradient is
     not smooth) the least is returned: such an orbit is beyond the end of its family.
     """
-    flow, x, duration = problem.flow, problem.state(z), flown(problem, z)
+    flow, x, duration = problem.flow, problem.state(z), integration_time(problem, z)
     try:
+        # a coarse flight measures how much rounding is magnified; the finer one need not go below
+        # that
         coarse = flow.map.choose_steps(x, duration, max(tolerance, 1e-6), most=_MOST)
         if tolerance >= 1e-6:
             return max(coarse, least)

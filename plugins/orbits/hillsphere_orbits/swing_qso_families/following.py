@@ -1,4 +1,4 @@
-"""Families followed and looked at in full, group by group, as pieces for the workers of a run."""
+"""Continuation and survey of families, group by group, for the workers of a run."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from hillsphere_orbits.swing_qso_families.description import distances, errors, 
 from hillsphere_orbits.swing_qso_families.families import Chain, Limits, follow
 from hillsphere_orbits.swing_qso_families.starts import Start
 
-__all__ = ["Followed", "Following", "Surveyed", "surveyor_of"]
+__all__ = ["FollowedGroup", "Following", "SurveyedFamily", "surveyor_of"]
 
 
 @dataclass(frozen=True)
-class Surveyed:
-    """A family that keeps the accuracy, with what was found along it.
+class SurveyedFamily:
+    """A family as far as it keeps the accuracy, with its stability and extent.
 
     Parameters
     ----------
@@ -56,8 +56,8 @@ class Surveyed:
 
 
 @dataclass
-class Followed:
-    """What became of a group of starts.
+class FollowedGroup:
+    """Families followed from a group of starts.
 
     Parameters
     ----------
@@ -66,17 +66,17 @@ class Followed:
     faults : list of str
         Which could not be followed, and why.
     remarks : dict of int to str
-        What else is to be said, by the start's place.
+        Further remarks, by the start's place.
     """
 
-    families: dict[int, Surveyed] = field(default_factory=dict)
+    families: dict[int, SurveyedFamily] = field(default_factory=dict)
     faults: list[str] = field(default_factory=list)
     remarks: dict[int, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Following:
-    """What all groups have in common; see `hillsphere.runs.workers.Divisible`.
+    """Data common to all groups; see `hillsphere.runs.workers.Divisible`.
 
     Parameters
     ----------
@@ -95,36 +95,36 @@ class Following:
     accuracy: float
     secondary: bool
 
-    def prepare(self) -> Callable[[Sequence[Start]], Followed]:
+    def prepare(self) -> Callable[[Sequence[Start]], FollowedGroup]:
         """Return the function that follows a group of starts."""
         plant = self.compiled.plant
         flow = flow_of(plant)
         surveyor = surveyor_of(plant, flow)
 
-        def followed(starts: Sequence[Start]) -> Followed:
+        def followed(starts: Sequence[Start]) -> FollowedGroup:
             chains, faults = follow(flow, starts, self.limits)
-            found = Followed(faults=faults)
+            group = FollowedGroup(faults=faults)
             places = {id(start): place for place, start in enumerate(starts)}
             for chain in chains:
                 place, name = places[id(chain.start)], chain.start.name
-                family = self._surveyed(flow, surveyor, chain)
+                family = self._survey(flow, surveyor, chain)
                 if family is None:
-                    found.remarks[place] = (
+                    group.remarks[place] = (
                         f"{chain.start.d}:{chain.start.n} from the {chain.start.axis} axis: its "
                         f"orbits do not keep the accuracy {self.accuracy:g} when propagated anew"
                     )
                     continue
-                found.families[place] = family
+                group.families[place] = family
                 if family.unsearched:
-                    found.remarks[place] = (
+                    group.remarks[place] = (
                         f"{name}: secondary bifurcations could not be looked for "
                         f"({family.unsearched})"
                     )
-            return found
+            return group
 
         return followed
 
-    def _surveyed(self, flow: Flow, surveyor: Surveyor, chain: Chain) -> Surveyed | None:
+    def _survey(self, flow: Flow, surveyor: Surveyor, chain: Chain) -> SurveyedFamily | None:
         """Cut a family where it does not keep the accuracy any more, and look along it."""
         problem, z = chain.problem(flow), chain.branch.z
         half, closure = errors(surveyor, problem, z)
@@ -156,12 +156,12 @@ class Following:
             except (ConvergenceError, PropagationError) as error:
                 unsearched = str(error)
         near, far = distances(problem, branch.z)
-        return Surveyed(
+        return SurveyedFamily(
             chain, end, half[:kept], closure[:kept], near, far, monodromy[:, :, :kept], events,
             unsearched,
         )  # fmt: skip
 
 
 def surveyor_of(plant: Plant, flow: Flow) -> Surveyor:
-    """Return what describes planar orbits of several revolutions of a plant."""
+    """Return the surveyor of planar orbits of several revolutions of a plant."""
     return Surveyor(plant, swing_problem(flow, "x", mirror=False))

@@ -10,7 +10,7 @@ import numpy as np
 from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
-from hillsphere_orbits.qso.presentation import named
+from hillsphere_orbits.qso.presentation import label_identifier
 from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.spatial_qso_families.presentation import family_colours
 from hillsphere_orbits.swing_qso_families.products import SwingFamilies
@@ -80,7 +80,7 @@ def present_swing(product: SwingFamilies, family: QsoFamily | None, label: str) 
             lambda figure: _draw_orbits(figure, product),
             "One orbit of each family (of those asked for, the last of the family; else the one "
             "half-way along it), the body to scale, equal axes.",
-            size_in=(11.0, 1.0 + 2.6 * -(-len(_shown(product)) // _PANELS)),
+            size_in=(11.0, 1.0 + 2.6 * -(-len(_first_families(product)) // _PANELS)),
         ),
         "swing_curves": Figure(
             "Families of orbits of several revolutions",
@@ -92,9 +92,9 @@ def present_swing(product: SwingFamilies, family: QsoFamily | None, label: str) 
         ),
     }
     return Presentation(
-        metrics={named(name, label): metric for name, metric in metrics.items()},
-        tables={named(name, label): table for name, table in tables.items()},
-        figures={named(name, label): figure for name, figure in figures.items()},
+        metrics={label_identifier(name, label): metric for name, metric in metrics.items()},
+        tables={label_identifier(name, label): table for name, table in tables.items()},
+        figures={label_identifier(name, label): figure for name, figure in figures.items()},
         verdict=_verdict(product),
     )
 
@@ -190,7 +190,7 @@ def _verdict(product: SwingFamilies) -> list[str]:
     return sentences
 
 
-def _shown(product: SwingFamilies) -> list[int]:
+def _first_families(product: SwingFamilies) -> list[int]:
     return list(range(min(len(product.n), 30)))
 
 
@@ -206,7 +206,7 @@ def _draw_body(axes: Axes, product: SwingFamilies) -> None:
 
 
 def _draw_orbits(figure: Canvas, product: SwingFamilies) -> None:
-    shown = _shown(product)
+    shown = _first_families(product)
     grid = figure.subplots(-(-len(shown) // _PANELS), _PANELS, squeeze=False)
     for axes in grid.flat[len(shown) :]:
         axes.set_axis_off()

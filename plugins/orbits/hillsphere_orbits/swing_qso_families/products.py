@@ -1,4 +1,4 @@
-"""What the stage on planar orbits of several revolutions hands on."""
+"""Product of the stage on planar orbits of several revolutions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Spec of the stage on planar orbits of several revolutions: what a mission may write."""
+"""Spec of the stage on planar orbits of several revolutions: the keys of a mission."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class SwingFamiliesSpec(StageSpec):
     )
 
     needs: SwingFamiliesNeeds = option("products of earlier stages")
-    plant: Ref = reference("plant", "equations of motion, those of the bifurcations")
+    plant: Ref = reference("plant", "equations of motion of the bifurcations")
     resonances: tuple[str, ...] = option(
         "which planar bifurcations d:n to start from; left out: all that were found", default=()
     )

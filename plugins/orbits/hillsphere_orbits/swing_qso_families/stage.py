@@ -16,12 +16,11 @@ from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.qso.specs import read_resonance
 from hillsphere_orbits.stability import stability_indices
 from hillsphere_orbits.survey import LockedMoon, Surveyor
-from hillsphere_orbits.swing_qso_families.asked import orbits_asked
 from hillsphere_orbits.swing_qso_families.breaking import starts_of_breaking
 from hillsphere_orbits.swing_qso_families.curves import at_positions
 from hillsphere_orbits.swing_qso_families.description import (
+    concatenate,
     errors,
-    joined,
     orbits_of,
     spectrum_of,
     stable,
@@ -29,11 +28,12 @@ from hillsphere_orbits.swing_qso_families.description import (
 )
 from hillsphere_orbits.swing_qso_families.families import Limits, groups_of
 from hillsphere_orbits.swing_qso_families.following import (
-    Followed,
+    FollowedGroup,
     Following,
-    Surveyed,
+    SurveyedFamily,
     surveyor_of,
 )
+from hillsphere_orbits.swing_qso_families.prescribed_members import orbits_asked
 from hillsphere_orbits.swing_qso_families.presentation import present_swing
 from hillsphere_orbits.swing_qso_families.products import SwingFamilies
 from hillsphere_orbits.swing_qso_families.specs import SwingFamiliesSpec
@@ -42,6 +42,9 @@ from hillsphere_orbits.swing_qso_families.starts import Start, Symmetries, start
 __all__ = ["SwingFamiliesStage"]
 
 _SAME_EQUATIONS = 1e-8
+"""Largest closure, natural units, of bifurcating orbits that count as solutions of this plant's
+equations. By default they are
+computed to 1e-10 or better; other equations (another gravity model, say) give far more."""
 _STATES = ("x", "y", "z", "vx", "vy", "vz")
 _NEAR = 0.1  # natural units: where the families of a body without surface end by default
 
@@ -106,7 +109,7 @@ class SwingFamiliesStage:
                 "planar orbits of several revolutions need gravity with the mirror plane xy; this "
                 "plant's has none (harmonics of odd degree minus order, a tilted body)"
             )
-        chosen = self._chosen(bifurcations)
+        chosen = self._select_bifurcations(bifurcations)
         there = set(symmetries.axes or ("asymmetric",))
         if not there & set(self.spec.symmetries):
             raise InputError(
@@ -123,14 +126,14 @@ class SwingFamiliesStage:
             self.spec.secondary or asymmetric,
         )
         with Workers(ctx, work) as workers:
-            families, more = _followed(ctx, workers, starts, "followed")
+            families, more = _follow_families(ctx, workers, starts, "followed")
             notes += more
             examined = 0
             while asymmetric and examined < len(families):
                 children = self._children(ctx, flow, families, examined)
                 examined = len(families)
-                found, more = _followed(ctx, workers, children, "without a mirror")
-                families += found
+                broken, more = _follow_families(ctx, workers, children, "without a mirror")
+                families += broken
                 notes += more
         if not families:
             raise ConvergenceError(
@@ -151,8 +154,8 @@ class SwingFamiliesStage:
         """Show members, ends, secondary bifurcations, orbits and the families in (C, x)."""
         return present_swing(product, family, self.spec.label)
 
-    def _chosen(self, bifurcations: Bifurcations) -> list[int]:
-        """Return the numbers of the bifurcations to start from, in the order asked for."""
+    def _select_bifurcations(self, bifurcations: Bifurcations) -> list[int]:
+        """Return the numbers of the bifurcations to start from, in the requested order."""
         pairs = list(zip(bifurcations.d, bifurcations.n, strict=True))
         planar = [
             i for i, plane in enumerate(bifurcations.plane)
@@ -204,15 +207,15 @@ class SwingFamiliesStage:
         notes: list[str] = []
         advance = ctx.track("orbits of several revolutions: first ones", len(chosen))
         for k, i in enumerate(chosen):
-            found, lost = starts_at(
+            at_resonance, lost = starts_at(
                 flow, symmetries, x[:, k], float(period[k]), bifurcations.d[i], bifurcations.n[i]
             )
-            starts += [start for start in found if self._wanted(start)]
+            starts += [start for start in at_resonance if self._has_listed_symmetry(start)]
             notes += lost
             advance(1)
         return starts, notes
 
-    def _wanted(self, start: Start) -> bool:
+    def _has_listed_symmetry(self, start: Start) -> bool:
         asked = self.spec.symmetries
         if start.symmetry == "none":
             return "asymmetric" in asked
@@ -228,7 +231,7 @@ class SwingFamiliesStage:
         return Limits(nearest, farthest, spec.curve_length)
 
     def _children(
-        self, ctx: Context, flow: Flow, families: Sequence[Surveyed], first: int
+        self, ctx: Context, flow: Flow, families: Sequence[SurveyedFamily], first: int
     ) -> list[Start]:
         """Return first members of families that begin where a mirror of a newer one breaks."""
         starts: list[Start] = []
@@ -241,16 +244,16 @@ class SwingFamiliesStage:
                 if (kind, plane) == ("branching", "planar"):
                     name, why = family.chain.start.name, "nothing was found that leaves there"
                     try:
-                        found = starts_of_breaking(flow, family.chain, number, float(u))
+                        leaving = starts_of_breaking(flow, family.chain, number, float(u))
                     except (ConvergenceError, PropagationError) as error:
-                        found, why = [], str(error)
-                    starts += found
-                    if not found:
+                        leaving, why = [], str(error)
+                    starts += leaving
+                    if not leaving:
                         ctx.info(f"branching of {name} at position {u:.4f} of its chain: {why}")
         return starts
 
     def _product(
-        self, surveyor: Surveyor, families: Sequence[Surveyed], notes: list[str]
+        self, surveyor: Surveyor, families: Sequence[SurveyedFamily], notes: list[str]
     ) -> SwingFamilies:
         unit, flow = self.plant.scales.length_m, flow_of(self.plant)
         asked = orbits_asked(
@@ -309,17 +312,17 @@ class SwingFamiliesStage:
             member_multipliers=spectrum_of(members.monodromy),
             member_stable=stable(members.monodromy),
             curve_stable=stable(curve.monodromy),
-            member_half_residual=joined(half),
-            curve_half_residual=joined([family.half for family in families]),
-            curve_least_m=joined([family.nearest for family in families]) * unit,
-            curve_largest_m=joined([family.farthest for family in families]) * unit,
+            member_half_residual=concatenate(half),
+            curve_half_residual=concatenate([family.half for family in families]),
+            curve_least_m=concatenate([family.nearest for family in families]) * unit,
+            curve_largest_m=concatenate([family.farthest for family in families]) * unit,
             event_family=np.repeat(np.arange(len(families)), count).astype(np.int64),
             event_kind=tuple(kind for family in families for kind in family.events.kind),
             event_plane=tuple(plane for family in families for plane in family.events.plane),
             event_orbits=events,
             tracks_m=tracks_of(problems, z) * unit,
             family_tracks_m=tracks_of(all_problems, middle) * unit,
-            family_jacobi=joined(
+            family_jacobi=concatenate(
                 [
                     surveyor.integral(p.state(each))
                     for p, each in zip(all_problems, middle, strict=True)
@@ -335,23 +338,26 @@ class SwingFamiliesStage:
         )
 
 
-def _followed(
-    ctx: Context, workers: Workers[Sequence[Start], Followed], starts: Sequence[Start], what: str
-) -> tuple[list[Surveyed], list[str]]:
-    """Follow families, in the order of their starts; what is to be said of them comes second."""
+def _follow_families(
+    ctx: Context,
+    workers: Workers[Sequence[Start], FollowedGroup],
+    starts: Sequence[Start],
+    what: str,
+) -> tuple[list[SurveyedFamily], list[str]]:
+    """Follow families; return them in the order of their starts, and remarks about them."""
     if not starts:
         return [], []
     advance = ctx.track(f"orbits of several revolutions: {what}", len(starts))
     groups = groups_of(starts)
-    # what takes longest goes first, so that no worker is left alone with it
+    # the longest tasks go first, so that no worker ends up alone with one
     order = sorted(range(len(groups)), key=lambda g: -sum(starts[k].n for k in groups[g]))
-    done: dict[int, Followed] = {}
+    done: dict[int, FollowedGroup] = {}
     for g, one in zip(
         order, workers.map([[starts[k] for k in groups[g]] for g in order]), strict=True
     ):
         done[g] = one
         advance(len(groups[g]))
-    families: dict[int, Surveyed] = {}
+    families: dict[int, SurveyedFamily] = {}
     remarks: dict[int, str] = {}
     for g, group in enumerate(groups):
         families |= {group[place]: family for place, family in done[g].families.items()}

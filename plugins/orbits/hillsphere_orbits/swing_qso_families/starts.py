@@ -17,18 +17,20 @@ from hillsphere.dynamics import Crossing
 from hillsphere.errors import PropagationError
 from hillsphere.interfaces import Array
 from hillsphere_orbits.correction import correct, tangents
-from hillsphere_orbits.flow import Flow
+from hillsphere_orbits.flow import XY_MIRROR, Z_HALF_TURN, Flow
 from hillsphere_orbits.shooting import Shooting
 from hillsphere_orbits.swing_qso_families.branching import BranchPoint, branch_point, first_members
 from hillsphere_orbits.swing_qso_families.curves import AXES, swing_problem
 
 __all__ = ["Start", "Symmetries", "starts_at"]
 
-_HALF_TURN = (-1, -1, 1, -1, -1, 1)
-_PLANE = (1, 1, -1, 1, 1, -1)
 _STEPS_PER_REVOLUTION = 64  # enough near a bifurcation; chains choose their own
 _PERPENDICULAR = 1e-6
+"""Normalised components below which a crossing of an axis is perpendicular. Corrected orbits come
+to 1e-10, orbits without the symmetry differ by the 4e-3 or more that first members lie off."""
 _NUDGE = 1e-5
+"""Step of the central differences, normalised: their own error is its square, 1e-10, and that of
+the located crossings, about 1e-13, grows to 1e-8 by the division."""
 _SAME = 0.25  # of π/n, the angle between the rays of two families: nearer members are one
 
 _Key = tuple[str, int, int]
@@ -62,8 +64,8 @@ class Symmetries:
                 for axis, plane in AXES.items()
                 if plane in mirrors and flow.keeps(mirrors[plane], samples, reverses_time=True)
             ),
-            flow.keeps(_HALF_TURN, samples, reverses_time=False),
-            flow.keeps(_PLANE, samples, reverses_time=False),
+            flow.keeps(Z_HALF_TURN, samples, reverses_time=False),
+            flow.keeps(XY_MIRROR, samples, reverses_time=False),
         )
 
 
@@ -142,15 +144,15 @@ def starts_at(
     lost: list[_Key] = []
     starts: list[Start] = []
     for (axis, side), crossing in points.items():
-        z, found = first_members(crossing.problem, crossing.point, crossing.apart)
+        z, exists = first_members(crossing.problem, crossing.point, crossing.apart)
         for k in np.argsort(-crossing.senses, kind="stable"):
             key = (axis, side, int(crossing.senses[k]))
             if key in seen:
                 continue
-            if not found[k]:
+            if not exists[k]:
                 lost.append(key)
                 continue
-            own, symmetry = _owned(flow, symmetries, points, axis, z[:, k])
+            own, symmetry = _equivalent_starts(flow, symmetries, points, axis, z[:, k])
             seen |= {key, *own}
             starts.append(Start(d, n, axis, key[2], symmetry, -1, crossing.point.z, z[:, k]))
     notes = [
@@ -164,7 +166,7 @@ def starts_at(
 
 @dataclass(frozen=True)
 class _Crossing:
-    """A perpendicular crossing of the bifurcating orbit, with the equations that start there."""
+    """A perpendicular crossing of the bifurcating orbit, with the shooting problem from there."""
 
     problem: Shooting
     point: BranchPoint
@@ -210,21 +212,23 @@ def _crossings(
     steps = 2 * _STEPS_PER_REVOLUTION
     start = x[:, None]
     if axis == "y":
-        start = _met(flow.map.locate(flow.system.x[0], start, period, steps, direction=0))
+        start = _crossing_states(
+            flow.map.locate(flow.system.x[0], start, period, steps, direction=0)
+        )
     if symmetries.half_turn:
         return [start[:, 0]]
     other = flow.with_matrix(start, np.array([0.5 * period]), steps)[0]
     return [start[:, 0], other[:, 0]]
 
 
-def _owned(
+def _equivalent_starts(
     flow: Flow,
     symmetries: Symmetries,
     points: dict[tuple[str, int], _Crossing],
     axis: str,
     z: Array,
 ) -> tuple[set[_Key], str]:
-    """Return all starts from which one finds this orbit or its image, and its symmetry."""
+    """Return all starts that yield this orbit or its mirror image, and its symmetry."""
     problem = points[(axis, 0)].problem
     x, period = problem.state(z[:, None]), problem.period(z[:, None])
     quarters = [x]
@@ -242,7 +246,7 @@ def _owned(
         place = 0 if name == "x" else 1
         side = 0 if points[(name, 0)].sign * state[place, 0] > 0.0 else 1
         if side and symmetries.half_turn:
-            state, side = np.array(_HALF_TURN)[:, None] * state, 0
+            state, side = np.array(Z_HALF_TURN)[:, None] * state, 0
         crossing = points[(name, side)]
         there = crossing.problem.unknowns_at(state, period)
         sense = crossing.sense(there - crossing.point.z[:, None])
@@ -264,14 +268,14 @@ def _without_mirror(
     if point.kernel.shape[1] != 2:
         return [], [f"{d}:{n}: the map of {n} revolutions has no kernel of two directions there"]
     normal = _normal_coordinate(flow, crossing)
-    z, found = first_members(crossing.problem, point, crossing.apart)
+    z, exists = first_members(crossing.problem, point, crossing.apart)
     starts: list[Start] = []
     angles: list[float] = []
-    for k in np.flatnonzero(found):
+    for k in np.flatnonzero(exists):
         own = [float(np.angle(normal @ (z[:, k] - point.z)))]
         if symmetries.half_turn:
-            image = np.array(_HALF_TURN)[:, None] * crossing.problem.state(z[:, [k]])
-            there = _returned(flow, crossing, image, 0.2)
+            image = np.array(Z_HALF_TURN)[:, None] * crossing.problem.state(z[:, [k]])
+            there = _next_crossing(flow, crossing, image, 0.2)
             own.append(float(np.angle(normal @ (there - point.z))))
         apart = [_circular(new - old, 2.0 * np.pi / n) for new in own for old in angles]
         if min(apart, default=np.inf) < _SAME * np.pi / n:
@@ -289,7 +293,7 @@ def _circular(angle: float, period: float) -> float:
     return abs((angle + 0.5 * period) % period - 0.5 * period)
 
 
-def _returned(flow: Flow, crossing: _Crossing, x: Array, after: float) -> Array:
+def _next_crossing(flow: Flow, crossing: _Crossing, x: Array, after: float) -> Array:
     """Return the unknowns (m,) where an orbit next meets the section as the first one does."""
     whole = crossing.point.z[-1]
     turn = np.array([whole / crossing.n])
@@ -298,14 +302,14 @@ def _returned(flow: Flow, crossing: _Crossing, x: Array, after: float) -> Array:
         flow.system.x[1], x, 1.5 * turn, 3 * _STEPS_PER_REVOLUTION,
         direction=-1 if fall < 0.0 else 1, after=after * turn,
     )  # fmt: skip
-    return crossing.problem.unknowns_at(_met(met), np.array([whole]))[:, 0]
+    return crossing.problem.unknowns_at(_crossing_states(met), np.array([whole]))[:, 0]
 
 
-def _met(crossing: Crossing) -> Array:
+def _crossing_states(crossing: Crossing) -> Array:
     """Return the states of crossings.
 
     Whether an earlier one is excluded does not matter: these orbits meet an axis twice a turn, and
-    what starts there is corrected until it is perpendicular and closed.
+    orbits that start there are corrected until they cross perpendicularly and close.
 
     Raises
     ------
@@ -325,9 +329,12 @@ def _normal_coordinate(flow: Flow, crossing: _Crossing) -> NDArray[np.complex128
     columns = []
     for way in point.kernel.T:
         ends = [
-            _returned(flow, crossing, crossing.problem.state((point.z + h * way)[:, None]), 0.6)
+            _next_crossing(
+                flow, crossing, crossing.problem.state((point.z + h * way)[:, None]), 0.6
+            )
             for h in (_NUDGE, -_NUDGE)
         ]
+        # central difference of the map of one revolution, in coordinates of the kernel
         columns.append(dual @ (ends[0] - ends[1]) / (2.0 * _NUDGE))
     values, left = np.linalg.eig(np.array(columns))  # rows of the transpose: left eigenvectors
     return np.asarray(left[:, int(np.argmax(values.imag))] @ dual)

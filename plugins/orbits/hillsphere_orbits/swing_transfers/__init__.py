@@ -1,1 +1,1 @@
-"""Transfers in the plane by way of families of swing orbits."""
+"""Transfers in the plane through families of swing orbits."""

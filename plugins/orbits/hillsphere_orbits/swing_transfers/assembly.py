@@ -1,4 +1,4 @@
-"""Transfers in full from the swing orbits that were chosen, flown anew from end to end."""
+"""Transfers from chosen swing orbits, corrected and verified from end to end."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from hillsphere_orbits.transfers.endtoend import Leg, verify
 from hillsphere_orbits.transfers.energy import least_dv
 from hillsphere_orbits.transfers.meetings import Meetings, meetings
 
-__all__ = ["Choice", "Pair", "assembled", "joined", "none", "selected"]
+__all__ = ["Choice", "Pair", "assemble_transfers", "join_transfers", "none", "select_transfers"]
 
 _TOUCH = 1e-9  # largest gap of corrected orbits that touch, relative to the distance
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A swing orbit that was chosen for a leg.
+    """A swing orbit chosen for a leg.
 
     Parameters
     ----------
@@ -75,8 +75,10 @@ class Pair:
     integrals: tuple[float, float]
 
 
-def assembled(chains: Chains, plant: Plant, pair: Pair, choices: Sequence[Choice]) -> Transfers:
-    """Make transfers of a leg from the swing orbits chosen, corrected and flown anew.
+def assemble_transfers(
+    chains: Chains, plant: Plant, pair: Pair, choices: Sequence[Choice]
+) -> Transfers:
+    """Make transfers of a leg from chosen swing orbits, corrected and verified.
 
     Parameters
     ----------
@@ -105,14 +107,15 @@ def assembled(chains: Chains, plant: Plant, pair: Pair, choices: Sequence[Choice
         for k in own:
             z[k] = chains.branch(f).z[:, int(choices[k].u)]
         if between:
-            found = chains.at(f, np.array([choices[k].u for k in between]))
-            for k, column in zip(between, found.T, strict=True):
+            unknowns = chains.at(f, np.array([choices[k].u for k in between]))
+            for k, column in zip(between, unknowns.T, strict=True):
                 z[k] = column
+    # one period of each chosen swing orbit, and its meetings with both ends
     strands = fly(chains, family, z)
     period = strands.h * (strands.way.shape[1] - 1)
     met = (meetings(pair.start, strands, _TOUCH), meetings(pair.end, strands, _TOUCH))
     ways = passages(*met, period)
-    chosen = _chosen(ways, met, period, choices)
+    chosen = _choose_passages(ways, met, period, choices)
     kept = np.flatnonzero(chosen >= 0)
     way = chosen[kept]
     first, last = ways.departure[way], ways.arrival[way]
@@ -123,6 +126,7 @@ def assembled(chains: Chains, plant: Plant, pair: Pair, choices: Sequence[Choice
     energy = _integral(chains, x0)
     leave, reach = met[0].state[:, first], met[1].state[:, last]
     before, after = met[0].on_curve[:, first], met[1].on_curve[:, last]
+    # from the departure orbit on to the swing orbit, and from that on to the arrival orbit
     impulses = np.array([leave[3:] - before[3:], after[3:] - reach[3:]])
     bounds = [
         least_dv(np.linalg.norm(state[3:], axis=0), c, energy)
@@ -149,10 +153,10 @@ def assembled(chains: Chains, plant: Plant, pair: Pair, choices: Sequence[Choice
         closure_m_s=np.zeros(kept.size),
         altitude_m=np.zeros(kept.size),
     )
-    return _flown(plant, pair, made, leave * unit, after * unit)
+    return _fly_transfers(plant, pair, made, leave * unit, after * unit)
 
 
-def _chosen(
+def _choose_passages(
     ways: Passages, met: tuple[Meetings, Meetings], period: Array, choices: Sequence[Choice]
 ) -> NDArray[np.intp]:
     """Return the passage of every choice: the cheapest, or that nearest to its phases."""
@@ -166,6 +170,7 @@ def _chosen(
             met, (ways.departure, ways.arrival), choice.phases, strict=True
         ):
             apart = np.abs(meeting.time[number[own]] / period[k] - phase)
+            # distance of phases on a circle
             away += np.minimum(apart, np.abs(1.0 - apart))
         chosen[k] = own[np.argmin(away)]
     return chosen
@@ -179,7 +184,9 @@ def _integral(chains: Chains, x: Array) -> Array:
     return np.asarray(system.function(system.integral)(x, system.parameters(None, x.shape[1]))[0])
 
 
-def _flown(plant: Plant, pair: Pair, made: Transfers, leave: Array, after: Array) -> Transfers:
+def _fly_transfers(
+    plant: Plant, pair: Pair, made: Transfers, leave: Array, after: Array
+) -> Transfers:
     """Fly transfers from the departure orbit's start to a full revolution on the arrival orbit."""
     if not made.size:
         return made
@@ -195,10 +202,10 @@ def _flown(plant: Plant, pair: Pair, made: Transfers, leave: Array, after: Array
     made = replace(
         made, closure_km=seen.closure_km, closure_m_s=seen.closure_m_s, altitude_m=seen.altitude_m
     )
-    return made if not seen.impact.any() else selected(made, np.flatnonzero(~seen.impact))
+    return made if not seen.impact.any() else select_transfers(made, np.flatnonzero(~seen.impact))
 
 
-def selected(transfers: Transfers, which: NDArray[np.intp]) -> Transfers:
+def select_transfers(transfers: Transfers, which: NDArray[np.intp]) -> Transfers:
     """Return some of the transfers, in the order of their numbers."""
     parts = {
         field.name: np.ascontiguousarray(getattr(transfers, field.name)[..., which])
@@ -208,7 +215,7 @@ def selected(transfers: Transfers, which: NDArray[np.intp]) -> Transfers:
     return Transfers(kind=tuple(transfers.kind[k] for k in which.tolist()), **parts)
 
 
-def joined(parts: Sequence[Transfers]) -> Transfers:
+def join_transfers(parts: Sequence[Transfers]) -> Transfers:
     """Return all transfers of several sets in one."""
     arrays = {
         field.name: np.concatenate([getattr(part, field.name) for part in parts], axis=-1)

@@ -1,4 +1,4 @@
-"""Families of planar periodic orbits between their members, and what their orbits meet."""
+"""Families of planar periodic orbits between their members, and meetings with other orbits."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hillsphere_orbits.shooting import Shooting
 from hillsphere_orbits.transfers.curves import PolarOrbit
 from hillsphere_orbits.transfers.meetings import Meetings, Strands, meetings
 
-__all__ = ["Chains", "Scan", "fly", "interpolated", "least_of", "scan"]
+__all__ = ["Chains", "Scan", "fly", "interpolate_unknowns", "least_of", "scan"]
 
 
 class Chains(Protocol):
@@ -49,7 +49,7 @@ class Chains(Protocol):
 
 @dataclass(frozen=True)
 class Scan:
-    """What the members of one family's chain meet.
+    """Meetings of the members of one family's chain with the orbits.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def _whole(problem: Shooting, z: Array) -> int:
 
 
 def scan(chains: Chains, family: int, orbits: Mapping[str, PolarOrbit], coarse: int) -> Scan:
-    """Find what the members of a family's chain meet.
+    """Find the meetings of the members of a family's chain with the orbits.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def scan(chains: Chains, family: int, orbits: Mapping[str, PolarOrbit], coarse: 
     return Scan(family, chains.problem(family).period(z), met)
 
 
-def interpolated(chains: Chains, family: NDArray[np.intp], u: Array) -> list[Array]:
+def interpolate_unknowns(chains: Chains, family: NDArray[np.intp], u: Array) -> list[Array]:
     """Return the unknowns at positions u (K,) of families (K,), interpolated on their chains."""
     return [
         chains.branch(int(f)).guess(np.array([place]))[0][:, 0]

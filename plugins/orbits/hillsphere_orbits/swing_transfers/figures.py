@@ -1,4 +1,4 @@
-"""Figures of transfers by way of swing orbits; one panel per leg."""
+"""Figures of transfers through swing orbits; one panel per leg."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE
 from hillsphere_orbits.swing_transfers.products import SwingTransfers
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_along", "draw_fronts", "draw_tangency", "draw_transfers", "figure_size"]
 
-_DAY = 86400.0
 _COLUMNS = 2
+"""Panels beside one another: more would be too narrow to read in a report."""
 
 
 def figure_size(legs: int, height: float) -> tuple[float, float]:
@@ -59,9 +60,9 @@ def draw_transfers(figure: Figure, product: SwingTransfers) -> None:
             c, s = np.cos(product.prime_meridian_rad), np.sin(product.prime_meridian_rad)
             u, v = a * np.cos(t), b * np.sin(t)
             axes.fill(c * u - s * v, s * u + c * v, color="#777777", label=body)
-        found = np.flatnonzero(product.track_leg == leg)
-        if found.size:
-            x, y = product.tracks_m[:, :, found[0]] / 1e3
+        tracks = np.flatnonzero(product.track_leg == leg)
+        if tracks.size:
+            x, y = product.tracks_m[:, :, tracks[0]] / 1e3
             axes.plot(x, y, color=PALETTE["vermillion"], lw=1.0, label="transfer")
             axes.plot(x[0], y[0], "o", color=PALETTE["black"], ms=5, label="first impulse")
             axes.plot(x[-1], y[-1], "s", color=PALETTE["black"], ms=5, label="second impulse")
@@ -150,16 +151,16 @@ def draw_fronts(figure: Figure, product: SwingTransfers) -> None:
         if not on.size:
             _nothing(axes, product.status[leg])
         else:
-            days, dv = product.front.tof_s[on] / _DAY, product.front.total_m_s[on]
+            days, dv = product.front.tof_s[on] / DAY_S, product.front.total_m_s[on]
             axes.step(days, dv, where="post", color=PALETTE["blue"], lw=1.0)
             axes.plot(days, dv, "o", color=PALETTE["blue"], ms=4, label="Pareto front")
-            axes.plot(product.least.tof_s[least] / _DAY, product.least.total_m_s[least], "x",
+            axes.plot(product.least.tof_s[least] / DAY_S, product.least.total_m_s[least], "x",
                       color=PALETTE["vermillion"], ms=5, label="least of a family")  # fmt: skip
             axes.axhline(product.bound_m_s[leg], color="#666666", ls=":", lw=1.0,
                          label="bound by energy")  # fmt: skip
             dear = 1.1 * float(np.max(dv))
             cheap = least[product.least.total_m_s[least] < dear]
-            late = max(float(np.max(days)), float(np.max(product.least.tof_s[cheap])) / _DAY)
+            late = max(float(np.max(days)), float(np.max(product.least.tof_s[cheap])) / DAY_S)
             margin = 0.05 * (late - float(np.min(days))) + 1e-3 * late
             axes.set_xlim(float(np.min(days)) - margin, late + margin)
             axes.set_ylim(0.0, dear)

@@ -1,4 +1,4 @@
-"""Transfers by way of swing orbits as flights, for stages that write them or fly them again."""
+"""Transfers through swing orbits as flights, for stages that write them or fly them again."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from math import ceil
 
 import numpy as np
 
+from hillsphere.base.constants import HOUR_S
 from hillsphere.interfaces import Array
 from hillsphere.products import Trajectories
 from hillsphere_orbits.swing_transfers.products import SwingRoutes, Transfers
@@ -16,7 +17,6 @@ __all__ = ["flights_of"]
 
 _STATES = 481  # of a coast
 _STEP = 0.01  # longest sub-step, natural units: two hundred in a revolution at the surface
-_HOUR = 3600.0
 
 
 def flights_of(
@@ -66,7 +66,7 @@ def flights_of(
         begins.append(begin)
 
     for k in range(front.size):
-        cost, hours = front.total_m_s[k], front.tof_s[k] / _HOUR
+        cost, hours = front.total_m_s[k], front.tof_s[k] / HOUR_S
         plan = f"{named(front, k)}, {cost:.2f} m/s in {hours:.2f} h"
         count = sum(other.split(" #")[0] == plan for other in plans)
         add(front, k, f"{plan} #{count + 1}" if count else plan, 0.0)

@@ -1,4 +1,4 @@
-"""The search of one leg by way of all families, as pieces for the workers of a run."""
+"""The search of one leg through all families, as pieces for the workers of a run."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
 from hillsphere_orbits.flow import Compiled, flow_of
-from hillsphere_orbits.swing_qso_families.curves import Known, Swing
+from hillsphere_orbits.swing_qso_families.curves import FamilyTangents, Swing
 from hillsphere_orbits.swing_qso_families.products import SwingFamilies
 from hillsphere_orbits.swing_transfers.assembly import (
     Choice,
     Pair,
-    assembled,
-    joined,
+    assemble_transfers,
+    join_transfers,
     none,
-    selected,
+    select_transfers,
 )
 from hillsphere_orbits.swing_transfers.chains import Scan, scan
 from hillsphere_orbits.swing_transfers.passages import Passages, passages
@@ -31,7 +31,7 @@ from hillsphere_orbits.transfers.pareto import front
 __all__ = ["Leg", "LegSearch", "Members", "ScannedFamily", "SearchedLeg"]
 
 _ASIDE = (1e-6, 1e-5, 1e-4, 1e-3)  # on a piece
-_AGREES = 1e-5  # of the cost, normalised: what a touching orbit may cost more than its estimate
+_AGREES = 1e-5  # normalised cost by which a tangent orbit may exceed its estimate
 _COARSE = 2  # times fewer sub-steps than for rounding: errors of 3e-10
 
 
@@ -75,39 +75,39 @@ class Leg:
     number: int
     names: tuple[str, str]
     scans: Sequence[Scan]
-    known: Sequence[Known]
+    known: Sequence[FamilyTangents]
 
 
 @dataclass(frozen=True)
 class ScannedFamily:
-    """What was found of a family.
+    """Scan of one family.
 
     Parameters
     ----------
     scan : Scan
         What its members meet.
-    known : Known
+    known : FamilyTangents
         What was worked out for it, which the search of a leg need not do again.
     """
 
     scan: Scan
-    known: Known
+    known: FamilyTangents
 
 
 @dataclass(frozen=True)
 class SearchedLeg:
-    """What was found for a leg.
+    """Result of the search of one leg.
 
     Parameters
     ----------
     least : Transfers
-        The least one by way of every family.
+        The cheapest transfer through every family.
     front : Transfers
-        Those that none betters in cost and time.
+        The Pareto front in cost and time.
     members : Members
         Every member that connects the orbits.
     notes : list of str
-        What is to be told.
+        Sentences for the report.
     """
 
     least: Transfers
@@ -118,7 +118,7 @@ class SearchedLeg:
 
 @dataclass(frozen=True, eq=False)
 class LegSearch:
-    """What the searches of all legs have in common; see `hillsphere.runs.workers.Divisible`.
+    """Data common to the searches of all legs; see `hillsphere.runs.workers.Divisible`.
 
     Its pieces are numbers of families, whose members are scanned, and then the legs.
 
@@ -153,7 +153,7 @@ class LegSearch:
 
 
 class _Searching:
-    """Scans families and searches legs, with what is compiled for all of them."""
+    """Scans families and searches legs with one compiled flow."""
 
     def __init__(self, work: LegSearch) -> None:
         self._plant, self._dearest = work.compiled.plant, work.dearest
@@ -168,7 +168,7 @@ class _Searching:
     def __call__(self, piece: int | Leg) -> ScannedFamily | SearchedLeg:
         if isinstance(piece, int):
             scanned = scan(self._chains, piece, self._orbits, _COARSE)
-            return ScannedFamily(scanned, self._chains.known(piece))
+            return ScannedFamily(scanned, self._chains.tangents(piece))
         for family, known in enumerate(piece.known):
             self._chains.learn(family, known)
         (a, b), scans = piece.names, piece.scans
@@ -191,8 +191,8 @@ class _Searching:
         coarse = search(chains, scans, names, orbits)
         if not coarse:
             return none(), []
-        pieces, found = least_along(chains, names, orbits, coarse)
-        made = self._assembled(pieces, pair, found)
+        pieces, minima_found = least_along(chains, names, orbits, coarse)
+        made = self._assemble(pieces, pair, minima_found)
         own = made.family.tolist()
         positions = [pieces.position(k, u) for k, u in zip(own, made.position, strict=True)]
         made = replace(
@@ -208,9 +208,9 @@ class _Searching:
             "there on a finer look; the best of its members stands in its place"
             for choice in spare
         ]
-        return joined([made, assembled(chains, self._plant, pair, spare)]), notes
+        return join_transfers([made, assemble_transfers(chains, self._plant, pair, spare)]), notes
 
-    def _assembled(self, pieces: Pieces, pair: Pair, found: Sequence[Minimum]) -> Transfers:
+    def _assemble(self, pieces: Pieces, pair: Pair, minima: Sequence[Minimum]) -> Transfers:
         """Return the transfers of minima.
 
         An orbit that just touches another one misses it if rounding, magnified by the flow, has
@@ -223,17 +223,17 @@ class _Searching:
             kind = m.kind if m.kind in (INTERIOR, END) else f"touches {m.kind}"
             return Choice(m.family, min(max(m.u + aside, 0.0), last), kind)
 
-        made = assembled(pieces, self._plant, pair, [choice(m, 0.0) for m in found])
+        made = assemble_transfers(pieces, self._plant, pair, [choice(m, 0.0) for m in minima])
         for aside in _ASIDE:
             dv = dict(zip(made.family.tolist(), made.total_m_s / speed, strict=True))
-            missed = [m for m in found if not dv.get(m.family, np.inf) < m.dv + _AGREES]
+            missed = [m for m in minima if not dv.get(m.family, np.inf) < m.dv + _AGREES]
             if not missed:
                 break
             more = [choice(m, side) for m in missed for side in (-aside, aside)]
-            every = joined([made, assembled(pieces, self._plant, pair, more)])
+            every = join_transfers([made, assemble_transfers(pieces, self._plant, pair, more)])
             order = np.lexsort((every.total_m_s, every.family))
             first = np.unique(every.family[order], return_index=True)[1]
-            made = selected(every, order[first])
+            made = select_transfers(every, order[first])
         return made
 
     def _front(
@@ -244,7 +244,7 @@ class _Searching:
         ways: Sequence[Passages],
         least: Transfers,
     ) -> Transfers:
-        """Return the transfers of a leg that none betters in cost and time, up to a cost."""
+        """Return the Pareto front of a leg in cost and time, up to a cost."""
         chains = self._chains
         total = np.concatenate([w.total for w in ways]) if ways else np.empty(0)
         limit = self._dearest * float(np.min(least.total_m_s, initial=np.inf))
@@ -267,11 +267,11 @@ class _Searching:
                 float(s.met[names[1]].time[w.arrival[i]] / s.period[lane]),
             )
             choices.append(Choice(s.family, float(lane), "member", phases))
-        every = joined([least, assembled(chains, self._plant, pair, choices)])
+        every = join_transfers([least, assemble_transfers(chains, self._plant, pair, choices)])
         dear = limit * chains.flow.system.unit[3] * (1.0 + 1e-9)
         cost = np.where(every.total_m_s <= dear, every.total_m_s, np.inf)
         on = np.flatnonzero(front(cost, every.tof_s))
-        return selected(every, on[np.argsort(every.tof_s[on])])
+        return select_transfers(every, on[np.argsort(every.tof_s[on])])
 
 
 def _best_member(scanned: Scan, names: tuple[str, str]) -> Choice:

@@ -39,12 +39,13 @@ class Passages:
     angle: Array
 
     def cheapest(self, lanes: int) -> NDArray[np.intp]:
-        """Return the number of the cheapest passage of each of so many lanes; −1 without one.
+        """Return the number of the cheapest passage of each lane; −1 for a lane without one.
 
         Of those that cost the same (mirror images do) it is the quickest.
         """
         least = np.full(lanes, np.inf)
         np.minimum.at(least, self.lane, self.total)
+        # mirror images cost the same to rounding: the quickest of them, then the first
         equal = np.flatnonzero(self.total <= least[self.lane] + _EQUAL)
         quickest = np.full(lanes, np.inf)
         np.minimum.at(quickest, self.lane[equal], self.tof[equal])
@@ -70,6 +71,7 @@ def passages(start: Meetings, end: Meetings, period: Array) -> Passages:
     Passages
         By lane.
     """
+    # all pairs of a departure and an arrival on the same lane, without a loop
     count = np.bincount(end.lane, minlength=period.size)
     first = np.concatenate([[0], np.cumsum(count)[:-1]]).astype(np.intp)
     repeats = count[start.lane]
@@ -77,5 +79,6 @@ def passages(start: Meetings, end: Meetings, period: Array) -> Passages:
     within = np.arange(i.size) - np.repeat(np.cumsum(repeats) - repeats, repeats)
     j = first[start.lane[i]] + within
     lane = start.lane[i]
+    # a swing orbit is periodic: the next arrival after the departure
     tof = (end.time[j] - start.time[i]) % period[lane]
     return Passages(lane, i, j, start.dv[i] + end.dv[j], tof, 0.5 * (start.angle[i] + end.angle[j]))

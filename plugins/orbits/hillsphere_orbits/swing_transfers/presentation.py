@@ -1,9 +1,10 @@
-"""Tables, metrics and sentences about transfers by way of swing orbits."""
+"""Tables, metrics and sentences about transfers through swing orbits."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.interfaces import Array
 from hillsphere.presentation import Column, Figure, Metric, Presentation, Table
 from hillsphere.show.reference import PAPER_SUFFIX, ReferenceTable
@@ -16,7 +17,7 @@ from hillsphere.show.tables import (
     take_or_blank,
     text_column,
 )
-from hillsphere_orbits.qso.presentation import named
+from hillsphere_orbits.qso.presentation import label_identifier
 from hillsphere_orbits.swing_transfers.figures import (
     draw_along,
     draw_fronts,
@@ -28,7 +29,6 @@ from hillsphere_orbits.swing_transfers.products import SwingTransfers, Transfers
 
 __all__ = ["present_transfers"]
 
-_DAY = 86400.0
 _CERTAIN = 0.01  # p-value below which a correlation is taken for one
 _LESS_PAPER = {
     "dv_m_s": Column("dv_less_paper_m_s", "m/s", "ΔV less the paper's", 4),
@@ -77,7 +77,7 @@ def present_transfers(
             "Least cost of each family", _transfers(product, product.least), [unit]
         ),
         "swing_front": tabulate(
-            "Transfers that none betters in cost and time", _transfers(product, product.front),
+            "Pareto front of cost and time of flight", _transfers(product, product.front),
             [unit, "From the members of all families' chains and the minima along them; of mirror "
              "images one stands for both."],
         ),
@@ -94,9 +94,13 @@ def present_transfers(
         ),
     }  # fmt: skip
     return Presentation(
-        metrics={named(name, label): metric for name, metric in _metrics(product).items()},
-        tables={named(name, label): table for name, table in tables.items()},
-        figures={named(name, label): figure for name, figure in _figures(product).items()},
+        metrics={
+            label_identifier(name, label): metric for name, metric in _metrics(product).items()
+        },
+        tables={label_identifier(name, label): table for name, table in tables.items()},
+        figures={
+            label_identifier(name, label): figure for name, figure in _figures(product).items()
+        },
         verdict=_verdict(product),
     )
 
@@ -113,11 +117,11 @@ def _metrics(product: SwingTransfers) -> dict[str, Metric]:
             "transfer_closure_speed_max": Metric(
                 float(max(t.closure_m_s.max() for t in both if t.size)), "m/s"
             ),
-            "above_energy_bound_min": Metric(float(min(margins)), "m/s"),
+            "min_above_energy_bound": Metric(float(min(margins)), "m/s"),
         }
         if not np.isnan(product.least.altitude_m).any():
             lowest = min(float(t.altitude_m.min()) for t in both if t.size)
-            metrics["transfer_altitude_min"] = Metric(lowest / 1e3, "km")
+            metrics["min_transfer_altitude"] = Metric(lowest / 1e3, "km")
     return metrics
 
 
@@ -140,7 +144,7 @@ def _figures(product: SwingTransfers) -> dict[str, Figure]:
         "swing_front": Figure(
             "Cost and time",
             lambda figure: draw_fronts(figure, product),
-            "Transfers that no other one betters in both, and the least cost of each family.",
+            "Pareto-optimal transfers, and the least cost of each family.",
             size_in=wide,
         ),
         "swing_tangency": Figure(
@@ -273,11 +277,11 @@ def _verdict(product: SwingTransfers) -> list[str]:
     for leg, name in enumerate(product.legs):
         k = _best(product, leg)
         if k is None:
-            sentences.append(f"{name}: no transfer by way of swing orbits, {product.status[leg]}.")
+            sentences.append(f"{name}: no transfer through swing orbits, {product.status[leg]}.")
             continue
         least = product.least
         sentences.append(
-            f"{name}: {least.total_m_s[k]:.4f} m/s in {least.tof_s[k] / _DAY:.3f} d by way of "
+            f"{name}: {least.total_m_s[k]:.4f} m/s in {least.tof_s[k] / DAY_S:.3f} d by way of "
             f"{product.families[least.family[k]]} ({least.kind[k]}); no orbit in between could do "
             f"with less than {product.bound_m_s[leg]:.3f} m/s."
         )
@@ -285,10 +289,10 @@ def _verdict(product: SwingTransfers) -> list[str]:
     routes = product.routes
     for r, name in enumerate(routes.name):
         if len(routes.legs[r]) > 1 and np.isfinite(routes.total_m_s[r]):
-            days = (routes.tof_s[r] + routes.waiting_s[r]) / _DAY
+            days = (routes.tof_s[r] + routes.waiting_s[r]) / DAY_S
             sentences.append(
                 f"Route {name}: {routes.total_m_s[r]:.4f} m/s in {days:.3f} d, "
-                f"{routes.waiting_s[r] / _DAY:.3f} d of it between the legs."
+                f"{routes.waiting_s[r] / DAY_S:.3f} d of it between the legs."
             )
     if product.least.size:
         sentences.append(

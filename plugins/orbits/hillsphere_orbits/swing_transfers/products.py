@@ -1,4 +1,4 @@
-"""What the stage on transfers by way of swing orbits hands on."""
+"""Product of the stage on transfers through swing orbits."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class SwingRoutes:
 
 @dataclass(frozen=True)
 class SwingTransfers(FlightSet):
-    """Transfers between planar orbits by way of families of swing orbits.
+    """Transfers between planar orbits through families of swing orbits.
 
     `flights` are the transfers of `front`, a coast each, and of routes of more than one leg the
     transfers of their legs, apart by the times on the orbits in between.
@@ -127,8 +127,8 @@ class SwingTransfers(FlightSet):
     least: Transfers
     """The cheapest transfer of every leg and family that connects its orbits."""
     front: Transfers
-    """The transfers that no other one of their leg betters in both speed change and time, up to the
-    cost that was asked for; of the members of the chains and the minima along them."""
+    """The Pareto front of each leg in speed change and time, up to the requested cost, among the
+    members of the chains and the minima along them."""
     member_leg: Annotated[Integers, Shape("members")]
     """Leg of every member of a family that connects its orbits."""
     member_family: Annotated[Integers, Shape("members")]
@@ -147,7 +147,7 @@ class SwingTransfers(FlightSet):
     rank_of_least: Annotated[Array, Shape("legs", 2, 2)]
     """The same over the cheapest transfers of the families."""
     routes: SwingRoutes
-    """What was asked for as routes."""
+    """The requested routes."""
     track_leg: Annotated[Integers, Shape("tracks")]
     """Leg of each track."""
     tracks_m: Array

@@ -12,10 +12,10 @@ from hillsphere_orbits.swing_transfers.products import SwingRoutes, Transfers
 from hillsphere_orbits.transfers.curves import PolarOrbit
 from hillsphere_orbits.transfers.endtoend import Leg, verify
 
-__all__ = ["flown_routes"]
+__all__ = ["fly_routes"]
 
 
-def flown_routes(
+def fly_routes(
     plant: Plant,
     orbits: Mapping[str, PolarOrbit],
     legs: Sequence[tuple[str, str]],
@@ -54,7 +54,7 @@ def flown_routes(
         if None in best:
             rows.append([np.nan] * 5)
             continue
-        rows.append(_flown(plant, orbits, route, least, [k for k in best if k is not None]))
+        rows.append(_fly_route(plant, orbits, route, least, [k for k in best if k is not None]))
     table = np.array(rows, dtype=float).reshape(len(routes), 5).T
     return SwingRoutes(
         name=tuple(", ".join(route) for route in routes),
@@ -72,7 +72,7 @@ def _cheapest(least: Transfers, leg: int) -> int | None:
     return int(own[np.argmin(least.total_m_s[own])]) if own.size else None
 
 
-def _flown(
+def _fly_route(
     plant: Plant,
     orbits: Mapping[str, PolarOrbit],
     route: Sequence[str],
@@ -85,13 +85,14 @@ def _flown(
     legs: list[Leg] = []
     waiting, since = 0.0, 0.0
     for k, (name, target) in zip(best, pairwise(route), strict=True):
+        # the rest of a revolution until the next leg leaves this orbit
         wait = (float(least.on_departure_s[k]) - since) % (orbits[name].period * clock)
         waiting += wait if legs else 0.0
         legs.append(_leg(f"on {name}", wait, least.impulse_m_s[0, :, k], orbits[name],
                          least.place_m[0, :, k]))  # fmt: skip
         legs.append(_leg(f"to {target}", float(least.tof_s[k]), least.impulse_m_s[1, :, k],
                          orbits[target], least.place_m[1, :, k]))  # fmt: skip
-        # what follows the first impulse is the swing orbit, not the orbit that is left
+        # the first impulse leads onto the swing orbit
         legs[-2].end[3:, 0] += least.impulse_m_s[0, :, k]
         since = float(least.on_arrival_s[k])
     seen = verify(plant, (first.x0 * unit)[:, None], legs)

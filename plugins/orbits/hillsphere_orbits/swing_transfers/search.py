@@ -1,4 +1,4 @@
-"""Least speed change from one orbit to another by way of families of swing orbits.
+"""Least speed change from one orbit to another through families of swing orbits.
 
 A swing orbit that meets both the departure and the arrival orbit carries a transfer: an impulse
 where it meets the first, a coast along it, an impulse where it meets the second. Along a family the
@@ -18,8 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
-from hillsphere_orbits.swing_transfers.chains import Chains, Scan, fly, interpolated, least_of
-from hillsphere_orbits.swing_transfers.touch import MARGIN, Touch
+from hillsphere_orbits.swing_transfers.chains import (
+    Chains,
+    Scan,
+    fly,
+    interpolate_unknowns,
+    least_of,
+)
+from hillsphere_orbits.swing_transfers.tangency import MARGIN, Tangency
 from hillsphere_orbits.transfers.curves import PolarOrbit
 from hillsphere_orbits.transfers.meetings import meetings
 
@@ -27,11 +33,12 @@ __all__ = ["END", "INTERIOR", "Minimum", "minima"]
 
 INTERIOR, END = "interior", "end of the family"
 _GOLDEN = 0.6180339887498949
+"""(√5 − 1)/2: each new point of a golden-section search divides the bracket in this ratio."""
 _CLOSE = 2e-3  # of the cost, normalised: minima of one family this close are all looked into
 _APART = 0.1  # distance in u of minima that are two
 _ASIDE = 1e-3  # distance in u at which a touching member is compared with its neighbours
 _TOUCH = 1e-6  # largest gap of interpolated members that touch
-_FLAT = 1e-6  # of the cost: what a member must gain to take another one's place
+_FLAT = 1e-6  # of the cost: least gain for which a member replaces another
 _NOISE = 2e-5  # the same right beside a touching member
 
 
@@ -64,8 +71,8 @@ def cost(
     u: Array,
     coarse: int,
 ) -> Array:
-    """Return the least cost (K,) of a leg by way of interpolated orbits; infinite without one."""
-    strands = fly(chains, family, interpolated(chains, family, u), coarse)
+    """Return the least cost (K,) of a leg through interpolated orbits; infinite without one."""
+    strands = fly(chains, family, interpolate_unknowns(chains, family, u), coarse)
     first, second = (least_of(meetings(orbit, strands, _TOUCH), u.size) for orbit in legs)
     return first + second
 
@@ -75,7 +82,7 @@ def minima(
     scans: Sequence[Scan],
     names: tuple[str, str],
     orbits: Mapping[str, PolarOrbit],
-    touches: Mapping[str, Sequence[Touch]],
+    touches: Mapping[str, Sequence[Tangency]],
     width: float,
     coarse: int,
 ) -> list[Minimum]:
@@ -91,8 +98,8 @@ def minima(
         Departure and arrival orbit.
     orbits : mapping of str to PolarOrbit
         Orbits by name.
-    touches : mapping of str to sequence of Touch
-        For both orbits what `touching` found.
+    touches : mapping of str to sequence of Tangency
+        The tangencies with both orbits, from `tangent_members`.
     width : float
         To which a minimum in u is narrowed; the cost is flat there, to the square of this.
     coarse : int
@@ -124,21 +131,21 @@ def minima(
     low = np.where(special & ~falls[0], u, low)
     high = np.where(special & ~falls[1], u, high)
     at, value = _golden(function, low, high, width)
-    found: dict[int, list[Minimum]] = {}
+    by_family: dict[int, list[Minimum]] = {}
     for k, c in enumerate(lanes):
         one = Minimum(c.family, c.u, c.dv, c.kind)
-        # next to a touching member a little less is what the interpolation lacks
+        # next to a tangent member a slightly lower cost is an error of the interpolation
         gain = _NOISE if c.kind != INTERIOR and abs(at[k] - c.u) <= 2.0 * width else _FLAT
         if value[k] < dv[k] - gain:
             one = Minimum(c.family, float(at[k]), float(value[k]), INTERIOR)
-        found.setdefault(c.family, []).append(one)
-    return [one for f in sorted(found) for one in _finalists(found[f])]
+        by_family.setdefault(c.family, []).append(one)
+    return [one for f in sorted(by_family) for one in _finalists(by_family[f])]
 
 
-def _finalists(found: list[Minimum]) -> list[Minimum]:
+def _finalists(minima: list[Minimum]) -> list[Minimum]:
     """Return the least of a family's minima, and others that are hardly above and elsewhere."""
     kept: list[Minimum] = []
-    for one in sorted(found, key=lambda m: m.dv):
+    for one in sorted(minima, key=lambda m: m.dv):
         if not kept or (
             one.dv < kept[0].dv + _CLOSE and all(abs(one.u - m.u) > _APART for m in kept)
         ):
@@ -163,7 +170,7 @@ def _candidates(
     scanned: Scan,
     names: tuple[str, str],
     pair: tuple[PolarOrbit, PolarOrbit],
-    touches: Mapping[str, Sequence[Touch]],
+    touches: Mapping[str, Sequence[Tangency]],
     coarse: int,
 ) -> list[_Candidate]:
     """Return every local minimum of the samples, members that just touch an orbit among them."""
@@ -183,7 +190,9 @@ def _candidates(
     least = float(np.min(dv))
     if not np.isfinite(least):
         return []
+    # the ends of a family count as minima if their only neighbour is larger
     around = np.concatenate([[np.inf], dv, [np.inf]])
+    # no larger than both neighbours, and not far above the least of the family
     bottom = (dv <= around[:-2]) & (dv <= around[2:]) & (dv <= MARGIN * least)
     low, high = np.concatenate([u[:1], u[:-1]]), np.concatenate([u[1:], u[-1:]])
     return [

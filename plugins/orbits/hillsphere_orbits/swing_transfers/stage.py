@@ -1,4 +1,4 @@
-"""The stage ``swing_transfers``: between planar orbits by way of families of swing orbits."""
+"""The stage ``swing_transfers``: between planar orbits through families of swing orbits."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from hillsphere.show.reference import ReferenceTable
 from hillsphere_orbits.flow import Compiled, Flow, flow_of
 from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.survey import LockedMoon
-from hillsphere_orbits.swing_qso_families.curves import Known
+from hillsphere_orbits.swing_qso_families.curves import FamilyTangents
 from hillsphere_orbits.swing_qso_families.products import SwingFamilies
-from hillsphere_orbits.swing_transfers.assembly import joined, none
+from hillsphere_orbits.swing_transfers.assembly import join_transfers, none
 from hillsphere_orbits.swing_transfers.chains import Scan
 from hillsphere_orbits.swing_transfers.flights import flights_of
 from hillsphere_orbits.swing_transfers.legs import Leg, LegSearch, ScannedFamily, SearchedLeg
 from hillsphere_orbits.swing_transfers.presentation import present_transfers
 from hillsphere_orbits.swing_transfers.products import SwingTransfers, Transfers
-from hillsphere_orbits.swing_transfers.routes import flown_routes
+from hillsphere_orbits.swing_transfers.routes import fly_routes
 from hillsphere_orbits.transfers.curves import PolarOrbit, step_map_of
 from hillsphere_orbits.transfers.energy import least_dv
 from hillsphere_orbits.transfers.ranks import rank_correlations
@@ -34,11 +34,14 @@ from hillsphere_orbits.transfers.specs import SwingTransfersSpec
 __all__ = ["SwingTransfersStage", "energy_bound"]
 
 _SAME_EQUATIONS = 1e-8
+"""Largest closure, natural units, of orbits that count as solutions of this plant's equations. They
+were computed to 1e-9 or better; other equations (another gravity model, say) give far more."""
 _TRACK_STEPS = 720
+"""Intervals of a drawn transfer: a smooth curve through several revolutions."""
 
 
 class SwingTransfersStage:
-    """Transfers between planar orbits by way of families of swing orbits.
+    """Transfers between planar orbits through families of swing orbits.
 
     Parameters
     ----------
@@ -71,7 +74,7 @@ class SwingTransfersStage:
         Returns
         -------
         SwingTransfers
-            Legs that no family connects are said to be so; they are not an error.
+            A leg that no family connects is reported; it is not an error.
 
         Raises
         ------
@@ -95,8 +98,8 @@ class SwingTransfersStage:
         )
         advance = ctx.track("swing transfers", len(families) + len(legs) + 1)
         scans: list[Scan] = []
-        known: list[Known] = []
-        found: list[SearchedLeg] = []
+        known: list[FamilyTangents] = []
+        searched: list[SearchedLeg] = []
         with Workers(ctx, work) as workers:
             for scanned in workers.map(families):
                 assert isinstance(scanned, ScannedFamily)
@@ -105,14 +108,14 @@ class SwingTransfersStage:
                 advance(1)
             for leg in workers.map([_leg(k, pair, scans, known) for k, pair in enumerate(legs)]):
                 assert isinstance(leg, SearchedLeg)
-                found.append(leg)
+                searched.append(leg)
                 for note in leg.notes:
                     ctx.info(note)
                 advance(1)
-        least = [leg.least for leg in found]
-        members = [leg.members for leg in found]
-        every = joined(least) if least else none()
-        routes = flown_routes(self.plant, orbits, legs, [tuple(r) for r in self.spec.routes], every)
+        least = [leg.least for leg in searched]
+        members = [leg.members for leg in searched]
+        every = join_transfers(least) if least else none()
+        routes = fly_routes(self.plant, orbits, legs, [tuple(r) for r in self.spec.routes], every)
         best = _cheapest_of_legs(every, len(legs))
         tracks = _tracks(flow, every, best)
         advance(1)
@@ -120,7 +123,7 @@ class SwingTransfersStage:
         of_least = [
             rank_correlations(t.total_m_s, np.mean(t.angle_rad, axis=0), t.integral) for t in least
         ]
-        front_of_legs = joined([leg.front for leg in found]) if found else none()
+        front_of_legs = join_transfers([leg.front for leg in searched]) if searched else none()
         order = list(names)
         moon = self.plant if isinstance(self.plant, LockedMoon) else None
         speed = float(flow.system.unit[3])
@@ -171,7 +174,7 @@ class SwingTransfersStage:
     def present(
         self, product: SwingTransfers, family: QsoFamily, swing: SwingFamilies
     ) -> Presentation:
-        """Show costs beside published ones, fronts, routes and what makes a transfer cheap."""
+        """Show costs beside published ones, Pareto fronts, routes and rank correlations."""
         return present_transfers(product, self.reference, self.spec.label)
 
     def _orbits(self, family: QsoFamily) -> dict[str, int]:
@@ -203,8 +206,10 @@ class SwingTransfersStage:
         return {name: PolarOrbit(flow, x[:, i], period[i], name) for name, i in names.items()}
 
 
-def _leg(number: int, names: tuple[str, str], scans: Sequence[Scan], known: Sequence[Known]) -> Leg:
-    """Return a leg with what it needs of scans: what is met of its two orbits."""
+def _leg(
+    number: int, names: tuple[str, str], scans: Sequence[Scan], known: Sequence[FamilyTangents]
+) -> Leg:
+    """Return a leg with the scanned meetings of its two orbits."""
     own = [replace(scan, met={name: scan.met[name] for name in names}) for scan in scans]
     return Leg(number, names, own, known)
 
@@ -244,12 +249,12 @@ def _why_not(scans: Sequence[Scan], names: tuple[str, str]) -> str:
 
 def _cheapest_of_legs(every: Transfers, legs: int) -> NDArray[np.intp]:
     """Return the numbers of the cheapest transfer of every leg that has one."""
-    found = []
+    cheapest = []
     for leg in range(legs):
         own = np.flatnonzero(every.leg == leg)
         if own.size:
-            found.append(own[np.argmin(every.total_m_s[own])])
-    return np.array(found, dtype=np.intp)
+            cheapest.append(own[np.argmin(every.total_m_s[own])])
+    return np.array(cheapest, dtype=np.intp)
 
 
 def _tracks(flow: Flow, every: Transfers, which: NDArray[np.intp]) -> Array:

@@ -18,12 +18,14 @@ from hillsphere_orbits.shooting import Shooting
 from hillsphere_orbits.swing_qso_families.curves import at_positions
 from hillsphere_orbits.swing_transfers.chains import Chains, Scan, scan
 from hillsphere_orbits.swing_transfers.search import END, Minimum, minima
-from hillsphere_orbits.swing_transfers.touch import bracketed, touching
+from hillsphere_orbits.swing_transfers.tangency import bracket_tangencies, tangent_members
 from hillsphere_orbits.transfers.curves import PolarOrbit
 
 __all__ = ["Pieces", "least_along", "search"]
 
 _MEMBERS = 5
+"""Members of a piece: it spans a quarter of the distance of two members of the chain, in which a
+minimum that the coarse search found lies well inside."""
 _SPACING = 1 / 16  # of the members of a piece, in positions on the family's chain
 _MOVES = 4  # times that a piece is moved on if the minimum lies at its end
 _CHAIN, _PIECE = (1e-2, 4), (1e-3, 2)
@@ -31,7 +33,7 @@ _CHAIN, _PIECE = (1e-2, 4), (1e-3, 2)
 
 
 class Pieces:
-    """Pieces of families as chains of their own; see `swing_chains.Chains`.
+    """Pieces of families as chains of their own; see `chains.Chains`.
 
     Parameters
     ----------
@@ -119,8 +121,11 @@ def search(
         See `minima`.
     """
     touches = {
-        one: touching(
-            chains, [t for s in scans for t in bracketed(s, one, other)], orbits[one], coarse
+        one: tangent_members(
+            chains,
+            [t for s in scans for t in bracket_tangencies(s, one, other)],
+            orbits[one],
+            coarse,
         )
         for one, other in (names, names[::-1])
     }
@@ -131,7 +136,7 @@ def least_along(
     chains: Chains,
     names: tuple[str, str],
     orbits: Mapping[str, PolarOrbit],
-    found: Sequence[Minimum],
+    coarse_minima: Sequence[Minimum],
 ) -> tuple[Pieces, list[Minimum]]:
     """Find the minima again on pieces about them, exactly.
 
@@ -143,7 +148,7 @@ def least_along(
         Departure and arrival orbit.
     orbits : mapping of str to PolarOrbit
         Orbits by name.
-    found : sequence of Minimum
+    coarse_minima : sequence of Minimum
         What `search` found.
 
     Returns
@@ -154,8 +159,8 @@ def least_along(
         The least of every family; `Minimum.family` is the number of its piece.
     """
     pair = {name: orbits[name] for name in names}
-    places = [(m.family, m.u) for m in found]
-    last = {m.family: chains.branch(m.family).size - 1.0 for m in found}
+    places = [(m.family, m.u) for m in coarse_minima]
+    last = {m.family: chains.branch(m.family).size - 1.0 for m in coarse_minima}
     for _ in range(_MOVES):
         pieces = Pieces(chains, places)
         scans = [scan(pieces, k, pair, _PIECE[1]) for k in pieces.families]
@@ -163,6 +168,8 @@ def least_along(
         moved = False
         for m in again:
             family, u = pieces.whole[m.family], pieces.position(m.family, m.u)
+            # a minimum at the end of the piece, not of the family: centre the piece there and
+            # repeat
             inside = 1e-6 < u < last[family] - 1e-6
             if m.kind == END and inside:
                 places[m.family], moved = (family, u), True

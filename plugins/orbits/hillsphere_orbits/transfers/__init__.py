@@ -1,10 +1,8 @@
-"""Transfers between periodic orbits, and the tools that every kind of them needs.
+"""Transfers between periodic orbits, and the tools common to all kinds.
 
-Tools: `pareto` (fronts of speed change and time), `energy` (what an impulse costs at least),
-`endtoend` (transfers flown anew from their first state), `curves` (planar orbits as closed curves),
-`meetings` (where trajectories meet them), `ranks` (what goes with a low cost).
+Tools: `pareto` (fronts of speed change and time), `energy` (a lower bound of an impulse),
+`endtoend` (verification by propagation), `curves` (planar orbits as closed curves),
+`meetings` (where trajectories meet them), `ranks` (rank correlations of the cost).
 
-Transfers in the plane by way of families of swing orbits: `swing_stage`, on the search in
-`swing_chains` (families and what their orbits meet), `swing_touch` (members that just touch an
-orbit), `swing_search` (minima along families) and `swing_zoom` (the same, exactly).
+The stages `swing_transfers` and `manifold_transfers` use them.
 """

@@ -71,8 +71,10 @@ class PolarOrbit:
         # a spline of the time minus its mean growth, which is periodic as the others are
         mean = self.period * np.arange(_NODES + 1) / _NODES
         columns = np.array([np.log(np.hypot(state[0], state[1])), time - mean, state[3], state[4]])
+        # a periodic spline needs equal ends; they agree to the closure of the orbit
         columns[:, -1] = columns[:, 0]
         turns = np.arange(_NODES + 1) / _NODES
+        # degree 7 on equal angles: the error falls with the eighth power of their spacing
         self._spline: BSpline = make_interp_spline(turns, columns.T, k=7, bc_type="periodic")
         # the radius alone, which is asked for far more often
         self._log_radius: BSpline = make_interp_spline(turns, columns[0], k=7, bc_type="periodic")
@@ -91,6 +93,7 @@ class PolarOrbit:
             state = stepper.step(base, part)
             cos, sin = np.cos(grid), np.sin(grid)
             off = np.arctan2(state[1] * cos - state[0] * sin, state[0] * cos + state[1] * sin)
+            # Newton's step: θ̇ = (x·vy − y·vx)/r²
             part = part - off / (_turning(state) / (state[0] ** 2 + state[1] ** 2))
             if float(np.max(np.abs(off))) < 1e-15:
                 break
@@ -138,6 +141,7 @@ class PolarOrbit:
         k = int(np.argmax(squares))
         before, here, after = squares[k - 1], squares[k], squares[(k + 1) % len(squares)]
         bend = before - 2.0 * here + after
+        # vertex of the parabola through three samples
         top = here - (0.125 * (after - before) ** 2 / bend if bend < 0.0 else 0.0)
         return float(np.sqrt(top))
 

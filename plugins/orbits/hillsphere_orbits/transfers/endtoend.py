@@ -1,4 +1,4 @@
-"""Transfers flown anew from their first state, to see whether the pieces fit and clear the body.
+"""Verification of transfers by propagation from their first state: closure and clearance.
 
 A search finds a transfer in pieces (an arc of an orbit, a strand of a manifold), each with
 states of its own. Here only the first state is taken over: every coast starts where the last one
@@ -26,6 +26,8 @@ __all__ = ["EndToEnd", "Leg", "heights_m", "least_heights_m", "verify"]
 
 _SURFACE, _APSIS = "surface", "apsis"
 _NEWTON = 60
+"""Most steps of Newton's iteration. From t = 0 a step makes a_i² + t at most half as large again,
+so that these reach places 1e10 semi-axes away."""
 _PROPAGATORS: WeakKeyDictionary[Plant, Taylor] = WeakKeyDictionary()
 
 
@@ -53,7 +55,7 @@ class Leg:
 
 @dataclass(frozen=True)
 class EndToEnd:
-    """What N transfers of K legs were like when they were flown.
+    """Misses and altitudes of N transfers of K legs.
 
     Parameters
     ----------
@@ -70,7 +72,7 @@ class EndToEnd:
     distance_m : ndarray, shape (N,)
         Least distance from the centre of the body.
     altitude_m : ndarray, shape (N,)
-        Least height above its surface; NaN if the plant tells of none, zero after an impact.
+        Least height above its surface; NaN if the plant has no surface, zero after an impact.
     impact : ndarray of bool, shape (N,)
         Whether the flight met the surface.
     places_m : ndarray, shape (3, P)
@@ -141,14 +143,17 @@ def verify(plant: Plant, start: Array, legs: Sequence[Leg]) -> EndToEnd:
         if leg.end.shape != flown.shape or leg.impulse_m_s.shape != (3, cases):
             raise InputError(f"leg {leg.name!r}: {cases} transfers, but {leg.end.shape} ends")
         go = np.flatnonzero(~impact)
+        # a leg starts from where the last one really ended, so that misses add up
         flight = taylor.fly(flown[:, go] / unit, leg.duration_s[go] / clock)
         impact[go] = [why is not None for why in flight.ended_by]
         flown[:, go] = flight.x * unit
         near.append(flown[:3, go])
         whose.append(go)
+        # stationary points of the distance and of the height along the way: the least is among them
         for met in flight.crossings.values():
             near += [states[:3] * unit[:3] for _, states in met]
             whose += [np.full(states.shape[1], i) for i, (_, states) in zip(go, met, strict=True)]
+        # the planned impulse, not one that corrects the miss
         flown[3:6] += leg.impulse_m_s
         miss = np.where(impact, np.inf, flown - leg.end)
         position[k] = np.linalg.norm(miss[:3], axis=0) / 1e3
@@ -218,6 +223,7 @@ def heights_m(plant: Plant, places: Array) -> Array:
     if axes is None or not isinstance(plant, LockedMoon):
         return np.full(places.shape[1], np.nan)
     c, s = np.cos(plant.prime_meridian_rad), np.sin(plant.prime_meridian_rad)
+    # into the axes of the body, turned by its prime meridian
     body = np.array([c * places[0] + s * places[1], c * places[1] - s * places[0], places[2]])
     squares = np.array(axes)[:, None] ** 2
     t = np.zeros(places.shape[1])
@@ -249,6 +255,6 @@ def _propagator(plant: Plant) -> Taylor:
 
 def _least(values: Array, lanes: NDArray[np.intp], cases: int) -> Array:
     """Return the least value of each lane."""
-    found = np.full(cases, np.inf)
-    np.minimum.at(found, lanes, values)
-    return found
+    least = np.full(cases, np.inf)
+    np.minimum.at(least, lanes, values)
+    return least

@@ -1,4 +1,4 @@
-r"""What an impulse costs at least, from the integrals of motion alone.
+r"""Lower bound of an impulse between two orbits, from their integrals of motion alone.
 
 In a system with the integral :math:`C = W(r) - \tfrac12 v^2` the place and C give the speed.
 An impulse at a place r, from an orbit with :math:`C_1` to one with :math:`C_2`, turns the velocity

@@ -179,6 +179,7 @@ def meetings(curve: PolarOrbit, strands: Strands, touch: float = _TOUCH) -> Meet
     """
     way, h = strands.way, strands.h
     samples, cases = way.shape[1:]
+    # g = ln r − ln R(θ) along every trajectory, with its time derivative
     g, rate = (a.reshape(samples, cases) for a in _gap(curve, way.reshape(6, -1)))
     if strands.periodic:
         # rounding must not make an extremum or a meeting at the seam appear twice or not at all
@@ -193,6 +194,7 @@ def meetings(curve: PolarOrbit, strands: Strands, touch: float = _TOUCH) -> Meet
     is_peak = np.arange(value.size) >= g.size
     # whether an extremum is a minimum
     least = np.concatenate([np.zeros(g.size, dtype=bool), rate[i, lane] <= 0.0])
+    # lexsort takes its last key first: by lane, then sub-step, then time within it
     order = np.lexsort((parts, step, lanes))
     lanes, step, parts = lanes[order], step[order], parts[order]
     value, is_peak, least = value[order], is_peak[order], least[order]
@@ -204,24 +206,27 @@ def meetings(curve: PolarOrbit, strands: Strands, touch: float = _TOUCH) -> Meet
         same = np.abs(value[other]) <= touch
         above[other[same]] = least[touching[same]]
     above[touching] = least[touching]
+    # neighbours of one lane on opposite sides of the curve bracket exactly one meeting
     k = np.flatnonzero((above[1:] != above[:-1]) & (lanes[1:] == lanes[:-1]))
     end = np.where(step[k + 1] == step[k], parts[k + 1], h[lanes[k]])
-    root = _refined(curve, strands, 0, step[k], lanes[k], parts[k], end, value[k], value[k + 1])
+    root = _refine_roots(
+        curve, strands, 0, step[k], lanes[k], parts[k], end, value[k], value[k + 1]
+    )
 
-    found = np.concatenate([k, touching])
-    time = step[found] * h[lanes[found]] + np.concatenate([root, parts[touching]])
-    order = np.lexsort((time, lanes[found]))
-    state = strands.at(lanes[found][order], time[order])
+    places = np.concatenate([k, touching])
+    time = step[places] * h[lanes[places]] + np.concatenate([root, parts[touching]])
+    order = np.lexsort((time, lanes[places]))
+    state = strands.at(lanes[places][order], time[order])
     by_time = np.lexsort((i, lane))
     bend_lane, bend_time = lane[by_time], (i * h[lane] + part)[by_time]
     there = strands.at(bend_lane, bend_time)
     bend_dv = np.linalg.norm(there[3:] - curve.state(_direction(there))[3:], axis=0)
     return Meetings(
-        lane=lanes[found][order],
+        lane=lanes[places][order],
         time=time[order],
         state=state,
         on_curve=curve.state(_direction(state)),
-        touch=(np.arange(found.size) >= k.size)[order],
+        touch=(np.arange(places.size) >= k.size)[order],
         bends=Bends(bend_lane, bend_time, peak[by_time], bend_dv),
     )
 
@@ -242,9 +247,10 @@ def _bends(
     s = np.clip(np.where(np.isfinite(s), s, 0.5), 0.0, 1.0)
     value = g[i, lane] + s * (a + s * (0.5 * linear + s * quadratic / 3.0))
     part = s * h
+    # only extrema near zero decide between none, one and two meetings
     near: NDArray[np.intp] = np.flatnonzero(np.abs(value) <= _NEAR)
     step, own, zero = i[near], lane[near], np.zeros(near.size)
-    part[near] = _refined(
+    part[near] = _refine_roots(
         curve, strands, 1, step, own, zero, strands.h[own], rate[step, own], rate[step + 1, own]
     )
     base = np.ascontiguousarray(strands.way[:, step, own])
@@ -252,7 +258,7 @@ def _bends(
     return i, lane, part, value
 
 
-def _refined(
+def _refine_roots(
     curve: PolarOrbit, strands: Strands, which: int, step: NDArray[np.intp],
     lane: NDArray[np.intp], begin: Array, end: Array, first: Array, last: Array,
 ) -> Array:  # fmt: skip
@@ -270,6 +276,7 @@ def _gap(curve: PolarOrbit, state: Array) -> tuple[Array, Array]:
     """Return g = ln r − ln R(θ) and dg/dt (N,) at states (6, N)."""
     x, y, vx, vy = state[0], state[1], state[3], state[4]
     square = x * x + y * y
+    # dg/dt = (x·v)/r² − (d ln R/dθ) θ̇
     log_r, slope = curve.log_radius(np.arctan2(y, x))
     radial, turning = (x * vx + y * vy) / square, (x * vy - y * vx) / square
     return 0.5 * np.log(square) - log_r, radial - slope * turning

@@ -1,4 +1,4 @@
-"""Which of many solutions no other one betters in both of two costs."""
+"""Pareto front of two costs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rank correlation of a cost with what may explain it."""
+"""Rank correlation of a cost with possible explanations."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ def rank_correlation(a: Array, b: Array) -> tuple[float, float]:
     """
     if a.size < 3 or np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
         return float("nan"), float("nan")
-    found = spearmanr(a, b)
-    rho = float(found.statistic)
+    result = spearmanr(a, b)
+    rho = float(result.statistic)
     if a.size > _EXACT:
-        return rho, float(found.pvalue)
+        return rho, float(result.pvalue)
     first, second = (rankdata(v) - 0.5 * (v.size + 1) for v in (a, b))
     every = second[np.array(list(permutations(range(a.size))))] @ first
     p = np.mean(np.abs(every) >= abs(float(first @ second)) - 1e-9)

@@ -1,4 +1,4 @@
-"""Specs of the stages on transfers by way of swing orbits: what a mission may write."""
+"""Specs of the stages on transfers through swing orbits: the keys of a mission."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class SwingTransfersNeeds(Spec):
 
 
 class SwingTransfersSpec(StageSpec):
-    """Transfers in the plane by way of orbits of several revolutions that meet both ends.
+    """Transfers in the plane through orbits of several revolutions that meet both ends.
 
     Every two orbits that follow one another in a route make a leg. For each leg and family the
     member of least cost is found exactly, and over all families the front of cost and time.
@@ -55,7 +55,7 @@ class SwingTransfersSpec(StageSpec):
     )
 
     needs: SwingTransfersNeeds = option("products of earlier stages")
-    plant: Ref = reference("plant", "equations of motion, those of the orbits")
+    plant: Ref = reference("plant", "equations of motion of the orbits")
     routes: tuple[tuple[str, ...], ...] = option(
         "sequences of orbits, by their names in the family's table, from departure to arrival"
     )

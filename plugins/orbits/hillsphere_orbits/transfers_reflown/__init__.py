@@ -1,1 +1,1 @@
-"""Transfers flown again on truer equations, with their impulses found anew."""
+"""Transfers flown again on higher-fidelity equations, with their impulses found anew."""

@@ -1,4 +1,4 @@
-"""Plans of transfers in full: their coasts, and the periodic orbits before, between and after."""
+"""Plans of transfers: their coasts, and the periodic orbits before, between and after them."""
 
 from __future__ import annotations
 
@@ -18,12 +18,18 @@ __all__ = ["Piece", "Plan", "Stays", "plans_of"]
 _ARC = 1.5
 """Length of an arc, natural units: gaps of neighbouring flights stay linear over it."""
 _MEETS = 2e-3
-"""Distance, natural units, within which places are the same: what sensitive coasts are off by."""
+"""Distance, natural units, within which places count as equal: the error of sensitive coasts."""
 _NEAR = 0.02
 """Distance of a state from an orbit, relative to its size, within which a coast arrives on it."""
-_SAME_EQUATIONS, _TRIAL = 1e-6, 1e-2
+_SAME_EQUATIONS = 1e-6
+"""Largest relative gap between one state of a coast and the next one propagated from it. It is
+wider than for periodic orbits: coasts along manifolds magnify the rounding of their states."""
+_TRIAL = 1e-2
+"""Part of that gap which the propagation itself may err by."""
 _THIN = 4  # of the table of orbits, for a first guess
 _NEWTON = 8
+"""Steps of Newton's iteration for the nearest phase, from the nearest entry of the thinned
+table."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +80,7 @@ class Plan:
         )
 
     @property
-    def held(self) -> list[str]:
+    def patch_orbits(self) -> list[str]:
         """Orbit on which each patch point stays; empty where there is none."""
         return [a.name if a.stays else b.name if b.stays else "" for a, b in pairwise(self.pieces)]
 
@@ -145,8 +151,10 @@ class Stays:
         assert curves is not None
         lane, last = np.asarray(lanes, dtype=np.intp), curves.table.shape[1] - 1
         h = curves.step[lane]
+        # the table runs from −T/2 to T/2 in equal steps
         place = np.mod((phase + 0.5 * curves.period[lane]) / h, last)
         i = np.minimum(place.astype(np.intp), last - 1)
+        # propagated from the table's node, not interpolated: exact to rounding
         start = np.ascontiguousarray(curves.table[:, i, lane])
         return np.asarray(self.flow.plain.propagate(start, (place - i) * h, 2))
 
@@ -207,11 +215,11 @@ def plans_of(plant: Plant, flights: Trajectories, stays: Stays, revolutions: flo
             "they were found first"
         )
     maker = _Maker(stays, system.unit, system.time_unit_s, revolutions)
-    found = []
+    plans = []
     for name in dict.fromkeys(flights.plans):
         coasts = [i for i, plan in enumerate(flights.plans) if plan == name]
-        found.append(maker.plan(name, [_coast(flow, flights, i) for i in coasts]))
-    return found
+        plans.append(maker.plan(name, [_coast(flow, flights, i) for i in coasts]))
+    return plans
 
 
 class _Maker:
@@ -233,7 +241,7 @@ class _Maker:
         shift = 0.0
         for k, coast in enumerate(coasts):
             begin = float(coast.t_s[0] - zero) + shift
-            if k and not self._joined(pieces[-1], coast, begin - float(pieces[-1].t_s[-1])):
+            if k and not self._join(pieces[-1], coast, begin - float(pieces[-1].t_s[-1])):
                 stay = self._between(pieces[-1], coast, begin - float(pieces[-1].t_s[-1]))
                 if stay is None:
                     away = np.linalg.norm(coast.hill[:3, 0] - pieces[-1].hill[:3, -1]) / 1e3
@@ -251,7 +259,8 @@ class _Maker:
             pieces.append(self._stay(last[0], last[1], span, float(pieces[-1].t_s[-1])))
         return Plan(name, tuple(pieces))
 
-    def _joined(self, before: Piece, coast: Piece, idle: float) -> bool:
+    def _join(self, before: Piece, coast: Piece, idle: float) -> bool:
+        # two coasts join directly if neither place nor time lies between them
         gap = np.linalg.norm((coast.hill[:3, 0] - before.hill[:3, -1]) / self.unit[:3])
         size = max(1.0, float(np.linalg.norm(coast.hill[:3, 0] / self.unit[:3])))
         return bool(gap <= _MEETS * size and abs(idle) <= _MEETS * self.clock)
@@ -267,6 +276,7 @@ class _Maker:
         if first is None or last is None or first[0] != last[0]:
             return None
         period = self.stays.period(first[0])
+        # from phase to phase, by whole periods more if the plan's times leave room for them
         span = (last[1] - first[1]) % period
         if idle > 0.0:
             span += period * round((idle / self.clock - span) / period)
@@ -291,6 +301,7 @@ def _coast(flow: Flow, flights: Trajectories, i: int) -> Piece:
         raise StageError(
             f"coast {label!r} of {flights.plans[i]!r} needs two or more states at rising times"
         )
+    # nodes of multiple shooting: those of the given states that are nearest to equal arcs
     arcs = max(1, round((t[-1] - t[0]) / system.time_unit_s / _ARC))
     wanted = np.linspace(t[0], t[-1], arcs + 1)
     nodes = np.unique(np.argmin(np.abs(t[:, None] - wanted), axis=0))

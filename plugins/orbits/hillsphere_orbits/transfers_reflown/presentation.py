@@ -8,7 +8,7 @@ import numpy as np
 
 from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
-from hillsphere_orbits.qso.presentation import named
+from hillsphere_orbits.qso.presentation import label_identifier
 from hillsphere_orbits.survey import NEARLY_PLANAR
 from hillsphere_orbits.transfers_reflown.products import TransfersReflown
 from hillsphere_orbits.transfers_reflown.rungs import REFLOWN
@@ -39,10 +39,10 @@ def present_reflown(product: TransfersReflown, label: str) -> Presentation:
         ``transfers_reflown_rungs``, figures ``transfers_reflown`` and
         ``transfers_reflown_paths``.
     """
-    found = np.isfinite(product.dv_m_s)
-    changes = (product.dv_m_s - product.plan_dv_m_s[:, None])[found]
+    flown = np.isfinite(product.dv_m_s)
+    changes = (product.dv_m_s - product.plan_dv_m_s[:, None])[flown]
     metrics = {
-        "reflown_transfers": Metric(int(found.size)),
+        "reflown_transfers": Metric(int(flown.size)),
         "reflown_found": Metric(sum(status == REFLOWN for status in product.status)),
     }
     figures = {}
@@ -83,9 +83,9 @@ def present_reflown(product: TransfersReflown, label: str) -> Presentation:
         "transfers_reflown_rungs": tabulate("Rungs", _rungs(product)),
     }
     return Presentation(
-        metrics={named(name, label): metric for name, metric in metrics.items()},
-        tables={named(name, label): table for name, table in tables.items()},
-        figures={named(name, label): figure for name, figure in figures.items()},
+        metrics={label_identifier(name, label): metric for name, metric in metrics.items()},
+        tables={label_identifier(name, label): table for name, table in tables.items()},
+        figures={label_identifier(name, label): figure for name, figure in figures.items()},
         verdict=_verdict(product),
     )
 
@@ -101,7 +101,7 @@ def _plans(product: TransfersReflown) -> list[FilledColumn]:
         of("dv_m_s"),
         column("change_m_s", change.T.ravel(), "change", 4),
         *map(of, ("tof_s", "stay_s", "displacement_m", "closure_m", "closure_m_s")),
-        *map(of, ("altitude_min_m", "gap", "iterations")),
+        *map(of, ("min_altitude_m", "gap", "iterations")),
     ]
 
 
@@ -188,7 +188,7 @@ def _draw_paths(figure: Canvas, product: TransfersReflown) -> None:
     rungs = np.flatnonzero(np.isfinite(product.dv_m_s[plan]))
     coasts = np.flatnonzero(product.coast_plan == plan)
     away = np.nanmax(np.abs(product.coast_m[:, :, coasts]), axis=(1, 2, 3))
-    # truer gravity lifts planar coasts by metres, which nobody would see
+    # gravity out of the plane lifts planar coasts by metres, which no one would see
     views = ((1, 0),) if away[2] < NEARLY_PLANAR * np.max(away) else ((1, 0), (1, 2))
     for axes, (right, up) in zip(
         figure.subplots(len(views), 1, squeeze=False)[:, 0], views, strict=True

@@ -1,4 +1,4 @@
-"""What the stage ``transfers_reflown`` hands on."""
+"""Product of the stage ``transfers_reflown``."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class TransfersReflown(FlightSet):
     """Largest miss of the end of a coast when it is flown from its first state alone."""
     closure_m_s: Annotated[Array, Shape("plans", "rungs"), Label("closure, velocity", 2)]
     """The same of the velocity."""
-    altitude_min_m: Annotated[Array, Shape("plans", "rungs"), Label("least height", 5, "km")]
+    min_altitude_m: Annotated[Array, Shape("plans", "rungs"), Label("least height", 5, "km")]
     """Least height of the coasts above the surface, that of the first plant where the plant itself
     has none; NaN if that has none either, zero where it is met."""
     gap: Annotated[Array, Shape("plans", "rungs"), Label("largest gap", 2)]

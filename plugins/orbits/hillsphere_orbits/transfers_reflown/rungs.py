@@ -1,4 +1,4 @@
-"""One plan on one plant: its orbits re-converged, its coasts between them, its impulses."""
+"""Recomputation of one plan on one plant: orbits, coasts and impulses."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
 from hillsphere_orbits.fidelity_ladder.rung import Rung
 from hillsphere_orbits.flow import flow_of
-from hillsphere_orbits.multiple_shooting import Flown, reconverge
+from hillsphere_orbits.multiple_shooting import ContinuousFlights, reconverge
 from hillsphere_orbits.transfers.endtoend import heights_m
 from hillsphere_orbits.transfers_reflown.plans import Plan
 
@@ -73,7 +73,7 @@ class Reflight:
 
 
 class Reflier:
-    """Flies plans again on one plant.
+    """Recomputes plans on one plant.
 
     Parameters
     ----------
@@ -95,9 +95,9 @@ class Reflier:
 
     def __call__(self, plan: Plan) -> Reflight:
         """Return a plan on this plant."""
-        found = Reflight(plan.fault or REFLOWN, np.full(max(0, len(plan.pieces) - 1), np.nan))
+        reflight = Reflight(plan.fault or REFLOWN, np.full(max(0, len(plan.pieces) - 1), np.nan))
         if plan.fault:
-            return found
+            return reflight
         # orbits first: they say where coasts begin and end
         order = sorted(range(len(plan.pieces)), key=lambda i: not plan.pieces[i].stays)
         hill: dict[int, Array] = {}
@@ -107,33 +107,34 @@ class Reflier:
             rung = Rung(self.plant, piece.t_s, self.anomaly)
             sought = piece.hill
             if not piece.stays:
-                sought = sought + _displaced(plan, i, hill)
+                sought = sought + _node_displacement(plan, i, hill)
             nodes = rung.states(sought[:, :, None], slice(0, piece.t_s.size))
-            made = self._found(rung, nodes, held=not piece.stays)
+            made = self._find_flight(rung, nodes, held=not piece.stays)
             if isinstance(made, str):
                 where = "orbit" if piece.stays else "coast"
-                found.status = f"not converged: {where} {piece.name!r}: {made}"
-                return found
-            found.iterations += int(made.iterations[0])
+                reflight.status = f"not converged: {where} {piece.name!r}: {made}"
+                return reflight
+            reflight.iterations += int(made.iterations[0])
             gaps.append(float(made.gap[0]))
             hill[i] = rung.hill(made.x)[:, :, 0]
             if not piece.stays:
-                found.coasts.append(made.x[:, :, 0])
-                self._fly(found, piece.name, rung, made)
+                reflight.coasts.append(made.x[:, :, 0])
+                self._fly(reflight, piece.name, rung, made)
         pairs = range(len(plan.pieces) - 1)
-        found.dv_m_s = np.array([np.linalg.norm(hill[i + 1][3:, 0] - hill[i][3:, -1])
+        reflight.dv_m_s = np.array([np.linalg.norm(hill[i + 1][3:, 0] - hill[i][3:, -1])
                                  for i in pairs])  # fmt: skip
         ends = [k for i, piece in enumerate(plan.pieces) if not piece.stays
                 for k in ((i, 0), (i, -1))]  # fmt: skip
-        found.displacement_m = max(
+        reflight.displacement_m = max(
             float(np.linalg.norm((hill[i] - plan.pieces[i].hill)[:3, k])) for i, k in ends
         )
-        found.gap = max(gaps)
-        return found
+        reflight.gap = max(gaps)
+        return reflight
 
-    def _found(self, rung: Rung, nodes: Array, *, held: bool) -> Flown | str:
+    def _find_flight(self, rung: Rung, nodes: Array, *, held: bool) -> ContinuousFlights | str:
         """Return the flight of the plant near nodes (n, K + 1, 1), or why there is none."""
         points = nodes.shape[1]
+        # the places at both ends of a coast are held, their velocities are free: impulses result
         freedom = np.ones((6, points))
         if held:
             freedom[:3, [0, -1]] = 0.0
@@ -149,17 +150,18 @@ class Reflier:
                 return f"it ends {np.max(missed) / 1e3:.3g} km from where it should"
         return made
 
-    def _fly(self, found: Reflight, name: str, rung: Rung, made: Flown) -> None:
+    def _fly(self, reflight: Reflight, name: str, rung: Rung, made: ContinuousFlights) -> None:
         """Fly a coast from its first state, and take its heights."""
         system = self.flow.system
         unit, clock = system.unit[:, None], system.time_unit_s
         x = made.x[:, :, 0] / unit
         t = rung.t_s / clock
         start, spans = np.ascontiguousarray(x[:, :-1]), np.diff(t)
+        # a multiple of the points per arc, so that they fall on sub-steps
         steps = _BETWEEN * -(-made.steps // _BETWEEN)
         way = self.flow.plain.trajectory(start, spans, steps)[:, :: steps // _BETWEEN]
         way = np.swapaxes(way, 1, 2).reshape(len(x), -1) * unit
-        found.track_m.append(rung.hill(way)[:3])
+        reflight.track_m.append(rung.hill(way)[:3])
         height = float(np.min(self._heights(rung, way)))
         first, span = x[:, :1], t[-1:] - t[0]
         resolved = True
@@ -175,14 +177,14 @@ class Reflier:
             end = self.flow.plain.propagate(first, span, steps * spans.size, strict=False)
             met = False
         if met or height <= 0.0:
-            height, found.status = 0.0, f"coast {name!r} meets the body"
+            height, reflight.status = 0.0, f"coast {name!r} meets the body"
         elif not resolved:
-            found.status = f"coast {name!r}: whether it meets the body is not decided"
+            reflight.status = f"coast {name!r}: whether it meets the body is not decided"
         else:
             miss = (end - x[:, -1:])[:6, 0] * unit[:6, 0]
-            found.closure_m = np.fmax(found.closure_m, np.linalg.norm(miss[:3]))
-            found.closure_m_s = np.fmax(found.closure_m_s, np.linalg.norm(miss[3:]))
-        found.altitude_m = np.fmin(found.altitude_m, height)
+            reflight.closure_m = np.fmax(reflight.closure_m, np.linalg.norm(miss[:3]))
+            reflight.closure_m_s = np.fmax(reflight.closure_m_s, np.linalg.norm(miss[3:]))
+        reflight.altitude_m = np.fmin(reflight.altitude_m, height)
 
     def _heights(self, rung: Rung, x: Array) -> Array:
         """Return heights (N,) above the surface at states (n, N), SI."""
@@ -192,7 +194,7 @@ class Reflier:
         return heights
 
 
-def _displaced(plan: Plan, i: int, hill: dict[int, Array]) -> Array:
+def _node_displacement(plan: Plan, i: int, hill: dict[int, Array]) -> Array:
     """Return by how much the nodes of a coast move (6, K + 1) with the orbits at its ends."""
     t = plan.pieces[i].t_s
     part = (t - t[0]) / (t[-1] - t[0])

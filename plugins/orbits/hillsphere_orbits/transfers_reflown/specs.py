@@ -1,4 +1,4 @@
-"""Spec of the stage ``transfers_reflown``: what a mission may write."""
+"""Spec of the stage ``transfers_reflown``: the keys of a mission."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class TransfersReflownNeeds(Spec):
 
 
 class TransfersReflownSpec(StageSpec):
-    """Transfers flown again on truer equations, plant by plant: what the impulses become.
+    """Transfers and their impulses recomputed on higher-fidelity equations, plant by plant.
 
     Where a plan begins, stays or ends on a periodic orbit, that orbit is re-converged on each plant
     about that time, and the coasts lead from where it then is to where the next one is, in the time

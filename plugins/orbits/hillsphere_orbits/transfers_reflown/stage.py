@@ -1,4 +1,4 @@
-"""The stage ``transfers_reflown``: transfers flown again on truer equations."""
+"""The stage ``transfers_reflown``: transfers flown again on higher-fidelity equations."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
 from hillsphere.products import FlightSet, OrbitSet, Trajectories
-from hillsphere_orbits.fidelity_ladder.rung import described, named_rungs
+from hillsphere_orbits.fidelity_ladder.rung import describe_plant, name_rungs
 from hillsphere_orbits.flow import flow_of
 from hillsphere_orbits.sources import members_of
 from hillsphere_orbits.transfers_reflown.plans import Plan, Stays, plans_of
@@ -26,7 +26,7 @@ _PLACE = "place of the plan"
 
 
 class TransfersReflownStage:
-    """Transfers flown again on truer equations.
+    """Transfers flown again on higher-fidelity equations.
 
     Parameters
     ----------
@@ -74,23 +74,23 @@ class TransfersReflownStage:
             flows = [threads.submit(flow_of, plant) for plant in self.plants]
             flows[0].result()
             stays = Stays(first, members_of(*orbits) if orbits else None)
-            plans = self._chosen(
+            plans = self._select_plans(
                 [plans_of(first, one.flights, stays, spec.revolutions) for one in flights]
             )
             for flow in flows:
                 flow.result()
         refliers = [Reflier(plant, first, anomaly) for plant in self.plants]
-        names = named_rungs([ref.name for ref in spec.rungs], self.plants)
+        names = name_rungs([ref.name for ref in spec.rungs], self.plants)
         advance = ctx.track("transfers reflown", len(plans) * len(refliers))
-        found: list[list[Reflight]] = []
+        reflights: list[list[Reflight]] = []
         for name, reflier in zip(names, refliers, strict=True):
-            found.append([])
+            reflights.append([])
             for plan in plans:
-                found[-1].append(reflier(plan))
-                if not found[-1][-1].good:
-                    ctx.info(f"{plan.name} on {name}: {found[-1][-1].status}")
+                reflights[-1].append(reflier(plan))
+                if not reflights[-1][-1].good:
+                    ctx.info(f"{plan.name} on {name}: {reflights[-1][-1].status}")
                 advance(1)
-        return self._product(names, plans, found)
+        return self._product(names, plans, reflights)
 
     def present(
         self,
@@ -101,7 +101,7 @@ class TransfersReflownStage:
         """Show a row per plan and plant, the patch points, and the impulses side by side."""
         return present_reflown(product, self.spec.label)
 
-    def _chosen(self, products: list[list[Plan]]) -> list[Plan]:
+    def _select_plans(self, products: list[list[Plan]]) -> list[Plan]:
         """Return the plans that are asked for."""
         every = [plan for plans in products for plan in plans]
         if self.spec.plans:
@@ -123,13 +123,13 @@ class TransfersReflownStage:
         return chosen
 
     def _product(
-        self, names: tuple[str, ...], plans: list[Plan], found: list[list[Reflight]]
+        self, names: tuple[str, ...], plans: list[Plan], reflights: list[list[Reflight]]
     ) -> TransfersReflown:
         """Lay everything out in arrays."""
 
         def table(name: str) -> Array:
-            rows = [[float(getattr(one, name)) for one in rung] for rung in found]
-            return np.array(rows, dtype=float).reshape(len(found), len(plans)).T.copy()
+            rows = [[float(getattr(one, name)) for one in rung] for rung in reflights]
+            return np.array(rows, dtype=float).reshape(len(reflights), len(plans)).T.copy()
 
         patches = [
             f"{a.name} → {b.name}"
@@ -137,21 +137,21 @@ class TransfersReflownStage:
             for a, b in zip(plan.pieces, plan.pieces[1:], strict=False)
         ]
         planned = [plan.dv_m_s for plan in plans]
-        dv = [np.concatenate([np.empty(0), *[one.dv_m_s for one in rung]]) for rung in found]
+        dv = [np.concatenate([np.empty(0), *[one.dv_m_s for one in rung]]) for rung in reflights]
         coasts = [(q, piece) for q, plan in enumerate(plans) for piece in plan.coasts]
-        tracks = [one.track_m for rung in found for one in rung]
+        tracks = [one.track_m for rung in reflights for one in rung]
         most = max((track.shape[1] for given in tracks for track in given), default=0)
-        paths = np.full((3, most, len(coasts), len(found)), np.nan)
-        for r, rung in enumerate(found):
+        paths = np.full((3, most, len(coasts), len(reflights)), np.nan)
+        for r, rung in enumerate(reflights):
             c = 0
             for plan, one in zip(plans, rung, strict=True):
                 for k, track in enumerate(one.track_m):
                     paths[:, : track.shape[1], c + k, r] = track
                 c += len(plan.coasts)
         return TransfersReflown(
-            flights=_flights(self.plants[-1], plans, found[-1]),
+            flights=_flights(self.plants[-1], plans, reflights[-1]),
             rungs=names,
-            rung_plants=tuple(described(plant) for plant in self.plants),
+            rung_plants=tuple(describe_plant(plant) for plant in self.plants),
             plans=tuple(plan.name for plan in plans),
             tof_s=np.array([plan.tof_s for plan in plans]),
             stay_s=np.array([plan.stay_s for plan in plans]),
@@ -162,13 +162,13 @@ class TransfersReflownStage:
             displacement_m=table("displacement_m"),
             closure_m=table("closure_m"),
             closure_m_s=table("closure_m_s"),
-            altitude_min_m=table("altitude_m"),
+            min_altitude_m=table("altitude_m"),
             gap=table("gap"),
             iterations=table("iterations").astype(np.int64),
-            status=tuple(one.status for rung in found for one in rung),
+            status=tuple(one.status for rung in reflights for one in rung),
             patch_plan=np.repeat(np.arange(len(plans)), [dv.size for dv in planned]),
             patches=tuple(patches),
-            patch_held=tuple(orbit or _PLACE for plan in plans for orbit in plan.held),
+            patch_held=tuple(orbit or _PLACE for plan in plans for orbit in plan.patch_orbits),
             patch_plan_dv_m_s=np.concatenate([np.empty(0), *planned]),
             patch_dv_m_s=np.stack(dv, axis=1),
             coast_plan=np.array([q for q, _ in coasts], dtype=np.int64),
@@ -177,11 +177,11 @@ class TransfersReflownStage:
         )
 
 
-def _flights(plant: Plant, plans: Sequence[Plan], found: Sequence[Reflight]) -> Trajectories:
+def _flights(plant: Plant, plans: Sequence[Plan], reflights: Sequence[Reflight]) -> Trajectories:
     """Return the coasts of the plans that were found on a plant."""
     coasts = [
         (plan.name, piece, x)
-        for plan, one in zip(plans, found, strict=True)
+        for plan, one in zip(plans, reflights, strict=True)
         if one.good
         for piece, x in zip(plan.coasts, one.coasts, strict=True)
     ]

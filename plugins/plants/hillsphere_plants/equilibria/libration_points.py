@@ -1,4 +1,4 @@
-"""Equilibrium points of motion about a moon: where a particle may rest in its frame."""
+"""Equilibrium points of motion about a moon, at which a particle can stay at rest in its frame."""
 
 from __future__ import annotations
 
@@ -12,16 +12,20 @@ from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.interfaces import Array, Plant
 
 __all__ = [
+    "check_anomaly",
     "check_orbit",
     "equilibrium_near",
-    "held_anomaly",
     "libration_points",
     "rest_eigenvalues",
 ]
 
 _ITERATIONS = 60
+"""Newton iterations at most; a step is at most a fifth of the distance, so that a few tens reach
+any point about the moon before the convergence is quadratic."""
 _EXACT, _CLOSE = 1e-15, 1e-6  # of the distance: a step that is done, one that may be rounding
 _ANOMALIES = (0.0, 1.0, 2.5)
+"""True anomalies, rad, at which accelerations are compared. No two of them are symmetric about the
+apses (ν and −ν), where an elliptic orbit would give equal ones."""
 
 
 def libration_points(plant: Plant, true_anomaly_rad: float | None = None) -> Mapping[str, Array]:
@@ -60,8 +64,8 @@ def libration_points(plant: Plant, true_anomaly_rad: float | None = None) -> Map
         guesses["L3"] = 2.0 * distance * to_primary
         for name, turn in (("L4", -pi / 3.0), ("L5", pi / 3.0)):
             guesses[name] = distance * np.array([cos(angle + turn), sin(angle + turn), 0.0])
-    found = equilibrium_near(plant, np.array(list(guesses.values())).T, true_anomaly_rad)
-    return dict(zip(guesses, found.T, strict=True))
+    points = equilibrium_near(plant, np.array(list(guesses.values())).T, true_anomaly_rad)
+    return dict(zip(guesses, points.T, strict=True))
 
 
 def equilibrium_near(plant: Plant, guess_m: Array, true_anomaly_rad: float | None = None) -> Array:
@@ -93,7 +97,7 @@ def equilibrium_near(plant: Plant, guess_m: Array, true_anomaly_rad: float | Non
     x = np.zeros((len(equations.x), guess_m.shape[1]))
     x[:3] = guess_m / plant.scales.length_m
     if true_anomaly_rad is not None:
-        x[6:] = held_anomaly(plant, true_anomaly_rad)
+        x[6:] = check_anomaly(plant, true_anomaly_rad)
     elif len(x) > 6:
         _check_steady(slopes, x)
     before = np.full(x.shape[1], np.inf)
@@ -121,9 +125,9 @@ def equilibrium_near(plant: Plant, guess_m: Array, true_anomaly_rad: float | Non
 
 
 def check_orbit(plant: Plant, true_anomaly_rad: float | None = None) -> None:
-    """Raise `InputError` unless a plant has points of rest, for good or at a true anomaly."""
+    """Raise `InputError` unless a plant has equilibrium points, always or at a true anomaly."""
     if true_anomaly_rad is not None:
-        held_anomaly(plant, true_anomaly_rad)
+        check_anomaly(plant, true_anomaly_rad)
     elif len(plant.states) > 6:
         equations = system(plant, normalised=True)
         x = np.zeros((len(equations.x), 1))
@@ -145,13 +149,13 @@ def _check_steady(slopes: Derivatives, x: Array) -> None:
         )
 
 
-def held_anomaly(plant: Plant, true_anomaly_rad: float) -> float:
-    """Return the true anomaly at which a plant is looked at.
+def check_anomaly(plant: Plant, true_anomaly_rad: float) -> float:
+    """Return the true anomaly at which a plant is held, or raise `InputError`.
 
     Raises
     ------
     InputError
-        If it has none, or another state beside it.
+        If the true anomaly is not the seventh and last state of the plant.
     """
     names = [v.name for v in plant.states]
     if names[6:] != ["true_anomaly"]:
@@ -185,7 +189,7 @@ def rest_eigenvalues(
     x = np.zeros((len(equations.x), position_m.shape[1]))
     x[:3] = position_m / plant.scales.length_m
     if true_anomaly_rad is not None:
-        x[6:] = held_anomaly(plant, true_anomaly_rad)
+        x[6:] = check_anomaly(plant, true_anomaly_rad)
     _, jacobian = Derivatives(equations).both(x)
     values = np.linalg.eigvals(np.moveaxis(jacobian[:6, :6], 2, 0)) / plant.scales.time_s
     order = np.lexsort((-values.imag, -values.real), axis=1)

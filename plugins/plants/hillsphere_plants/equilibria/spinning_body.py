@@ -1,4 +1,4 @@
-"""Equilibrium points of a body that turns uniformly: where a particle may hover over one place."""
+"""Equilibrium points of a uniformly rotating body, over which a particle can hover."""
 
 from __future__ import annotations
 
@@ -14,10 +14,20 @@ from hillsphere.model.shapes.levels import level_of
 __all__ = ["SpinEquilibria", "spin_equilibria"]
 
 _ITERATIONS = 100
+"""Newton iterations at most. A step is at most a tenth of the distance, so that tens of them may
+pass before the convergence is quadratic; lanes without an equilibrium nearby use them all and are
+left out."""
 _DONE = 1e-13
+"""Length of the last step over the distance from the centre: a few hundred roundings."""
 _SAME = 1e-6
+"""Distance of two results, in synchronous radii, below which they are one point: far above what the
+iterations leave, far below the distance of two equilibria of a real body."""
 _FLAT = 1e-9
+"""Singular values of the slope below this part of the largest count as zero, and no step is taken
+along them: on the circle of equilibria of a round body they are rounding."""
 _GUESSES = 24
+"""Starts on the ring, every 15°. A body of degree and order 2 has four equilibria, an irregular one
+a few more; with fewer starts one of these may be missed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,21 +94,24 @@ def spin_equilibria(
     for _ in range(_ITERATIONS):
         pull = field.acceleration(r) + centrifugal @ r
         slope = np.moveaxis(field.gradient(r), 2, 0) + centrifugal
-        # Of a body that is nearly round a whole circle is in equilibrium: no step along it.
+        # Near a round body a whole circle is in equilibrium: the pseudo-inverse steps across it
+        # only.
         step = -(np.linalg.pinv(slope, _FLAT) @ pull.T[..., None])[..., 0].T
         size, length = np.linalg.norm(r, axis=0), np.linalg.norm(step, axis=0)
         done = length <= _DONE * size
         if done.all():
             break
+        # at most a tenth of the distance, so that the iterations do not leave the neighbourhood
         r = r + np.minimum(1.0, 0.1 * size / np.maximum(length, 1e-300)) * step
-    found = r[:, done]
-    if not found.size:
+    converged = r[:, done]
+    if not converged.size:
         raise ConvergenceError(
             f"no equilibrium point is found about {radius:.6g} m in {_ITERATIONS} iterations"
         )
-    order = np.argsort(np.mod(np.arctan2(found[1], found[0]) + _SAME, 2.0 * np.pi))
+    # by longitude from 0; the shift keeps a point at −1e-16 rad first and not last
+    order = np.argsort(np.mod(np.arctan2(converged[1], converged[0]) + _SAME, 2.0 * np.pi))
     kept: list[Array] = []
-    for point in found[:, order].T:
+    for point in converged[:, order].T:
         if all(np.linalg.norm(point - other) > _SAME * radius for other in kept):
             kept.append(point)
     points = np.array(kept).T

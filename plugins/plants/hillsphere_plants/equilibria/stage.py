@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from hillsphere.engine.surroundings import Surroundings
 from hillsphere.interfaces import Array, Context, Plant
-from hillsphere.presentation import Cell, Column, Metric, Presentation, Table
+from hillsphere.presentation import Metric, Presentation
+from hillsphere.products.fields import Label, Shape
+from hillsphere.show.tables import FieldColumns, column, tabulate
 from hillsphere_plants.equilibria.libration_points import (
     check_orbit,
     libration_points,
@@ -21,48 +24,30 @@ __all__ = ["Equilibria", "EquilibriaStage"]
 _TURN = 2.0 * np.pi
 _REAL = 1e-9
 """Part of an eigenvalue below which its real or imaginary part is rounding."""
-_COLUMNS = (
-    Column("point", "", "point"),
-    Column("true_anomaly_deg", "deg", "true anomaly", 5),
-    Column("x_m", "m", "x", 10),
-    Column("y_m", "m", "y", 10),
-    Column("z_m", "m", "z", 10),
-    Column("distance_m", "m", "distance from the centre", 10),
-    Column("height_m", "m", "above the surface along the radius", 6),
-    Column("growth_s", "s", "time of growth by e", 5),
-    Column("period_1_s", "s", "period of the slowest oscillation", 6),
-    Column("period_2_s", "s", "of the next", 6),
-    Column("period_3_s", "s", "of the fastest of three", 6),
-)
 
 
 @dataclass(frozen=True)
 class Equilibria:
     """Points of rest and the linear motion about them.
 
-    Parameters
-    ----------
-    frame : str
-        Of the positions.
-    names : tuple of str, length N
-        ``"L1"`` …
-    true_anomaly_rad : ndarray, shape (N,)
-        Where the body was held; NaN for points of rest for good.
-    position_m : ndarray, shape (3, N)
-        Where they are.
-    eigenvalues_1_s : ndarray of complex, shape (6, N)
-        Of the linear motion, the largest real part first; for a moment's points those of the
-        equations with the true anomaly held.
-    height_m : ndarray, shape (N,)
-        Above the surface along the radius; NaN without a surface.
+    With a true anomaly the points are those where a particle at rest is not accelerated for that
+    moment, and the eigenvalues those of the equations with the true anomaly held.
     """
 
     frame: str
-    names: tuple[str, ...]
-    true_anomaly_rad: Array
-    position_m: Array
-    eigenvalues_1_s: np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
-    height_m: Array
+    """Frame of the positions."""
+    names: Annotated[tuple[str, ...], Shape("points"), Label("point")]
+    """``"L1"`` …"""
+    true_anomaly_rad: Annotated[Array, Shape("points"), Label("true anomaly", 5, "deg")]
+    """True anomaly at which the point is one of rest; NaN if it is always one."""
+    position_m: Annotated[Array, Shape(3, "points")]
+    """Positions of the points."""
+    eigenvalues_1_s: Annotated[
+        np.ndarray[tuple[int, ...], np.dtype[np.complex128]], Shape(6, "points")
+    ]
+    """Eigenvalues of the linear motion about them, the largest real part first."""
+    height_m: Annotated[Array, Shape("points"), Label("above the surface along the radius", 6)]
+    """Height above the surface along the radius; NaN without a surface."""
 
 
 class EquilibriaStage:
@@ -110,12 +95,12 @@ class EquilibriaStage:
         values: list[np.ndarray[tuple[int, ...], np.dtype[np.complex128]]] = []
         at: list[float] = []
         for anomaly in anomalies:
-            found = libration_points(self.plant, anomaly)
-            points = np.array(list(found.values())).T
-            names += found
+            by_name = libration_points(self.plant, anomaly)
+            points = np.array(list(by_name.values())).T
+            names += by_name
             where.append(points)
             values.append(rest_eigenvalues(self.plant, points, anomaly))
-            at += [np.nan if anomaly is None else anomaly] * len(found)
+            at += [np.nan if anomaly is None else anomaly] * len(by_name)
             advance(1)
         position = np.concatenate(where, axis=1)
         return Equilibria(
@@ -129,44 +114,38 @@ class EquilibriaStage:
 
     def present(self, product: Equilibria) -> Presentation:
         """Show positions, heights, growth and periods."""
-        rows: list[dict[str, Cell]] = []
-        for i, name in enumerate(product.names):
-            values = product.eigenvalues_1_s[:, i]
-            growth = float(values.real.max())
-            turning = values.imag[values.imag > _REAL * np.abs(values)]
-            periods = np.sort(2.0 * np.pi / turning)[::-1].tolist()
-            r = product.position_m[:, i]
-            unstable = growth > _REAL * float(np.abs(values).max())
-            rows.append(
-                {
-                    "point": name,
-                    "true_anomaly_deg": _number(np.degrees(product.true_anomaly_rad[i])),
-                    "x_m": float(r[0]),
-                    "y_m": float(r[1]),
-                    "z_m": float(r[2]),
-                    "distance_m": float(np.linalg.norm(r)),
-                    "height_m": _number(product.height_m[i]),
-                    "growth_s": 1.0 / growth if unstable else None,
-                    "period_1_s": periods[0] if periods else None,
-                    "period_2_s": periods[1] if len(periods) > 1 else None,
-                    "period_3_s": periods[2] if len(periods) > 2 else None,
-                }
-            )
+        of = FieldColumns(product, "points")
+        motions = [_growth_and_periods(values) for values in product.eigenvalues_1_s.T]
+        distances = [float(np.linalg.norm(r)) for r in product.position_m.T]
+        words = ("period of the slowest oscillation", "of the next", "of the fastest of three")
+        columns = [
+            of("names", "point"),
+            of("true_anomaly_rad"),
+            *(column(f"{axis}_m", r, axis, 10)
+              for axis, r in zip("xyz", product.position_m, strict=True)),
+            column("distance_m", distances, "distance from the centre", 10),
+            of("height_m"),
+            column("growth_s", [growth for growth, _ in motions], "time of growth by e", 5),
+            *(column(f"period_{k + 1}_s",
+                     [periods[k] if k < len(periods) else None for _, periods in motions],
+                     text, 6, unit="s")
+              for k, text in enumerate(words)),
+        ]  # fmt: skip
         notes = [f"In the frame {product.frame}, in the body's gravity, which moves them off axes."]
         if self.spec.true_anomalies_rad:
             notes.append(
                 "At each true anomaly the points where a particle at rest is not accelerated for "
                 "that moment; growth and periods are those of the equations held there."
             )
-        distances = np.linalg.norm(product.position_m, axis=0)
+        lengths = np.linalg.norm(product.position_m, axis=0)
         # Of several true anomalies each has metrics of its own, by its place among them.
         places = [product.names[:i].count(name) for i, name in enumerate(product.names)]
         many = max(places) > 0
         metrics = {
             f"{name.lower()}_distance{f'_{place + 1}' if many else ''}": Metric(float(d), "m")
-            for name, place, d in zip(product.names, places, distances, strict=True)
+            for name, place, d in zip(product.names, places, lengths, strict=True)
         }
-        table = Table("Equilibrium points", _COLUMNS, rows, notes)
+        table = tabulate("Equilibrium points", columns, notes)
         return Presentation(metrics, {"equilibrium_points": table}, {})
 
     def _heights(self, r: Array) -> Array:
@@ -177,5 +156,15 @@ class EquilibriaStage:
         return np.asarray(np.linalg.norm(r, axis=0) * (1.0 - 1.0 / level))
 
 
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+def _growth_and_periods(
+    values: np.ndarray[tuple[int, ...], np.dtype[np.complex128]],
+) -> tuple[float | None, list[float]]:
+    """Return the time of growth by e, None if stable, and the periods, the longest first.
+
+    Real and imaginary parts that are rounding beside the eigenvalue count as zero.
+    """
+    growth = float(values.real.max())
+    turning = values.imag[values.imag > _REAL * np.abs(values)]
+    periods: list[float] = np.sort(2.0 * np.pi / turning)[::-1].tolist()
+    unstable = growth > _REAL * float(np.abs(values).max())
+    return (1.0 / growth if unstable else None), periods

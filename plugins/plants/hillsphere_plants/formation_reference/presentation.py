@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hillsphere.interfaces import Array
-from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
 from hillsphere.products import Trajectories
+from hillsphere.show.tables import column, tabulate, text_column
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure
@@ -18,11 +18,6 @@ if TYPE_CHECKING:
 __all__ = ["present_formation"]
 
 _COLOURS = ("blue", "vermillion", "green", "purple", "orange", "sky", "black")
-_COLUMNS = [
-    Column("between", "", "from … to …"),
-    Column("least_km", "km", "least distance", 6),
-    Column("greatest_km", "km", "greatest distance", 6),
-]
 
 
 def present_formation(
@@ -51,18 +46,16 @@ def present_formation(
     }
     for i, j in combinations(range(len(spacecraft)), 2):
         apart[f"{spacecraft[i]} – {spacecraft[j]}"] = np.linalg.norm(places[i] - places[j], axis=0)
-    rows: list[Mapping[str, Cell]] = [
-        {
-            "between": between,
-            "least_km": float(distance.min()) / 1e3,
-            "greatest_km": float(distance.max()) / 1e3,
-        }
-        for between, distance in apart.items()
-    ]
+    columns = [
+        text_column("between", apart, "from … to …"),
+        column("least_km", [distance.min() for distance in apart.values()], "least distance", 6),
+        column("greatest_km", [distance.max() for distance in apart.values()],
+               "greatest distance", 6),
+    ]  # fmt: skip
     least = min(float(distance.min()) for distance in apart.values())
     return Presentation(
         metrics={"least_distance": Metric(least, "m")},
-        tables={"formation_distances": Table("Distances in the formation", _COLUMNS, rows)},
+        tables={"formation_distances": tabulate("Distances in the formation", columns)},
         figures={
             "formation_reference": Figure(
                 "Reference trajectories of the formation",

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Annotated, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from hillsphere.interfaces import Array, Context, Variable
 from hillsphere.model.bodies import OrbitingBody
 from hillsphere.presentation import Presentation
 from hillsphere.products import FlightSet, Trajectories
+from hillsphere.products.fields import Shape
 from hillsphere_plants.formation_reference.presentation import present_formation
 from hillsphere_plants.proximity_specs import FormationReferenceSpec, RelativeElementsSpec
 
@@ -56,18 +57,13 @@ class FormationAboutAsteroid(Contract, Protocol):
 class FormationReference(FlightSet):
     """Reference trajectory of a formation: one flight, whose states are those of all spacecraft.
 
-    Parameters
-    ----------
-    flights : Trajectories
-        The flight.
-    spacecraft : tuple of str
-        Names, in the order of the states.
-    semi_axes_m : ndarray, shape (3,), or None
-        Of the asteroid's surface.
+    `flights` is that one flight.
     """
 
-    spacecraft: tuple[str, ...]
-    semi_axes_m: Array | None = None
+    spacecraft: Annotated[tuple[str, ...], Shape("spacecraft")]
+    """Names, in the order of the states."""
+    semi_axes_m: Annotated[Array | None, Shape(3)] = None
+    """Semi-axes of the asteroid's surface; None without a surface."""
 
 
 def relative_orbit(

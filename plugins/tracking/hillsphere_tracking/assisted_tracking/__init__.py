@@ -1,1 +1,1 @@
-"""Assisted tracking: whole passes with a loss of signal, as one case or as a campaign."""
+"""Assisted tracking: passes with a loss of signal, as a single case or as a campaign."""

@@ -1,4 +1,4 @@
-"""Figures of one case of assisted tracking: errors over time, their spread, the sky."""
+"""Figures of one case of assisted tracking: errors over time, standard deviations, sky plots."""
 
 from __future__ import annotations
 
@@ -25,19 +25,23 @@ __all__ = [
 ]
 
 ROWS_PER_FIGURE = 3
+"""Passes in one figure of errors; with more a page cannot show it whole."""
 SKIES_PER_FIGURE = 12
+"""Skies in one figure, in rows of three; with more a page cannot show it whole."""
 
 _COLOURS = tuple(
     PALETTE[name] for name in ("blue", "vermillion", "green", "purple", "orange", "black", "sky")
 )
 _LINES = ("-", "--", ":")
 _FLOOR_DEG = 1e-3
+"""Errors below this are drawn here, so that a logarithmic axis keeps its room for those that
+matter: no antenna of this study measures a thousandth of a degree."""
 _MEASURED = 60
-"""Measurements of a pass that are drawn in the sky, at most about so many."""
+"""Measurements of a pass that are drawn in the sky, about: more dots merge into a line."""
 
 
 def tracker_style(number: int) -> tuple[str, str]:
-    """Return colour and line of the tracker of this number, the same in every figure."""
+    """Return colour and line style of a tracker by its number, the same in every figure."""
     return _COLOURS[number % len(_COLOURS)], _LINES[number // len(_COLOURS) % len(_LINES)]
 
 
@@ -55,7 +59,7 @@ def logarithmic(axes: Axes) -> None:
 
 
 def draw_errors(figure: Figure, product: AssistedTracking, chosen: Integers, columns: int) -> None:
-    """Draw the errors √(ΔA² + Δh²) over time, a panel for each outage of some passes."""
+    """Draw the errors √(ΔA² + Δh²) over time, one panel per outage of the chosen passes."""
     rows: list[list[int]] = []
     for p in chosen:
         own = np.flatnonzero(product.outage_pass == p).tolist()
@@ -80,14 +84,14 @@ def _errors(axes: Axes, product: AssistedTracking, outage: int) -> None:
         colour, line = tracker_style(t)
         error = np.degrees(product.error_rad[t, outage])
         axes.plot(minutes, np.maximum(error, _FLOOR_DEG), color=colour, ls=line, lw=1.2, label=name)
-    _lost(axes, product, outage)
+    _shade_lock(axes, product, outage)
     axes.axhline(np.degrees(product.lock_angle_rad), color=PALETTE["black"], ls="--", lw=0.9)
     logarithmic(axes)
     axes.set_title(_title(product, outage), fontsize=9)
 
 
-def _lost(axes: Axes, product: AssistedTracking, outage: int) -> None:
-    """Shade the time in which the signal is there."""
+def _shade_lock(axes: Axes, product: AssistedTracking, outage: int) -> None:
+    """Shade the time before the loss of signal."""
     end = product.outage_s[outage] / 60.0
     axes.axvspan(0.0, end, color="#eeeeee", lw=0, zorder=0)
     axes.axvline(end, color="#888888", lw=0.9)
@@ -99,7 +103,7 @@ def _title(product: AssistedTracking, outage: int) -> str:
 
 
 def draw_spread(figure: Figure, product: AssistedTracking, outage: int, chosen: Integers) -> None:
-    """Draw the error on the sky and its standard deviation, a panel for each of some trackers."""
+    """Draw the error on the sky with its standard deviation, one panel per chosen tracker."""
     columns = min(3, chosen.size)
     rows = -(-chosen.size // columns)
     cells = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
@@ -116,7 +120,7 @@ def draw_spread(figure: Figure, product: AssistedTracking, outage: int, chosen: 
         error = np.degrees(product.sky_error_rad[t, outage])
         axes.plot(minutes, np.maximum(error, _FLOOR_DEG), color=PALETTE["blue"], lw=1.2,
                   label="error on the sky")  # fmt: skip
-        _lost(axes, product, outage)
+        _shade_lock(axes, product, outage)
         logarithmic(axes)
         axes.set_title(product.trackers[int(t)], fontsize=9)
         axes.tick_params(labelbottom=True)
@@ -128,7 +132,7 @@ def draw_spread(figure: Figure, product: AssistedTracking, outage: int, chosen: 
 
 
 def draw_skies(figure: Figure, product: AssistedTracking, chosen: Integers) -> None:
-    """Draw the sky of some passes: azimuth around, zenith in the middle."""
+    """Draw polar sky plots of passes, with the zenith in the centre."""
     columns = min(3, chosen.size)
     rows = -(-chosen.size // columns)
     for place, p in enumerate(chosen):
@@ -162,5 +166,5 @@ def draw_skies(figure: Figure, product: AssistedTracking, chosen: Integers) -> N
 
 
 def _sky(angles: Array) -> tuple[Array, Array]:
-    """Return azimuth and distance from the zenith in degrees, of angles (2, n)."""
+    """Return azimuth (rad) and distance from the zenith (deg) of angles (2, n)."""
     return angles[0], 90.0 - np.degrees(angles[1])

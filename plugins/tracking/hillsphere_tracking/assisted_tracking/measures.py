@@ -1,4 +1,4 @@
-"""What a case of assisted tracking is measured by, and how the metrics are called."""
+"""Measures of a case of assisted tracking, and the names of its metrics."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ MEASURES = {
 }
 """Measure of an outage → its unit.
 
-- ``error_max``: largest √(ΔA² + Δh²) of the predictions, biases taken off, against where the
-  satellite truly is;
+- ``error_max``: largest √(ΔA² + Δh²) between the prediction, with the biases removed, and the true
+  direction of the satellite;
 - ``sky_error_max``: the same as an arc on the sky, √((ΔA cos h)² + Δh²) for small errors;
-- ``encoder_error_max``: largest √(ΔA² + Δh²) of the predictions with their biases against what the
-  antenna's encoders would show without noise: what reacquisition needs;
-- ``time_outside``: for how long the arc between prediction and antenna's angles exceeds the lock
+- ``encoder_error_max``: largest √(ΔA² + Δh²) between the prediction with its biases and the angles
+  that the antenna's encoders would show without noise; it decides about the reacquisition;
+- ``time_outside``: time for which the arc between prediction and encoder angles exceeds the lock
   angle;
-- ``nees``: normalised error squared (two degrees of freedom) of the prediction in the middle of the
-  outage, against the antenna's angles;
-- ``time_to_reacquire``: from the signal's return until the search finds the satellite (the search
-  goes back and forth until it does); the time to the set if it never does; only with a search;
+- ``nees``: normalised estimation error squared (two degrees of freedom) of the prediction in the
+  middle of the outage, relative to the encoder angles;
+- ``time_to_reacquire``: time from the return of the signal until the search finds the satellite (it
+  runs back and forth), or until the set if it never does; only with a search;
 - ``found``: 1 if the satellite is found before it sets, else 0; only with a search;
-- ``found_at_once``: 1 if it is found where it is predicted, else 0; only with a search.
+- ``found_at_once``: 1 if it is found at the prediction, else 0; only with a search.
 """
 
 
@@ -48,11 +48,11 @@ class MetricName(NamedTuple):
 
     @classmethod
     def parse(cls, name: str) -> MetricName | None:
-        """Return the parts of a name, None if it is none."""
+        """Split a name into its parts; return None if it is not the name of a metric."""
         parts = name.split(".")
         return cls(*parts) if len(parts) == 4 else None
 
 
 def outage_name(outage_s: float) -> str:
-    """Return the name of an outage by its beginning, such as ``"60s"``."""
+    """Return the name of an outage from its beginning, such as ``"60s"``."""
     return f"{outage_s:g}s".replace(".", "_")

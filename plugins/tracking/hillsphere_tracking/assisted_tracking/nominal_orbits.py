@@ -1,4 +1,4 @@
-"""Nominal orbits of a block of cases: the true one with errors, as mean elements."""
+"""Nominal orbits of a block of cases: the true orbit with random errors, as mean elements."""
 
 from __future__ import annotations
 
@@ -23,6 +23,8 @@ _SIZES = (
     ("velocity_error", "velocity_m_s", "m/s"),
 )
 _DRAWS = 10
+"""Normal numbers per case: position (3), velocity (3), sign of the age, then the errors of a, Ω and
+M. Another number changes the draws of all cases."""
 
 
 @dataclass(frozen=True)
@@ -40,37 +42,37 @@ class NominalOrbits:
 
 
 def error_inputs(spec: NominalErrorSpec) -> tuple[Parameter, ...]:
-    """Return the sizes of errors that may differ from case to case."""
+    """Return the sizes of the errors, as inputs that may differ from case to case."""
     return tuple(Parameter(name, getattr(spec, key), unit) for name, key, unit in _SIZES)
 
 
 def nominal_orbits(
     spec: NominalErrorSpec, batch: CaseBatch, name: str, true: Array, field: ZonalField
 ) -> NominalOrbits:
-    """Return the nominal orbits with which trackers begin.
+    """Return the nominal orbits with which the trackers begin.
 
     Parameters
     ----------
     spec : NominalErrorSpec
-        Sizes of the errors, where the batch gives none.
+        Sizes of the errors that the batch does not give.
     batch : CaseBatch
-        The N cases; their draws and the pass's name fix the random numbers.
+        The N cases; their draws and the name of the pass determine the random numbers.
     name : str
-        Of the pass.
+        Name of the pass.
     true : ndarray, shape (6,)
-        State at the acquisition, TEME, m and m/s.
+        True state at the acquisition, TEME, m and m/s.
     field : ZonalField
-        Of the planet.
+        Gravity field of the planet.
 
     Returns
     -------
     NominalOrbits
-        At the acquisition.
+        Elements at the acquisition.
 
     Raises
     ------
     InputError, ConvergenceError
-        If an error is so large that a state is on no ellipse, or beyond the theory.
+        If an error is so large that a state is not on an ellipse, or outside the theory's range.
     """
     age, position, velocity = (batch.value(key, getattr(spec, value)) for key, value, _ in _SIZES)
     z = draws(batch.seed, batch.stream, batch.draws, f"nominal error {name}", (_DRAWS,))
@@ -82,6 +84,8 @@ def nominal_orbits(
     except InputError as error_:
         raise InputError(f"nominal_error: pass {name}: {error_}; make it smaller") from error_
     mean = mean_from_osculating(osculating, field)
+    # An along-track error of `age` seconds changes M by its rate; the errors of a, Ω and M add to
+    # mean and osculating elements alike, since the short-period terms hardly change.
     early = sign[6] * age * secular_rates(mean, field)[2]
     for elements in (mean, osculating):
         elements[0] += spec.semi_major_axis_sigma_m * z[7]

@@ -1,4 +1,4 @@
-"""How the stage ``assisted_tracking`` shows one case: tables beside the paper's, figures."""
+"""Presentation of one case of ``assisted_tracking``: tables beside published values, figures."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from hillsphere.show.reference import (
     difference_notes,
     with_paper,
 )
+from hillsphere.show.tables import FieldColumns, column, tabulate, text_column
 from hillsphere_tracking.assisted_tracking.figures import (
     ROWS_PER_FIGURE,
     SKIES_PER_FIGURE,
@@ -27,36 +28,14 @@ from hillsphere_tracking.assisted_tracking.measures import MEASURES, MetricName
 from hillsphere_tracking.assisted_tracking.products import AssistedTracking
 from hillsphere_tracking.assisted_tracking.specs import AssistedTrackingSpec
 
-__all__ = ["case_values", "presented"]
+__all__ = ["case_values", "present_case"]
 
 _MOST_PASSES = 12
-_PASSES = (
-    Column("pass", "", "pass"),
-    Column("station", "", "station"),
-    Column("revolution", "-", "revolution"),
-    Column("direction", "", "direction"),
-    Column("duration_s", "s", "duration, as the elements have it", 5),
-    Column("elevation_max_deg", "deg", "highest elevation, as the elements have it", 4),
-    Column("earth_turned_deg", "deg", "Earth turned eastwards by", 5),
-    Column("tracked_acquisition_s", "s", "acquisition, as tracked", 7),
-    Column("tracked_duration_s", "s", "duration, as tracked", 5),
-    Column("tracked_elevation_max_deg", "deg", "highest elevation, as tracked", 4),
-    Column("station_error_km", "km", "station told off by", 3),
-    Column("note", "", "note"),
-)
-_ERRORS = (
-    Column("pass", "", "pass"),
-    Column("station", "", "station"),
-    Column("bias_azimuth_deg", "deg", "largest bias, azimuth", 3),
-    Column("bias_elevation_deg", "deg", "largest bias, elevation", 3),
-    Column("noise_azimuth_deg", "deg", "largest noise, azimuth", 3),
-    Column("noise_elevation_deg", "deg", "largest noise, elevation", 3),
-    Column("sigma_azimuth_deg", "deg", "largest σ, azimuth", 3),
-    Column("sigma_elevation_deg", "deg", "largest σ, elevation", 3),
-)
+"""Passes that are drawn at most: four figures of three rows, as many as a reader compares."""
 _DRAWN = ("noise_azimuth_deg", "noise_elevation_deg")
 _PUBLISHED = "published_"
-_SHOWN_IN = {"rad": ("deg", 180.0 / np.pi), "s": ("s", 1.0), "-": ("-", 1.0)}
+_SUFFIXES = {"rad": "_deg", "s": "_s", "-": ""}
+"""Suffix of the columns of a measure, by its unit."""
 _HEADINGS = {
     "error_max": "largest error √(ΔA² + Δh²)",
     "sky_error_max": "largest error on the sky",
@@ -69,22 +48,22 @@ _HEADINGS = {
 }
 
 
-def presented(product: AssistedTracking, spec: AssistedTrackingSpec) -> Presentation:
-    """Show one case.
+def present_case(product: AssistedTracking, spec: AssistedTrackingSpec) -> Presentation:
+    """Return tables, figures, metrics and verdict of one case.
 
     Parameters
     ----------
     product : AssistedTracking
         The case.
     spec : AssistedTrackingSpec
-        What was asked for: gives the published values and the label.
+        Spec of the stage, with the published values and the label.
 
     Returns
     -------
     Presentation
         Tables ``tracked_passes``, ``antenna_errors`` and ``tracking``; figures ``tracking_errors``,
-        ``tracking_spread`` and ``tracking_sky``; of each tracker the largest errors' mean over the
-        outages.
+        ``tracking_spread`` and ``tracking_sky``; metrics with the mean over the outages of each
+        tracker's largest errors.
 
     Raises
     ------
@@ -116,130 +95,119 @@ def presented(product: AssistedTracking, spec: AssistedTrackingSpec) -> Presenta
 
 
 def case_values(product: AssistedTracking) -> dict[str, Array]:
-    """Return each measure of the case, (T, L); NaN where there is none."""
+    """Return the values (T, L) of each measure of the case; NaN where a measure has no value."""
     trackers = {name: t for t, name in enumerate(product.trackers)}
     outages = {
         (product.passes[p], name): k
         for k, (p, name) in enumerate(zip(product.outage_pass, product.outage_names, strict=True))
     }
-    found = {name: np.full((len(trackers), len(outages)), np.nan) for name in MEASURES}
+    values = {name: np.full((len(trackers), len(outages)), np.nan) for name in MEASURES}
     for metric, value in zip(product.metrics, product.values, strict=True):
         name = MetricName.parse(metric)
-        if name is not None and name.measure in found:
-            found[name.measure][trackers[name.tracker], outages[name.pass_, name.outage]] = value
-    return found
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+        if name is not None and name.measure in values:
+            values[name.measure][trackers[name.tracker], outages[name.pass_, name.outage]] = value
+    return values
 
 
 def _pass_table(product: AssistedTracking, reference: ReferenceTable | None) -> Table:
-    rows: list[dict[str, Cell]] = []
-    degrees = 180.0 / np.pi
-    for p, name in enumerate(product.passes):
-        rows.append(
-            {
-                "pass": name,
-                "station": product.stations[p],
-                "revolution": int(product.revolution[p]),
-                "direction": product.directions[p],
-                "duration_s": _number(product.plain_duration_s[p]),
-                "elevation_max_deg": _number(degrees * product.plain_elevation_max_rad[p]),
-                "earth_turned_deg": float(degrees * product.earth_shift_rad[p]),
-                "tracked_acquisition_s": float(product.acquisition_s[p]),
-                "tracked_duration_s": float(product.duration_s[p]),
-                "tracked_elevation_max_deg": float(degrees * product.elevation_max_rad[p]),
-                "station_error_km": float(1e-3 * product.station_error_m[p]),
-            }
-        )
+    of = FieldColumns(product, "passes")
     notes = [
-        "The Earth is turned by the least angle, to the side asked for, that gives the elevation."
+        "The Earth is turned by the least angle to the requested side that gives the elevation."
     ]
-    columns: list[Column] = list(_PASSES)
+    table = tabulate(
+        "Passes",
+        [
+            of("passes", "pass"),
+            of("stations", "station"),
+            of("revolution"),
+            of("directions", "direction"),
+            of("plain_duration_s", "duration_s"),
+            of("plain_elevation_max_rad", "elevation_max_deg"),
+            of("earth_shift_rad", "earth_turned_deg"),
+            of("acquisition_s", "tracked_acquisition_s"),
+            of("duration_s", "tracked_duration_s"),
+            of("elevation_max_rad", "tracked_elevation_max_deg"),
+            of("station_error_m"),
+        ],
+        notes,
+    )
     if reference is None:
-        columns = columns[:-1]
-    else:
-        rows = beside(rows, reference, on="pass")
-        for row in rows:
-            twin = reference.match("pass", row["pass"], 0.0) or {}
-            row["note"] = twin.get("note")
-        columns = with_paper(columns, rows)
-        notes += difference_notes(rows, reference, label="pass")
+        return table
+    rows = beside(table.rows, reference, on="pass")
+    for row in rows:
+        twin = reference.match("pass", row["pass"], 0.0) or {}
+        row["note"] = twin.get("note")
+    columns = with_paper([*table.columns, Column("note", "", "note")], rows)
+    notes += difference_notes(rows, reference, label="pass")
     return Table("Passes", columns, rows, notes)
 
 
 def _error_table(product: AssistedTracking, reference: ReferenceTable | None) -> Table:
     noise = product.measured_rad - product.true_rad - product.bias_rad
     noise[0] = np.arctan2(np.sin(noise[0]), np.cos(noise[0]))
-    rows: list[dict[str, Cell]] = []
-    for p, name in enumerate(product.passes):
-        row: dict[str, Cell] = {"pass": name, "station": product.stations[p]}
-        for what, angles in (
-            ("bias", product.bias_rad), ("noise", noise), ("sigma", product.sigma_rad),
-        ):  # fmt: skip
-            for i, angle in enumerate(("azimuth", "elevation")):
-                row[f"{what}_{angle}_deg"] = _number(_largest(angles[i, :, p]))
-        rows.append(row)
-    notes = ["Largest by size over the pass, with its sign. The noise is one draw."]
-    columns: list[Column] = list(_ERRORS)
-    if reference is not None:
-        rows = [_draws_apart(row) for row in beside(rows, reference, on="pass")]
-        columns = with_paper(columns, rows)
-        for name in _DRAWN:
-            if any(f"{_PUBLISHED}{name}" in row for row in rows):
-                at = next(k for k, column in enumerate(columns) if column.name == name)
-                label = f"{columns[at].label}, paper's draw"
-                columns.insert(at + 1, Column(f"{_PUBLISHED}{name}", "deg", label, 3))
-                notes[0] = (
-                    "Largest by size over the pass, with its sign. The noise is one draw, and so "
-                    "is the paper's: they stand side by side, and no difference of them means "
-                    "anything."
-                )
-        notes.append(f"Paper: {reference.source}.")
+    of = FieldColumns(product, "passes")
+    filled = [of("passes", "pass"), of("stations", "station")]
+    for what, word, angles in (
+        ("bias", "bias", product.bias_rad),
+        ("noise", "noise", noise),
+        ("sigma", "σ", product.sigma_rad),
+    ):
+        for angle, values in zip(("azimuth", "elevation"), angles, strict=True):
+            largest = [_largest(q) for q in values.T]
+            filled.append(
+                column(f"{what}_{angle}_deg", largest, f"largest {word}, {angle}", 3, is_si=False)
+            )
+    notes = ["Values of the largest magnitude over the pass, with sign. The noise is one draw."]
+    table = tabulate("Errors of the antenna", filled, notes)
+    if reference is None:
+        return table
+    rows = [_draws_apart(row) for row in beside(table.rows, reference, on="pass")]
+    columns = with_paper(table.columns, rows)
+    for name in _DRAWN:
+        if any(f"{_PUBLISHED}{name}" in row for row in rows):
+            at = next(k for k, column_ in enumerate(columns) if column_.name == name)
+            label = f"{columns[at].label}, paper's draw"
+            columns.insert(at + 1, Column(f"{_PUBLISHED}{name}", "deg", label, 3))
+            notes[0] = (
+                "Values of the largest magnitude over the pass, with sign. The noise is one "
+                "random draw here and in the paper; their difference has no meaning."
+            )
+    notes.append(f"Paper: {reference.source}.")
     return Table("Errors of the antenna", columns, rows, notes)
 
 
 def _draws_apart(row: Mapping[str, Cell]) -> dict[str, Cell]:
-    """Return a row whose published draws are not what a computed value is compared with."""
+    """Rename published draws in a row, so that no difference to our draws is computed."""
     apart = {f"{name}{PAPER_SUFFIX}": f"{_PUBLISHED}{name}" for name in _DRAWN}
     return {apart.get(name, name): cell for name, cell in row.items()}
 
 
 def _largest(angles: Array) -> float:
-    """Return the largest angle (K,) by size, in degrees, with its sign; NaN if there is none."""
+    """Return the angle (K,) of the largest magnitude, with its sign, deg; NaN if all are NaN."""
     known = angles[np.isfinite(angles)]
     return float(np.degrees(known[np.argmax(np.abs(known))])) if known.size else np.nan
 
 
 def _case_table(product: AssistedTracking, values: dict[str, Array]) -> Table:
-    used = [name for name in MEASURES if np.isfinite(values[name]).any()]
+    of = FieldColumns(product, "outages", "trackers")
+    passes = tuple(product.passes[p] for p in product.outage_pass)
     columns = [
-        Column("pass", "", "pass"),
-        Column("outage_s", "s", "signal lost after", 5),
-        Column("tracker", "", "tracker"),
+        text_column("pass", of.spread(passes, "outages"), "pass"),
+        of("outage_s"),
+        of("trackers", "tracker"),
     ]
-    keys = {}
-    for name in used:
-        unit = _SHOWN_IN[MEASURES[name]][0]
-        keys[name] = name if unit == "-" else f"{name}_{unit}"
-        columns.append(Column(keys[name], unit, _HEADINGS[name], 4))
-    rows: list[dict[str, Cell]] = [
-        {
-            "pass": product.passes[product.outage_pass[k]],
-            "outage_s": float(product.outage_s[k]),
-            "tracker": tracker,
-        }
-        | {keys[name]: _number(values[name][t, k] * _SHOWN_IN[MEASURES[name]][1]) for name in used}
-        for k in range(product.outage_s.size)
-        for t, tracker in enumerate(product.trackers)
-    ]
+    for name in MEASURES:
+        if np.isfinite(values[name]).any():
+            cells = of.spread(values[name], "trackers", "outages")
+            cells = np.where(np.isinf(cells), np.nan, cells)
+            heading = _HEADINGS[name]
+            columns.append(column(name + _SUFFIXES[MEASURES[name]], cells, heading, 4))
     notes = [
-        f"One case. The beam is {np.degrees(product.lock_angle_rad):g}° wide to each side. Errors "
-        "are those of the predictions from the loss to the set: against where the satellite truly "
-        "is, or against what the antenna's encoders would show without noise.",
+        f"One case. The half-width of the beam is {np.degrees(product.lock_angle_rad):g}°. Errors "
+        "of the predictions, from the loss to the set, are relative to the true direction of the "
+        "satellite, or to the angles that the antenna's encoders would show without noise.",
     ]
-    return Table("Trackers after a loss of signal", columns, rows, notes)
+    return tabulate("Trackers after a loss of signal", columns, notes)
 
 
 def _figures(product: AssistedTracking) -> dict[str, Figure]:
@@ -255,8 +223,8 @@ def _figures(product: AssistedTracking) -> dict[str, Figure]:
         figures["tracking_errors" + (f"_{page + 1}" if page else "")] = Figure(
             "Errors over time" + _of(product, chosen, shown.size),
             partial(draw_errors, product=product, chosen=chosen, columns=columns),
-            "Shaded: the signal is there and measurements are used; then it is lost, and what is "
-            f"drawn is the error of the prediction. Dashed: the beam, {lock}.",
+            "Shaded: the signal is received and measurements are used. After the loss the curves "
+            f"are errors of the prediction. Dashed: half-width of the beam, {lock}.",
             size_in=(1.2 + 3.3 * columns, 0.9 + 2.5 * rows),
         )
     knowing = np.flatnonzero(np.isfinite(product.spread_rad).any(axis=(1, 2)))
@@ -264,10 +232,10 @@ def _figures(product: AssistedTracking) -> dict[str, Figure]:
         columns = min(3, knowing.size)
         first_outage = int(np.flatnonzero(product.outage_pass == shown[0])[0])
         figures["tracking_spread"] = Figure(
-            f"What trackers say of their errors, {product.passes[shown[0]]}",
+            f"Errors and their standard deviations, {product.passes[shown[0]]}",
             partial(draw_spread, product=product, outage=first_outage, chosen=knowing),
-            "Line: error on the sky. Bands: one, two and three standard deviations, in the worst "
-            "direction, as the tracker tells them. Shaded: the signal is there.",
+            "Line: error on the sky. Bands: one, two and three standard deviations of the tracker "
+            "along the major axis of its covariance. Shaded: the signal is received.",
             size_in=(1.0 + 3.3 * columns, 0.9 + 2.6 * -(-knowing.size // columns)),
         )
     for page, first in enumerate(range(0, shown.size, SKIES_PER_FIGURE)):
@@ -276,16 +244,16 @@ def _figures(product: AssistedTracking) -> dict[str, Figure]:
         figures["tracking_sky" + (f"_{page + 1}" if page else "")] = Figure(
             "Passes in the sky" + _of(product, chosen, shown.size),
             partial(draw_skies, product=product, chosen=chosen),
-            "North is up, east to the right as on a map; the rim is the horizon. Dots: measured "
-            "before the first loss; diamonds: where the signal is lost; line: the true path; "
-            "square: set.",
+            "North is up and east to the right, as on a map; the rim is the horizon. Line: true "
+            "path. Dots: measurements before the first loss. Diamonds: losses of signal. Square: "
+            "set.",
             size_in=(0.6 + 2.9 * columns, 0.6 + 3.2 * rows),
         )
     return figures
 
 
 def _of(product: AssistedTracking, chosen: Integers, count: int) -> str:
-    """Return which passes a figure shows, if not all."""
+    """Return the names of a figure's passes for its title, ``""`` if it shows all passes."""
     if chosen.size == count:
         return ""
     return ": " + ", ".join(product.passes[int(p)] for p in chosen)
@@ -296,10 +264,11 @@ def _verdict(product: AssistedTracking, values: dict[str, Array]) -> list[str]:
     inside = np.sum(values["encoder_error_max"] <= product.lock_angle_rad, axis=1)
     kept = ", ".join(f"{name} in {n}" for name, n in zip(product.trackers, inside, strict=True))
     said = [
-        f"{product.satellite}: {len(product.passes)} passes, {outages} outages in one case. The "
-        f"predictions stay within the beam ({np.degrees(product.lock_angle_rad):g}°, at the "
-        f"encoders) to the set: {kept} of {outages}."
+        f"{product.satellite}: {len(product.passes)} passes with {outages} outages in one case. "
+        "Outages in which the prediction stays within the beam "
+        f"({np.degrees(product.lock_angle_rad):g}°, at the encoders) until the set: {kept}, of "
+        f"{outages}."
     ]
     if len(product.passes) > _MOST_PASSES:
-        said.append(f"No more than {_MOST_PASSES} of the passes are drawn.")
+        said.append(f"The figures show {_MOST_PASSES} passes at most.")
     return [*said, *product.warnings]

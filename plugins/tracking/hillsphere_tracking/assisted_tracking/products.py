@@ -1,96 +1,93 @@
-"""What the stage ``assisted_tracking`` yields: one case, second by second."""
+"""Product of the stage ``assisted_tracking``: one case, sample by sample."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from hillsphere.interfaces import Array, Integers
+from hillsphere.products.fields import Label, Shape
 
 __all__ = ["AssistedTracking"]
 
 
 @dataclass(frozen=True)
 class AssistedTracking:
-    """One case of P passes with L outages in all, followed by T trackers.
+    """One case of P passes with L outages in total, and T trackers.
 
-    Parameters
-    ----------
-    satellite : str
-        Its name.
-    start : str
-        Epoch of its elements, UTC, from which times count.
-    trackers, passes, stations : tuple of str
-        Names of the T trackers, of the P passes, and of each pass's station.
-    revolution : ndarray of int, shape (P,)
-        In which each pass culminates.
-    directions : tuple of str, length P
-        ``"ascending"`` or ``"descending"``, at the culmination.
-    plain_acquisition_s, plain_duration_s, plain_elevation_max_rad : ndarray, shape (P,)
-        Rise above the mask, duration and highest elevation as the elements have them; NaN where
-        the satellite does not rise in that revolution.
-    earth_shift_rad : ndarray, shape (P,)
-        By how much the Earth was turned, eastwards, to reach the elevation asked for.
-    acquisition_s, duration_s, elevation_max_rad : ndarray, shape (P,)
-        First measurement above the mask, time from rise to set, highest elevation: as tracked.
-    station_error_m : ndarray, shape (P,)
-        How far from its true place the trackers are told that the station is.
-    t_s : ndarray, shape (K, P)
-        Times since the acquisition of each pass; NaN after its end.
-    true_rad, measured_rad : ndarray, shape (2, K, P)
-        Azimuth and elevation: true ones, and those that the antenna measures.
-    bias_rad, sigma_rad : ndarray, shape (2, K, P)
-        Systematic part of the antenna's errors, and standard deviation of its noise.
-    outage_pass : ndarray of int, shape (L,)
-        Pass of each outage.
-    outage_s : ndarray, shape (L,)
-        Its beginning after the acquisition.
-    outage_names : tuple of str, length L
-        As in the metrics.
-    error_rad, sky_error_rad, encoder_error_rad : ndarray, shape (T, L, K)
-        Errors as in the measures ``error_max``, ``sky_error_max`` and ``encoder_error_max``: before
-        the loss those of the antenna's angle as estimated with the measurements so far, after it
-        those of the prediction.
-    spread_rad : ndarray, shape (T, L, K)
-        Larger standard deviation on the sky as the tracker tells it.
-    metrics, units : tuple of str
-        Names and units of the metrics, see `hillsphere_tracking.assisted_tracking.measures`.
-    values : ndarray, shape (m,)
-        Their values.
-    lock_angle_rad : float
-        Error up to which the signal is received.
-    warnings : tuple of str
-        Sentences for the verdict.
+    Times count from the epoch of the elements; times of a pass count from its acquisition. Errors
+    over time are, before the loss, errors of the estimate from the measurements so far, and after
+    it errors of the prediction.
     """
 
     satellite: str
+    """Name of the satellite."""
     start: str
-    trackers: tuple[str, ...]
-    passes: tuple[str, ...]
-    stations: tuple[str, ...]
-    revolution: Integers
-    directions: tuple[str, ...]
-    plain_acquisition_s: Array
-    plain_duration_s: Array
-    plain_elevation_max_rad: Array
-    earth_shift_rad: Array
-    acquisition_s: Array
-    duration_s: Array
-    elevation_max_rad: Array
-    station_error_m: Array
-    t_s: Array
-    true_rad: Array
-    measured_rad: Array
-    bias_rad: Array
-    sigma_rad: Array
-    outage_pass: Integers
-    outage_s: Array
-    outage_names: tuple[str, ...]
-    error_rad: Array
-    sky_error_rad: Array
-    encoder_error_rad: Array
-    spread_rad: Array
-    metrics: tuple[str, ...]
-    units: tuple[str, ...]
-    values: Array
+    """Epoch of the elements, UTC."""
+    trackers: Annotated[tuple[str, ...], Shape("trackers"), Label("tracker")]
+    """Names of the trackers."""
+    passes: Annotated[tuple[str, ...], Shape("passes"), Label("pass")]
+    """Names of the passes."""
+    stations: Annotated[tuple[str, ...], Shape("passes"), Label("station")]
+    """Station of each pass."""
+    revolution: Annotated[Integers, Shape("passes"), Label("revolution")]
+    """Revolution in which each pass culminates."""
+    directions: Annotated[tuple[str, ...], Shape("passes"), Label("direction")]
+    """``"ascending"`` or ``"descending"``, at the culmination."""
+    plain_acquisition_s: Annotated[Array, Shape("passes")]
+    """Rise above the mask, of the orbit of the elements; NaN if the satellite does not rise in that
+    revolution."""
+    plain_duration_s: Annotated[
+        Array, Shape("passes"), Label("duration, as the elements have it", 5)
+    ]
+    """Duration, of the orbit of the elements; NaN likewise."""
+    plain_elevation_max_rad: Annotated[
+        Array, Shape("passes"), Label("highest elevation, as the elements have it", 4, "deg")
+    ]
+    """Highest elevation, of the orbit of the elements; NaN likewise."""
+    earth_shift_rad: Annotated[Array, Shape("passes"), Label("Earth turned eastwards by", 5, "deg")]
+    """Angle by which the Earth is turned eastwards to reach the requested elevation."""
+    acquisition_s: Annotated[Array, Shape("passes"), Label("acquisition, as tracked", 7)]
+    """First measurement above the mask, of the tracked pass."""
+    duration_s: Annotated[Array, Shape("passes"), Label("duration, as tracked", 5)]
+    """Time from rise to set, of the tracked pass."""
+    elevation_max_rad: Annotated[
+        Array, Shape("passes"), Label("highest elevation, as tracked", 4, "deg")
+    ]
+    """Highest elevation, of the tracked pass."""
+    station_error_m: Annotated[Array, Shape("passes"), Label("station told off by", 3, "km")]
+    """Error of the station's location that the trackers assume."""
+    t_s: Annotated[Array, Shape("times", "passes")]
+    """Times since the acquisition of each pass; NaN after its end."""
+    true_rad: Annotated[Array, Shape(2, "times", "passes")]
+    """True azimuth and elevation."""
+    measured_rad: Annotated[Array, Shape(2, "times", "passes")]
+    """Measured azimuth and elevation."""
+    bias_rad: Annotated[Array, Shape(2, "times", "passes")]
+    """Systematic part of the antenna's errors."""
+    sigma_rad: Annotated[Array, Shape(2, "times", "passes")]
+    """Standard deviation of the antenna's noise."""
+    outage_pass: Annotated[Integers, Shape("outages")]
+    """Pass of each outage."""
+    outage_s: Annotated[Array, Shape("outages"), Label("signal lost after", 5)]
+    """Beginning of each outage after the acquisition."""
+    outage_names: Annotated[tuple[str, ...], Shape("outages")]
+    """Names of the outages in the metrics."""
+    error_rad: Annotated[Array, Shape("trackers", "outages", "times")]
+    """Error of the measure ``error_max`` over time."""
+    sky_error_rad: Annotated[Array, Shape("trackers", "outages", "times")]
+    """Error of the measure ``sky_error_max`` over time."""
+    encoder_error_rad: Annotated[Array, Shape("trackers", "outages", "times")]
+    """Error of the measure ``encoder_error_max`` over time."""
+    spread_rad: Annotated[Array, Shape("trackers", "outages", "times")]
+    """Larger standard deviation on the sky, from the tracker's covariance."""
+    metrics: Annotated[tuple[str, ...], Shape("metrics")]
+    """Names of the metrics, see `hillsphere_tracking.assisted_tracking.measures`."""
+    units: Annotated[tuple[str, ...], Shape("metrics")]
+    """Units of the metrics."""
+    values: Annotated[Array, Shape("metrics")]
+    """Values of the metrics."""
     lock_angle_rad: float
+    """Largest error at which the signal is received."""
     warnings: tuple[str, ...]
+    """Sentences for the verdict."""

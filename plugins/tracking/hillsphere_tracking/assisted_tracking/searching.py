@@ -1,4 +1,4 @@
-"""How long a search takes until it finds the satellite, case by case."""
+"""Simulated searches after a loss of signal: time until the satellite is found, case by case."""
 
 from __future__ import annotations
 
@@ -10,24 +10,29 @@ from hillsphere.interfaces import Array
 from hillsphere_tracking.assisted_tracking.specs import SearchSpec
 from hillsphere_tracking.pointing.search import Search, plan_search
 
-__all__ = ["Reacquired", "reacquired"]
+__all__ = ["SearchOutcome", "simulate_search"]
 
 _STEPS_PER_BEAM = 20.0
+"""Steps of time in which the search moves by the beam's radius: when the satellite enters the beam
+is known to a twentieth of that, and only a chord shorter than that is stepped over."""
 _FIRST_LOOK_S = 10.0
+"""Part of the search (s) that is sampled first, four times as much after each failure: most
+searches end in it, and only the rare long ones pay for more samples. The result does not depend on
+it."""
 
 
 @dataclass(frozen=True, eq=False)
-class Reacquired:
-    """What came of the searches of N cases; NaN for errors that are not finite.
+class SearchOutcome:
+    """Results of the searches of N cases; NaN for errors that are not finite.
 
     Parameters
     ----------
     time_s : ndarray, shape (N,)
-        From the signal's return until the satellite is found, to the set if it is not.
+        Time from the return of the signal until the satellite is found, or until the set.
     found : ndarray, shape (N,)
-        1 where it is found before it sets, else 0.
+        1 if the satellite is found before it sets, else 0.
     at_once : ndarray, shape (N,)
-        1 where it is found at the prediction, without a search, else 0.
+        1 if the satellite is found at the prediction, without a search, else 0.
     """
 
     time_s: Array
@@ -35,38 +40,38 @@ class Reacquired:
     at_once: Array
 
 
-def reacquired(
+def simulate_search(
     spec: SearchSpec, beam_rad: float, times_s: Array, off_rad: Array, covariance: Array
-) -> Reacquired:
-    """Return how long each case searches, and whether it finds the satellite.
+) -> SearchOutcome:
+    """Simulate the search for the satellite in each case.
 
-    When the signal comes back the antenna stays at the prediction for one dwell; then it searches,
-    back and forth, about the prediction as that moves on.
+    When the signal returns the antenna stays at the prediction for one dwell. It then searches back
+    and forth about the moving prediction.
 
     Parameters
     ----------
     spec : SearchSpec
-        How it is searched.
+        Parameters of the search.
     beam_rad : float
-        Error up to which the signal is received.
+        Largest error at which the signal is received.
     times_s : ndarray, shape (K,)
-        From the signal's return to the set, rising.
+        Times from the return of the signal to the set, in increasing order.
     off_rad : ndarray, shape (2, K, N)
-        Arcs from the prediction to where the antenna would show the satellite.
+        Arcs on the sky from the prediction to the satellite's direction at the encoders.
     covariance : ndarray, shape (2, 2, N)
-        Of the prediction when the signal returns, rad².
+        Covariance of the prediction at the return of the signal, rad².
 
     Returns
     -------
-    Reacquired
-        Of each case.
+    SearchOutcome
+        Results of all cases.
     """
     since = times_s - times_s[0]
     wait = min(spec.dwell_s, float(since[-1]))
     known = np.isfinite(off_rad).all(axis=(0, 1)) & np.isfinite(covariance).all(axis=(0, 1))
     time, found = np.full((2, off_rad.shape[2]), np.nan)
     first = int(np.searchsorted(since, wait)) + 1
-    # at all samples up to the end of the dwell: errors hardly change between two of them
+    # in the beam at all samples of the dwell; errors change little between samples
     at_once = known & (np.hypot(*off_rad[:, :first]) <= beam_rad).all(axis=0)
     time[at_once], found[at_once] = wait, 1.0
     for n in np.flatnonzero(known & ~at_once):
@@ -77,11 +82,11 @@ def reacquired(
         held_s = _time(search, since, off_rad[:, :, n])
         found[n] = held_s is not None
         time[n] = since[-1] if held_s is None else held_s
-    return Reacquired(time, found, np.where(known, at_once, np.nan))
+    return SearchOutcome(time, found, np.where(known, at_once, np.nan))
 
 
 def _time(search: Search, since: Array, off: Array) -> float | None:
-    """Return when the satellite has been in the beam for the dwell, None if never."""
+    """Return the time at which the satellite has been in the beam for the dwell, or None."""
     end, horizon = float(since[-1]), _FIRST_LOOK_S
     step = search.beam_rad / search.speed_rad_s / _STEPS_PER_BEAM
     while True:
@@ -89,6 +94,7 @@ def _time(search: Search, since: Array, off: Array) -> float | None:
         right, up = search.at(t)
         away = np.hypot(np.interp(t, since, off[0]) - right, np.interp(t, since, off[1]) - up)
         outside = away > search.beam_rad
+        # index of the last entry into the beam, at every step
         entered = np.maximum.accumulate(np.where(outside, np.arange(t.size) + 1, 0))
         held = ~outside & ((np.arange(t.size) - entered) * step >= search.dwell_s - 1e-9)
         if held.any():

@@ -1,8 +1,8 @@
-"""Spec of the stage ``assisted_tracking``: what a mission may write."""
+"""Spec of the stage ``assisted_tracking``."""
 
 from __future__ import annotations
 
-from math import pi
+from math import pi, radians
 from typing import Literal, Self
 
 from pydantic import model_validator
@@ -22,11 +22,11 @@ from hillsphere_tracking.satellite_specs import SatelliteSpec
 
 __all__ = ["AssistedTrackingSpec", "NominalErrorSpec", "SearchSpec", "TrackedPassSpec"]
 
-_DEGREE = 0.017453292519943295
+_DEGREE = radians(1.0)
 
 
 class TrackedPassSpec(Spec):
-    """One pass, and when the signal is lost in it."""
+    """One pass, with the times of its losses of signal."""
 
     examples = (
         {"name": "ALC2", "sensor": "antenna", "revolution": 2, "outages_min": [1, 3.5]},
@@ -40,37 +40,37 @@ class TrackedPassSpec(Spec):
     )
 
     name: str = option(
-        "of the pass, part of the metrics' names",
+        "name of the pass, part of the names of the metrics",
         pattern=r"^[A-Za-z][A-Za-z0-9_-]*$",
         max_length=30,
     )
     sensor: Ref = reference("sensor", "the station's antenna")
     revolution: int = option(
-        "number of the revolution in which it culminates; the first lasts from the elements' epoch "
+        "revolution in which the pass culminates; the first lasts from the epoch of the elements "
         "to the first ascending node",
         ge=1,
     )
     elevation_max_rad: float | None = quantity(
         "angle",
-        "highest elevation that the pass shall have: the Earth is turned by the least angle that "
-        "gives it; left out: as the elements have it",
+        "requested highest elevation of the pass: the Earth is turned by the least angle that "
+        "gives it; default: the Earth is not turned",
         default=None, gt=0, le=pi / 2,
     )  # fmt: skip
     turn: Literal["least", "east", "west"] = option(
-        "to which side the Earth is turned for elevation_max: by the least angle at all, or by the "
-        "least one to the east or west",
+        "direction in which the Earth is turned for elevation_max: the least angle in either "
+        "direction, or the least one to the east or west",
         default="least",
     )
     outages_s: tuple[float, ...] = quantity(
         "time",
-        "when the signal is lost, after the acquisition, each in a flight of its own; it stays "
-        "lost until the set",
+        "times of the losses of signal after the acquisition; each is evaluated separately and "
+        "lasts until the set",
         min_length=1, max_length=20, gt=0,
     )  # fmt: skip
 
 
 class NominalErrorSpec(Spec):
-    """How far the nominal orbit is from the true one when the antenna acquires the satellite."""
+    """Errors of the nominal orbit at the acquisition of the satellite."""
 
     examples = (
         {"position_km": 3, "velocity_m_s": 3},
@@ -89,7 +89,7 @@ class NominalErrorSpec(Spec):
     )
     along_track_age_s: float = quantity(
         "time",
-        "by how much the satellite is early or late, the sign at random: elements as old as that",
+        "along-track error as a time (early or late at random), such as from old elements",
         default=0.0, ge=0,
     )  # fmt: skip
     semi_major_axis_sigma_m: float = quantity(
@@ -104,27 +104,29 @@ class NominalErrorSpec(Spec):
 
 
 class SearchSpec(Spec):
-    """A spiral about the prediction, after the signal has come back and a dwell there."""
+    """Spiral search about the prediction, after the return of the signal and one dwell."""
 
     examples = ({"signal_back_s": 60, "speed_deg_s": 2, "dwell_s": 0.5},)
 
     signal_back_s: float = quantity(
-        "time", "how long after the loss the signal comes back and the search begins",
+        "time", "time from the loss to the return of the signal, at which the search begins",
         default=60.0, gt=0,
     )  # fmt: skip
     speed_rad_s: float = quantity(
         "angular_rate", "largest speed of the search on the sky", default=2.0 * _DEGREE, gt=0
     )
     dwell_s: float = quantity(
-        "time", "how long the satellite must be in the beam to be found", default=0.5, ge=0
+        "time", "time for which the satellite must be in the beam to be found", default=0.5, ge=0
     )
-    sigmas: float = option("size of the ellipse that is searched", default=3.0, gt=0, le=10)
+    sigmas: float = option(
+        "size of the searched ellipse in standard deviations", default=3.0, gt=0, le=10
+    )
 
 
 class AssistedTrackingSpec(StageSpec):
-    """Passes in which trackers use what an antenna measures, and predict when the signal is lost.
+    """Passes in which trackers use measurements of an antenna, and predict after a loss of signal.
 
-    A case is one draw of all errors, the same for every tracker. Its metrics are named
+    A case is one draw of all errors, common to all trackers. Its metrics are named
     ``PASS.OUTAGE.TRACKER.MEASURE``, such as ``ALC2.60s.average.error_max``.
     """
 
@@ -148,41 +150,47 @@ class AssistedTrackingSpec(StageSpec):
         },
     )
 
-    satellite: SatelliteSpec = option("which satellite is tracked")
+    satellite: SatelliteSpec = option("tracked satellite")
     plant: Ref | None = reference(
         "plant",
-        "plant by which it truly flies, from its elements; left out: by the theory of its elements",
+        "plant of the true motion, from the elements; default: the theory of the elements",
         default=None,
     )
     body: Ref | None = reference(
-        "body", "the Earth, a planet; left out: WGS 84 and the tables of the IERS", default=None
+        "body",
+        "the Earth, a body of type planet; default: WGS 84 and the tables of the IERS",
+        default=None,
     )
-    passes: tuple[TrackedPassSpec, ...] = option("which passes", min_length=1, max_length=60)
+    passes: tuple[TrackedPassSpec, ...] = option("tracked passes", min_length=1, max_length=60)
     trackers: tuple[Ref, ...] = reference("tracker", "trackers that are compared")
     nominal_error: NominalErrorSpec = option(
         "error of the nominal orbit", default=NominalErrorSpec()
     )
     osculating_as_mean: bool = option(
-        "whether trackers without short-period terms take osculating elements for mean ones",
+        "whether trackers without short-period terms use osculating elements as mean elements",
         default=False,
     )
     believed_stations: bool = option(
-        "whether trackers are told the believed places of the stations, or the true ones",
+        "whether trackers use the believed locations of the stations instead of the true ones",
         default=True,
     )
     period_s: float = quantity(
-        "time", "between two measurements, and between two predictions", default=1.0, gt=0, le=60
+        "time", "interval between measurements and between predictions", default=1.0, gt=0, le=60
     )
     lock_angle_rad: float = quantity(
-        "angle", "error up to which the signal is received", default=1.0 * _DEGREE, gt=0, le=0.5
+        "angle",
+        "largest pointing error at which the signal is received",
+        default=1.0 * _DEGREE,
+        gt=0,
+        le=0.5,
     )
-    search: SearchSpec | None = option("search after a loss; left out: none", default=None)
+    search: SearchSpec | None = option("search after a loss; default: none", default=None)
     reference: DataPath | None = data_path(
         "published values of the passes and of the antennas' errors, shown beside ours",
         default=None,
     )
     label: str = option(
-        "appended to the names of tables and figures, to tell two such stages apart",
+        "suffix of the names of tables and figures, which distinguishes two such stages",
         default="",
         pattern=r"^([a-z0-9][a-z0-9_]*)?$",
         max_length=40,
@@ -195,7 +203,7 @@ class AssistedTrackingSpec(StageSpec):
             ("trackers", [ref.name for ref in self.trackers if ref.target is None]),
         ):
             if len(set(names)) < len(names):
-                raise rule(key, "a name stands twice")
+                raise rule(key, "a name occurs twice")
         if not self.trackers:
             raise rule("trackers", "name at least one")
         for p in self.passes:

@@ -1,4 +1,4 @@
-"""The stage ``assisted_tracking``: whole passes with a loss of signal, N cases at once."""
+"""The stage ``assisted_tracking``: passes with a loss of signal, N cases at once."""
 
 from __future__ import annotations
 
@@ -15,17 +15,23 @@ from hillsphere.interfaces.cases import LANES, CaseBatch, CaseResults, Histories
 from hillsphere.model.earth.planet import Planet, StationedPlanet
 from hillsphere.model.earth.specs import PlanetSpec
 from hillsphere.presentation import Presentation
-from hillsphere_tracking.assisted_tracking.following import ERRORS, SPREAD, Followed, Seen, follow
+from hillsphere_tracking.assisted_tracking.following import (
+    ERRORS,
+    SPREAD,
+    AntennaRecord,
+    TrackerOutcome,
+    follow,
+)
 from hillsphere_tracking.assisted_tracking.measures import MEASURES, MetricName, outage_name
 from hillsphere_tracking.assisted_tracking.nominal_orbits import error_inputs, nominal_orbits
-from hillsphere_tracking.assisted_tracking.presentation import presented
+from hillsphere_tracking.assisted_tracking.presentation import present_case
 from hillsphere_tracking.assisted_tracking.products import AssistedTracking
 from hillsphere_tracking.assisted_tracking.specs import AssistedTrackingSpec
-from hillsphere_tracking.assisted_tracking.truth import PassTruth, check_passes, truths
+from hillsphere_tracking.assisted_tracking.truth import PassTruth, check_passes, fly_passes
 from hillsphere_tracking.mean_elements import EARTH_FIELD
 from hillsphere_tracking.orbits import Orbit
 from hillsphere_tracking.passes.sources import orbits_from
-from hillsphere_tracking.recording import constants, record
+from hillsphere_tracking.recording import draw_constants, record
 
 __all__ = ["AssistedTrackingStage"]
 
@@ -35,22 +41,22 @@ _GIVEN = "(given)"
 
 @dataclass(frozen=True, eq=False)
 class _Block:
-    """All of a block: for each pass what is seen, and what came of each tracker."""
+    """Results of a block of cases: for each pass its measurements and each tracker's outcome."""
 
-    seen: list[Seen]
-    followed: list[list[Followed]]
+    seen: list[AntennaRecord]
+    followed: list[list[TrackerOutcome]]
 
 
 class AssistedTrackingStage:
-    """Passes in which trackers use what an antenna measures, and predict when the signal is lost.
+    """Passes in which trackers use measurements of an antenna, and predict after a loss of signal.
 
-    Each tracker goes through the measurements of a pass once; where the signal is lost its state is
-    kept as it is, and predicts the rest of the pass.
+    Each tracker processes the measurements of a pass once. At each loss of signal its current state
+    predicts the rest of the pass.
 
     Parameters
     ----------
     spec : AssistedTrackingSpec
-        With its references bound; the satellite's file is read.
+        Spec of the stage, its references bound; the satellite's file is read.
 
     Raises
     ------
@@ -88,40 +94,40 @@ class AssistedTrackingStage:
         return error_inputs(self.spec.nominal_error)
 
     def prepare_cases(self, names: Sequence[str]) -> None:
-        """Fly the satellite and find its passes."""
-        self._passes(_ignored)
+        """Fly the satellite and find its passes, once for all cases."""
+        self._passes(_ignore_progress)
 
     def run(self, ctx: Context) -> AssistedTracking:
-        """Follow the case of draw 0.
+        """Run the single case of draw 0.
 
         Parameters
         ----------
         ctx : Context
-            Seed and progress.
+            Provides the seed and reports the progress.
 
         Returns
         -------
         AssistedTracking
-            With everything second by second.
+            The case, with all histories.
         """
         advance = ctx.track("tracking", len(self.spec.passes) * (1 + len(self.trackers)))
         passes = self._passes(advance)
-        # A lane among 64 as in a campaign, so that the same case has the same bits there.
+        # One lane of 64 as in a campaign: vectorised operations then give the same bits there.
         lanes = np.zeros(LANES, dtype=np.int64)
         filler = np.arange(LANES) > 0
         batch = CaseBatch(lanes, lanes, filler, (), np.zeros((0, LANES)), ctx.seed, _STREAM)
-        block = self._followed(passes, batch, self._all_kept(), advance)
+        block = self._follow_cases(passes, batch, self._all_histories(), advance)
         return self._product(passes, block, self._results(passes, block))
 
     def run_cases(self, batch: CaseBatch, history: bool | Sequence[str] = False) -> CaseResults:
-        """Follow a block of cases.
+        """Run a block of cases.
 
         Parameters
         ----------
         batch : CaseBatch
-            Inputs by the names of `case_inputs`; all randomness by its draws.
+            Inputs by the names of `case_inputs`; its draws determine all random numbers.
         history : bool or sequence of str
-            Whether to keep the errors over time, or names and patterns of those to keep.
+            Keep all histories of errors, or names and patterns of the histories to keep.
 
         Returns
         -------
@@ -132,44 +138,48 @@ class AssistedTrackingStage:
         Raises
         ------
         InputError
-            If the batch names something that is no input.
+            If the batch has an unknown input.
         """
         known = [q.name for q in self.case_inputs()]
         if unknown := [name for name in batch.names if name not in known]:
             raise InputError(
                 f"assisted_tracking has no input {', '.join(unknown)}; it has {', '.join(known)}"
             )
-        passes = self._passes(_ignored)
+        passes = self._passes(_ignore_progress)
         names = histories_to_keep(history, self._history_names())
         keep: dict[tuple[str, str], set[str]] = {}
         for q in map(MetricName.parse, names):
             assert q is not None
             keep.setdefault((q.pass_, q.tracker), set()).add(q.measure)
-        block = self._followed(passes, batch, keep, _ignored)
-        found = self._results(passes, block)
-        return replace(found, histories=self._histories(passes, block, names)) if history else found
+        block = self._follow_cases(passes, batch, keep, _ignore_progress)
+        results = self._results(passes, block)
+        return (
+            replace(results, histories=self._histories(passes, block, names))
+            if history
+            else results
+        )
 
     def present(self, product: AssistedTracking) -> Presentation:
-        """Show the passes, the case and what is published of them."""
-        return presented(product, self.spec)
+        """Present the passes and the case beside published values."""
+        return present_case(product, self.spec)
 
     def _passes(self, advance: Callable[[int], None]) -> tuple[PassTruth, ...]:
         if self._truths is None:
-            self._truths = truths(self.spec, self.orbit, self.plant, self.orientation, advance)
+            self._truths = fly_passes(self.spec, self.orbit, self.plant, self.orientation, advance)
         return self._truths
 
-    def _followed(
+    def _follow_cases(
         self,
         passes: Sequence[PassTruth],
         batch: CaseBatch,
         keep: Mapping[tuple[str, str], Collection[str]],
         advance: Callable[[int], None],
     ) -> _Block:
-        """Follow all cases; `keep` names what is kept over time of a pass and a tracker."""
+        """Run all cases; `keep` gives the histories to be kept, by pass and tracker."""
         spec = self.spec
         block = _Block([], [])
         for truth in passes:
-            seen = self._seen(truth, batch)
+            record = self._observe(truth, batch)
             nominal = nominal_orbits(
                 spec.nominal_error, batch, truth.name, truth.start_teme, self.field
             )
@@ -177,24 +187,24 @@ class AssistedTrackingStage:
             for name, tracker in self.trackers.items():
                 as_they_are = spec.osculating_as_mean and not tracker.short_period
                 elements = nominal.osculating if as_they_are else nominal.mean
-                # what diverges is found by its result
+                # a diverged case is recognised by results that are not finite
                 with np.errstate(all="ignore"):
                     row.append(
-                        follow(tracker, truth, seen, elements, self.orbit.epoch,
+                        follow(tracker, truth, record, elements, self.orbit.epoch,
                                spec.lock_angle_rad, spec.search,
                                keep=sorted(keep.get((truth.name, name), ())))
                     )  # fmt: skip
                 advance(1)
-            block.seen.append(seen)
+            block.seen.append(record)
             block.followed.append(row)
         return block
 
-    def _seen(self, truth: PassTruth, batch: CaseBatch) -> Seen:
-        """Return what the antenna shows, the same to all trackers."""
+    def _observe(self, truth: PassTruth, batch: CaseBatch) -> AntennaRecord:
+        """Simulate the antenna's measurements, which are common to all trackers."""
         sensor, t, cases = truth.sensor, truth.t_s, len(batch.draws)
         name = f"antenna {sensor.station.name}"
-        held = constants(sensor, batch.seed, batch.stream, batch.draws, name)
-        shown = record(
+        constant = draw_constants(sensor, batch.seed, batch.stream, batch.draws, name)
+        measured = record(
             sensor, truth.x[:, :, None], t, truth.scene, seed=batch.seed, stage=batch.stream,
             cases=batch.draws, name=name, occasion=truth.name,
         )  # fmt: skip
@@ -202,10 +212,12 @@ class AssistedTrackingStage:
             np.repeat(truth.x, cases, axis=1),
             np.repeat(t, cases),
             {key: np.repeat(value, cases, axis=-1) for key, value in truth.scene.items()},
-            np.tile(held, t.size),
+            np.tile(constant, t.size),
         ).reshape(2, t.size, cases)
-        told = sensor.believed_stations(held) if self.spec.believed_stations else (sensor.station,)
-        return Seen(shown, bias, told)
+        believed = (
+            sensor.believed_stations(constant) if self.spec.believed_stations else (sensor.station,)
+        )
+        return AntennaRecord(measured, bias, believed)
 
     def _results(self, passes: Sequence[PassTruth], block: _Block) -> CaseResults:
         metrics, units, values, causes = [], [], [], []
@@ -218,28 +230,28 @@ class AssistedTrackingStage:
                         units.append(MEASURES[measure])
                         values.append(value)
                         causes.append(tracker)
-        found = np.array(values)
-        bad = ~np.isfinite(found)
+        table = np.array(values)
+        bad = ~np.isfinite(table)
         failed = np.logical_or.reduce(bad, axis=0)
         first = np.argmax(bad, axis=0)
         return CaseResults(
             tuple(metrics),
             tuple(units),
-            found,
+            table,
             tuple("diverged" if f else "completed" for f in failed),
             tuple(causes[i] if f else "" for i, f in zip(first.tolist(), failed, strict=True)),
             failed,
         )
 
     def _outages(self) -> list[tuple[int, int, float]]:
-        """Return pass, number within it, and beginning of each outage."""
+        """Return the pass, the number within the pass and the beginning of each outage."""
         return [
             (i, k, outage_s)
             for i, p in enumerate(self.spec.passes)
             for k, outage_s in enumerate(p.outages_s)
         ]
 
-    def _all_kept(self) -> dict[tuple[str, str], Collection[str]]:
+    def _all_histories(self) -> dict[tuple[str, str], Collection[str]]:
         return {(p.name, t): (*ERRORS, SPREAD) for p in self.spec.passes for t in self.trackers}
 
     def _history_names(self) -> tuple[str, ...]:
@@ -269,18 +281,18 @@ class AssistedTrackingStage:
     def _product(
         self, passes: Sequence[PassTruth], block: _Block, results: CaseResults
     ) -> AssistedTracking:
-        """Return the case of lane 0."""
+        """Return the product of the case in lane 0."""
         outages, rows = self._outages(), block.followed
         count = max(q.t_s.size for q in passes)
 
         def filled(parts: Sequence[Array]) -> Array:
-            """Return arrays (..., K) with K made common by NaN, along a new axis before it."""
-            made = [
+            """Pad arrays (..., K) with NaN to a common K, and stack them along axis −2."""
+            padded = [
                 np.pad(p, [(0, 0)] * (p.ndim - 1) + [(0, count - p.shape[-1])],
                        constant_values=np.nan)
                 for p in parts
             ]  # fmt: skip
-            return np.stack(made, axis=-2)
+            return np.stack(padded, axis=-2)
 
         def per_pass(parts: Sequence[Array]) -> Array:
             return np.asarray(filled(parts).swapaxes(-1, -2))
@@ -336,5 +348,5 @@ class AssistedTrackingStage:
         )
 
 
-def _ignored(count: int) -> None:
-    """Show no progress."""
+def _ignore_progress(count: int) -> None:
+    """Ignore the progress (a callback that does nothing)."""

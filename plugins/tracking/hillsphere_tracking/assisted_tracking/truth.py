@@ -1,4 +1,4 @@
-"""The passes as they truly are: where the satellite flies, and what a station sees of it."""
+"""True passes: the satellite's flight, and the true angles at a station."""
 
 from __future__ import annotations
 
@@ -20,38 +20,40 @@ from hillsphere_tracking.mean_elements import EARTH_FIELD
 from hillsphere_tracking.orbits import Orbit
 from hillsphere_tracking.passes.flights import PlantFlights
 
-__all__ = ["PassTruth", "truths"]
+__all__ = ["PassTruth", "fly_passes"]
 
 _ANGLE = "rotation_angle"
 _ANGLES = ("azimuth", "elevation")
 _MOST_SAMPLES = 20_000
+"""Samples of a pass at most: five and a half hours at one a second. Each costs an update of every
+tracker in every case."""
 
 
 @dataclass(frozen=True, eq=False)
 class PassTruth:
-    """One pass.
+    """One true pass, sampled at the times of the measurements.
 
     Parameters
     ----------
     name : str
-        Of the pass.
+        Name of the pass.
     sensor : StationSensor
         The antenna.
     orientation : EarthOrientation
-        Of the turned Earth.
+        Orientation of the turned Earth.
     shift_rad : float
-        By how much it is turned, eastwards.
+        Angle by which the Earth is turned eastwards.
     plain, tracked : Visit
-        As the elements have it (None where the satellite does not rise in that revolution), and as
-        it is tracked.
+        The pass about the Earth before it is turned (None if the satellite does not rise in that
+        revolution), and the tracked pass.
     direction : str
-        ``"ascending"`` or ``"descending"``, where it is highest.
+        ``"ascending"`` or ``"descending"``, at the highest elevation.
     t_s : ndarray, shape (K,)
         Times of the measurements after the orbit's epoch.
     x : ndarray, shape (6, K)
         States in the orbit's frame.
     scene : dict
-        What the sensor takes from it.
+        Quantities of the environment for the sensor.
     start_teme : ndarray, shape (6,)
         State at the acquisition in the frame ``teme``.
     angles_rad, sigma_rad : ndarray, shape (2, K)
@@ -77,7 +79,7 @@ class PassTruth:
 
 
 class _Flights:
-    """The satellite about the Earth as it is turned."""
+    """Flights of the satellite about an Earth that is turned by an angle."""
 
     def __init__(self, orbit: Orbit, plant: Plant | None) -> None:
         self._orbit = orbit
@@ -86,11 +88,11 @@ class _Flights:
 
     @property
     def feels_turn(self) -> bool:
-        """Whether another angle of the Earth makes another flight."""
+        """Whether the flight depends on the angle of the Earth."""
         return self._by is not None
 
-    def flown(self, duration_s: float, shift_rad: float) -> Orbit:
-        """Return the orbit from the elements' epoch on."""
+    def fly(self, duration_s: float, shift_rad: float) -> Orbit:
+        """Return the orbit from the epoch of the elements, about an Earth turned by `shift_rad`."""
         if self._by is None:
             return self._orbit
         angle = None
@@ -100,13 +102,13 @@ class _Flights:
 
 
 def check_passes(passes: Sequence[TrackedPassSpec], plant: Plant | None) -> None:
-    """Refuse passes that no satellite could have: what their sensors and the plant say.
+    """Refuse passes whose sensor or plant is not suitable.
 
     Raises
     ------
     InputError
-        If a sensor is none of a ground station, or an elevation is asked for and the plant cannot
-        turn the Earth.
+        If a sensor is not at a ground station, or an elevation is requested and the plant has no
+        rotation angle of the Earth.
     """
     for p in passes:
         of = f"passes: {p.name}: "
@@ -125,11 +127,11 @@ def check_passes(passes: Sequence[TrackedPassSpec], plant: Plant | None) -> None
 
 
 def _angles(plant: Plant) -> list[float]:
-    """Return the angle of the Earth by which a plant flies, if it has one."""
+    """Return the plant's rotation angle of the Earth as a list, empty if it has none."""
     return [q.value for q in plant.parameters() if q.name == _ANGLE]
 
 
-def truths(
+def fly_passes(
     spec: AssistedTrackingSpec,
     orbit: Orbit,
     plant: Plant | None,
@@ -141,40 +143,41 @@ def truths(
     Parameters
     ----------
     spec : AssistedTrackingSpec
-        Which passes, and how often is measured.
+        Spec with the passes and the period of the measurements.
     orbit : Orbit
-        By the elements.
+        Orbit of the elements.
     plant : Plant or None
-        By which it flies instead.
+        Plant that flies the satellite; None for the orbit itself.
     orientation : EarthOrientation
-        Of the Earth.
+        Orientation of the Earth.
     advance : callable
         Called with 1 after each pass.
 
     Returns
     -------
     tuple of PassTruth
-        In the order of the Spec.
+        Passes in the order of the Spec.
 
     Raises
     ------
     InputError
-        If there is no such pass, it does not reach an elevation, or it ends before an outage.
+        If a pass does not exist, does not reach its elevation, or ends before an outage.
     PropagationError
-        If the satellite comes down before.
+        If the satellite reaches the ground before a pass.
     """
     flights, found = _Flights(orbit, plant), []
     with warnings.catch_warnings():
-        # the verdict says it once, in its own words
+        # the verdict of the stage contains this warning
         warnings.simplefilter("ignore", EarthOrientationWarning)
         most = max(p.revolution for p in spec.passes)
+        # period from the vis-viva equation; flights last beyond the last revolution's passes
         x = orbit.states(np.zeros(1))[:, 0]
         a = 1.0 / (2.0 / np.linalg.norm(x[:3]) - float(x[3:] @ x[3:]) / EARTH_FIELD.gm_m3_s2)
         if not (np.isfinite(a) and a > 0.0):
-            raise InputError(f"satellite {orbit.name!r}: it is on no ellipse at its epoch")
+            raise InputError(f"satellite {orbit.name!r}: its orbit at the epoch is not an ellipse")
         revolution = 2.0 * np.pi * np.sqrt(a**3 / EARTH_FIELD.gm_m3_s2)
         duration = float((most + 2.2) * revolution)
-        track = EarthTrack(flights.flown(duration, 0.0), orbit.epoch, duration, orientation)
+        track = EarthTrack(flights.fly(duration, 0.0), orbit.epoch, duration, orientation)
         edges = np.concatenate([[0.0], track.node_times()])
         if edges.size <= most:
             raise PropagationError(
@@ -203,25 +206,25 @@ def _truth(
     ends = (max(begin - revolution_s, 0.0), min(end + revolution_s, track.end_s))
 
     def sight(shift: float) -> Sight:
-        orbit = flights.flown(ends[1], shift)
+        orbit = flights.fly(ends[1], shift)
         return Sight(sensor, orbit, track.orientation, begin, end)
 
     plain = Sight(sensor, track.orbit, track.orientation, begin, end)
     visited = plain.visit(0.0, period_s, ends)
-    shift, seen, tracked = 0.0, plain, visited
+    shift, sight_turned, tracked = 0.0, plain, visited
     if p.elevation_max_rad is not None:
         flown = sight if flights.feels_turn else None
-        shift, seen = shift_for(p.elevation_max_rad, plain, flown, p.turn)
-        tracked = seen.visit(shift, period_s, ends)
+        shift, sight_turned = shift_for(p.elevation_max_rad, plain, flown, p.turn)
+        tracked = sight_turned.visit(shift, period_s, ends)
     if tracked is None:
         raise InputError(
             f"in revolution {p.revolution} the satellite does not rise above the mask of "
             f"{sensor.station.name!r}; name another revolution, or an elevation_max"
         )
-    return _sampled(p, sensor, period_s, seen, track, shift, visited, tracked)
+    return _sample_pass(p, sensor, period_s, sight_turned, track, shift, visited, tracked)
 
 
-def _sampled(
+def _sample_pass(
     p: TrackedPassSpec,
     sensor: StationSensor,
     period_s: float,
@@ -239,8 +242,8 @@ def _sampled(
     begins = np.searchsorted(since, np.array(p.outages_s) - 1e-9 * period_s)
     if begins[-1] >= count:
         raise InputError(
-            f"the signal is to be lost {p.outages_s[-1]:.6g} s after the acquisition, but it sets "
-            f"after {since[-1]:.6g} s; lose it earlier"
+            f"the signal is lost {p.outages_s[-1]:.6g} s after the acquisition, but the satellite "
+            f"sets after {since[-1]:.6g} s; give an earlier outage"
         )
     orbit, earth = sight.orbit, TurnedEarth(track.orientation, shift)
     x = orbit.states(t)

@@ -1,4 +1,4 @@
-"""The Earth turned by an angle: as if UT1 were another, for all that asks how it is turned."""
+"""Orientation of an Earth that is turned by an angle, realised as a change of UT1."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ __all__ = ["TurnedEarth"]
 
 @dataclass(frozen=True)
 class TurnedEarth:
-    """An `EarthOrientation` in which the Earth has turned further.
+    """Orientation of an Earth that is turned eastwards by a constant angle.
 
     Parameters
     ----------
     base : EarthOrientation
-        The true one.
+        True orientation.
     angle_rad : float
-        By how much further, eastwards.
+        Additional rotation, eastwards.
     """
 
     base: EarthOrientation
@@ -30,9 +30,10 @@ class TurnedEarth:
     def at(self, epoch: Epoch, t_s: Array) -> OrientationAngles:
         """Return the orientation at times (N,), SI seconds after an epoch."""
         true = self.base.at(epoch, t_s)
+        # time in which the Earth turns by the angle
         later = self.angle_rad / ROTATION_RATES_RAD_S["teme"]
         return replace(true, ut1_minus_tai_s=true.ut1_minus_tai_s + later)
 
     def lapse(self, epoch: Epoch, t_s: Array) -> str | None:
-        """Return what the true one says of the times."""
+        """Return the warning of the true orientation for these times, or None."""
         return self.base.lapse(epoch, t_s)

@@ -1,10 +1,10 @@
-"""Live operation: measurements in, commands to the antenna out.
+"""Live tracking: measurements as input, commands to the antenna as output.
 
-- `measurements`: readers of angles, line by line.
-- `clock`, `feed`, `inputs`: real time or a replay, and what has been measured so far.
-- `rotctl`, `rotator`, `targets`: an antenna behind rotctld, and what keeps it connected.
-- `setup`, `antenna`, `sky`, `atmosphere`: satellite, station, mount, and what is in the way.
-- `coming_pass`, `session`, `status`, `offsets`: one pass.
-- `calibration`, `logbook`, `scoring`: what is kept of it.
-- `command`, `help_groups`: ``hillsphere track``.
+- `measurements`: readers of measured angles, line by line.
+- `clock`, `feed`, `inputs`, `gate`: time and measurements, live or replayed.
+- `rotctl`, `rotator`, `targets`: commands to an antenna behind rotctld, and its connection.
+- `setup`, `antenna`, `sky`, `atmosphere`, `checks`: satellite, station, mount, obstacles.
+- `coming_pass`, `session`, `status`, `offsets`: tracking of one pass.
+- `calibration`, `logbook`, `scoring`: station memory, pass log and scores of a pass.
+- `command`, `help_groups`: the command ``hillsphere track``.
 """

@@ -1,4 +1,4 @@
-"""The antenna as ``hillsphere track`` is told of it: which mount, its limits, its axes' names."""
+"""Antenna of ``hillsphere track``: kind of mount, limits and names of its axes."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from hillsphere_tracking.pointing.mounts import AxisLimits, Mount, azimuth_eleva
 __all__ = ["MOUNTS", "Antenna", "antenna_of"]
 
 MOUNTS = {"az_el": ("azimuth", "elevation"), "x_y": ("x", "y")}
-"""Kinds of mounts, and what their axes are called."""
+"""Kinds of mounts, with the names of their axes."""
 
 _USUAL = {"azimuth": (0.0, 450.0), "elevation": (0.0, 90.0), "x": (-90.0, 90.0), "y": (-90.0, 90.0)}
 
 
 @dataclass(frozen=True)
 class Antenna:
-    """An antenna.
+    """An antenna: mount and names of its axes.
 
     Parameters
     ----------
     mount : Mount
-        With the limits of its axes.
+        The mount, with the limits of its axes.
     axes : tuple of two str
-        What they are called.
+        Names of the primary and the secondary axis.
     """
 
     mount: Mount
@@ -40,23 +40,23 @@ def antenna_of(
     acceleration_deg_s2: float,
     axis_azimuth_deg: float | None,
 ) -> Antenna:
-    """Return an antenna.
+    """Return the antenna that the options of the command describe.
 
     Parameters
     ----------
     kind : str
-        One of `MOUNTS`.
+        Kind of mount, one of `MOUNTS`.
     stops_deg : mapping
-        Stops of axes by their names; None, or left out, for the usual ones.
+        Stops by names of axes; the default stops for axes that are missing or None.
     rate_deg_s, acceleration_deg_s2 : float
-        Largest, of both axes.
+        Largest rate and acceleration of both axes.
     axis_azimuth_deg : float or None
-        Where the X axis of an X/Y mount points.
+        Azimuth of the X axis of an X/Y mount.
 
     Raises
     ------
     InputError
-        If there is no such mount, something given belongs to another one, or limits are none.
+        If the kind is unknown, an option belongs to another kind, or limits are invalid.
     """
     if kind not in MOUNTS:
         raise InputError(f"--mount must be one of {', '.join(MOUNTS)}, got {kind!r}")
@@ -65,7 +65,7 @@ def antenna_of(
         if given is not None and axis not in axes:
             raise InputError(f"--{axis}-limits: a mount {kind} has the axes {' and '.join(axes)}")
     if kind != "x_y" and axis_azimuth_deg is not None:
-        raise InputError("--axis-azimuth is that of the X axis: it needs --mount x_y")
+        raise InputError("--axis-azimuth is the azimuth of the X axis: it needs --mount x_y")
     rate, acceleration = radians(rate_deg_s), radians(acceleration_deg_s2)
     primary, secondary = (_limits(axis, stops_deg.get(axis), rate, acceleration) for axis in axes)
     if kind == "az_el":

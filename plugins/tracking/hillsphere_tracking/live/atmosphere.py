@@ -1,4 +1,4 @@
-"""A tracker behind the air: it is told apparent elevations and expects them."""
+"""Refraction in live tracking: a tracker whose elevations are apparent."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from hillsphere.base.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Tracker
 from hillsphere.time import Epoch
-from hillsphere_tracking.topocentric import refracted, unrefracted
+from hillsphere_tracking.topocentric import apparent_elevation, geometric_elevation
 
 __all__ = ["Air", "ThroughAir"]
 
 
 @dataclass(frozen=True)
 class Air:
-    """Air at a station, which lifts what is seen through it.
+    """Air at a station, for the refraction.
 
     Parameters
     ----------
     pressure_hpa, temperature_c : float
-        At the station.
+        Pressure and temperature at the station.
 
     Raises
     ------
     InputError
-        If the pressure is not positive, or no air is as cold or as hot.
+        If the pressure or the temperature is out of range.
     """
 
     pressure_hpa: float = 1010.0
@@ -43,27 +43,27 @@ class Air:
             )
 
     def apparent(self, elevation_rad: Array) -> Array:
-        """Return the apparent elevations of geometric ones."""
-        return refracted(elevation_rad, self.pressure_hpa, self.temperature_c)
+        """Convert geometric to apparent elevations (rad)."""
+        return apparent_elevation(elevation_rad, self.pressure_hpa, self.temperature_c)
 
     def geometric(self, apparent_rad: Array) -> Array:
-        """Return the geometric elevations of apparent ones."""
-        return unrefracted(apparent_rad, self.pressure_hpa, self.temperature_c)
+        """Convert apparent to geometric elevations (rad)."""
+        return geometric_elevation(apparent_rad, self.pressure_hpa, self.temperature_c)
 
 
 class ThroughAir:
-    """A tracker whose elevations, measured and predicted, are apparent.
+    """A tracker whose measured and predicted elevations are apparent.
 
-    Refraction is taken off before a measurement is used and put on after a prediction. The
-    covariance remains that of geometric directions: near the horizon, where air flattens the sky,
+    Refraction is removed from each measurement and added to each prediction. The covariance remains
+    the one of geometric directions; near the horizon, where refraction compresses elevations, it is
     up to a fifth too large in elevation.
 
     Parameters
     ----------
     tracker : Tracker
-        Of geometric directions.
+        Tracker of geometric directions.
     air : Air
-        At the station.
+        Air at the station.
     """
 
     def __init__(self, tracker: Tracker[Any], air: Air) -> None:
@@ -78,11 +78,11 @@ class ThroughAir:
         epoch: Epoch,
         orientation: EarthOrientation = UT1_IS_UTC,
     ) -> Any:
-        """Return the tracker's own state; see `hillsphere.interfaces.Tracker`."""
+        """Return the initial state of the tracker; see `hillsphere.interfaces.Tracker`."""
         return self._tracker.initial(elements, t_s, stations, epoch, orientation)
 
     def update(self, state: Any, t_s: Array, az_rad: Array, el_rad: Array, sigma_rad: Array) -> Any:
-        """Take one measurement per case, of apparent elevation."""
+        """Update the estimate with one measurement per case, of apparent elevation."""
         geometric = self._air.geometric(el_rad)
         return self._tracker.update(state, t_s, az_rad, geometric, sigma_rad)
 

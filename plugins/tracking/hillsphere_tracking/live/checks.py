@@ -1,4 +1,4 @@
-"""What is wrong with numbers and files that ``hillsphere track`` is given, before it begins."""
+"""Checks of the options of ``hillsphere track`` before it begins."""
 
 from __future__ import annotations
 
@@ -9,33 +9,33 @@ from pathlib import Path
 from hillsphere.base.atomic import output_place
 from hillsphere.errors import InputError
 from hillsphere_tracking.live.atmosphere import Air
-from hillsphere_tracking.memory import Forgetting
+from hillsphere_tracking.memory import RandomWalk
 
-__all__ = ["air_of", "check_positive", "check_writable", "forgetting_of"]
+__all__ = ["air_of", "check_positive", "check_writable", "random_walk_of"]
 
 
 def check_positive(**numbers: float) -> None:
-    """Refuse values of options, by their names, that are not > 0 and finite."""
+    """Refuse values of options (by name) that are not positive and finite."""
     for name, value in numbers.items():
         if not 0.0 < value < inf:
             raise InputError(f"--{name.replace('_', '-')} must be > 0, got {value:g}")
 
 
 def check_writable(option: str, path: Path | None) -> None:
-    """Refuse a file that could not be written when the pass is over.
+    """Refuse a file that could not be written at the end of the pass.
 
     Parameters
     ----------
     option : str
-        That gave it.
+        Name of the option.
     path : Path or None
-        The file, if there is to be one.
+        The file, or None if the option is not given.
 
     Raises
     ------
     InputError
-        If it is no regular file (a directory, a device, a FIFO), or nothing can be written beside
-        it. Of a link, what it leads to is judged: that is what is written.
+        If the path is not a regular file (but a directory, a device or a FIFO), or its directory is
+        not writable. The target of a link is checked, since the target is written.
     """
     if path is None:
         return
@@ -50,7 +50,7 @@ def check_writable(option: str, path: Path | None) -> None:
     if not folder.is_dir():
         raise InputError(f"{option}: the directory {folder} does not exist")
     try:
-        # files are written beside their place and moved there whole
+        # files are written to a temporary file in the same directory, which is then renamed
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
@@ -60,21 +60,21 @@ def check_writable(option: str, path: Path | None) -> None:
 
 
 def air_of(refraction: bool, pressure: float | None, temperature: float | None) -> Air | None:
-    """Return the air that lifts the satellite, if there is any."""
+    """Return the air for the refraction, or None without --refraction."""
     if refraction:
         return Air(
             1010.0 if pressure is None else pressure, 10.0 if temperature is None else temperature
         )
     if pressure is not None or temperature is not None:
-        raise InputError("--pressure and --temperature are for --refraction")
+        raise InputError("--pressure and --temperature need --refraction")
     return None
 
 
-def forgetting_of(walk: tuple[float, float]) -> Forgetting:
-    """Return how biases, degrees, and time offset, s, wander in a day."""
+def random_walk_of(walk: tuple[float, float]) -> RandomWalk:
+    """Return the random walk of biases (degrees in a day) and time offset (s in a day)."""
     if not all(0.0 <= size < inf for size in walk):
         raise InputError(
             "--forget must be two numbers ≥ 0 and finite, degrees and s, got "
             f"{walk[0]:g} and {walk[1]:g}"
         )
-    return Forgetting(radians(walk[0]), walk[1])
+    return RandomWalk(radians(walk[0]), walk[1])

@@ -1,4 +1,4 @@
-"""What time it is for a tracker: now, or a time that runs through what was measured earlier."""
+"""Clocks of a tracking session: real time, or the time of a replay."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ __all__ = ["Clock", "RealTime", "Replay"]
 
 
 class Clock(Protocol):
-    """Time after the beginning of a session."""
+    """Clock of a session; times are seconds after its start."""
 
     @property
     def start(self) -> Epoch:
-        """When the session began, UTC."""
+        """Start of the session, UTC."""
         ...
 
     def now_s(self) -> float:
-        """Return the seconds since then."""
+        """Return the present time, s after the start."""
         ...
 
     def wait_until(self, t_s: float) -> None:
-        """Return at that time, at once if it has passed."""
+        """Wait until a time; return at once if it has passed."""
         ...
 
     def skip_to(self, t_s: float) -> None:
-        """Leave out the time until then, where time can be left out."""
+        """Advance the clock to a time if it is a replay; real time cannot be advanced."""
         ...
 
 
 class RealTime:
-    """The computer's clock, which should be set by NTP or better."""
+    """Clock of the computer, which should be synchronised by NTP or better."""
 
     def __init__(self) -> None:
-        # Steps of the clock while a pass is tracked would be steps of the antenna.
+        # monotonic: a step of the system clock during a pass would be a step of the antenna
         self._begun = monotonic()
         self.start = Epoch.parse(f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%S.%f}", "UTC")
 
@@ -54,14 +54,14 @@ class RealTime:
 
 
 class Replay:
-    """A time that begins at a given date and runs at a given speed.
+    """Clock of a replay, which begins at a given date and runs at a given speed.
 
     Parameters
     ----------
     start : Epoch
-        When it begins.
+        Date at which the clock begins.
     speed : float
-        Seconds of it for each real second; 0: it does not wait at all.
+        Seconds of the replay per real second; with 0 the clock never waits.
     """
 
     def __init__(self, start: Epoch, speed: float) -> None:
@@ -70,7 +70,7 @@ class Replay:
         self._reached = self._skipped = 0.0
 
     def now_s(self) -> float:
-        """Return the seconds since the start; the first call starts it."""
+        """Return the seconds since the start; the first call starts the clock."""
         if not self._speed:
             return self._reached
         if self._begun is None:
@@ -84,5 +84,5 @@ class Replay:
             sleep(left / self._speed)
 
     def skip_to(self, t_s: float) -> None:
-        """Begin then, if that is later; to be called before the time runs."""
+        """Begin at a later time; call it before the clock is started."""
         self._reached = self._skipped = max(t_s, 0.0)

@@ -1,4 +1,4 @@
-"""The pass to be tracked: when it is, the plan of the axes for it, the tracker that begins it."""
+"""The pass to be tracked: its nominal angles, the plan of the axes, and the initial tracker."""
 
 from __future__ import annotations
 
@@ -21,23 +21,27 @@ from hillsphere_tracking.topocentric import angles
 from hillsphere_tracking.trackers.nominal import nominal_elements
 from hillsphere_tracking.trackers.streaming import StreamingTracker
 
-__all__ = ["Seen", "next_pass", "plan_of", "stream_of"]
+__all__ = ["NominalPass", "next_pass", "plan_of", "stream_of"]
 
 _COARSE_S = 10.0
+"""Step (s) in which rise and set are looked for. A pass below 10 s, which no antenna could use, may
+be missed; the antenna begins two steps earlier."""
 _LONGEST_H = 24
+"""Hours after which a satellite that does not set is taken to stay up, and its pass ends."""
 _AFTER_S = 60.0
-"""For how long the antenna is still pointed after the nominal pass: the satellite may be late."""
+"""Time (s) for which the antenna is still pointed after the nominal set, as the satellite may be
+late. More keeps the antenna busy, less loses the end of a late pass."""
 
 
 @dataclass(frozen=True)
-class Seen:
+class NominalPass:
     """A pass of the nominal orbit.
 
     Parameters
     ----------
     times_s, azimuth_rad, elevation_rad : ndarray, shape (K,)
-        One command period apart, from before the rise to after the set; apparent elevations if
-        there is air.
+        Times one command period apart, from before the rise to after the set, and angles; the
+        elevations are apparent if there is air.
     """
 
     times_s: Array
@@ -46,7 +50,7 @@ class Seen:
 
     @property
     def highest_s(self) -> float:
-        """When the satellite is highest."""
+        """Time of the highest elevation."""
         return float(self.times_s[int(np.argmax(self.elevation_rad))])
 
 
@@ -58,27 +62,27 @@ def next_pass(
     period_s: float,
     within_s: float,
     air: Air | None = None,
-) -> Seen:
-    """Return the pass that is under way at a time, or the next one.
+) -> NominalPass:
+    """Return the pass that is under way at `start`, or the next one.
 
     Parameters
     ----------
     orbit, place, orientation
-        Who is seen, and from where; the place's mask says what counts.
+        Orbit of the satellite, station with its mask, and orientation of the Earth.
     start : Epoch
-        From when.
+        Beginning of the search.
     period_s : float
-        Between commands.
+        Interval between commands.
     within_s : float
-        How long to look ahead for the rise. A pass goes on to its set; that of a satellite that
-        does not set for a day ends there.
+        Time after `start` within which the satellite must rise. The pass lasts until the set, or
+        for a day if the satellite does not set.
     air : Air, optional
-        That lifts the satellite.
+        Air for the refraction.
 
     Raises
     ------
     InputError
-        If the satellite does not rise in that time.
+        If the satellite does not rise in this time.
     """
 
     def seen(times: Array) -> tuple[Array, Array]:
@@ -89,7 +93,7 @@ def next_pass(
     grid = np.arange(0.0, within_s + _COARSE_S, _COARSE_S)
     azimuth, elevation = seen(grid)
     height = place.above(azimuth, elevation)
-    if height[-1] >= 0.0:  # it is up at the end: see when it sets
+    if height[-1] >= 0.0:  # the satellite is up at the end: extend the grid to its set
         for hour in range(_LONGEST_H):
             beyond = grid[-1] + 3600.0 * hour + _COARSE_S * np.arange(1.0, 361.0)
             if (place.above(*seen(beyond)) < 0.0).any():
@@ -102,7 +106,7 @@ def next_pass(
         horizon = f"above {mask:g}°" if place.mask.constant else "above the mask"
         raise InputError(
             f"{orbit.name} does not rise {horizon} over {place.station.name} within "
-            f"{within_s / 3600.0:g} h of {start.isot(np.zeros(1), 0)[0]} UTC (at most "
+            f"{within_s / 3600.0:g} h of {start.isot(np.zeros(1), 0)[0]} UTC (highest elevation "
             f"{degrees(float(elevation.max())):.1f}°); check elements and station, or look further "
             "ahead with --within"
         )
@@ -112,29 +116,32 @@ def next_pass(
     begin = float(max(grid[first] - 2.0 * _COARSE_S, 0.0))
     count = int((grid[last] + _AFTER_S - begin) / period_s) + 1
     times = begin + period_s * np.arange(float(max(count, 8)))
-    return Seen(times, *seen(times))
+    return NominalPass(times, *seen(times))
 
 
-def plan_of(seen: Seen, mount: Mount, position_rad: tuple[float, float] | None) -> PassPlan:
-    """Return the plan of the axes, which stand at a position, or where they like if it is None."""
+def plan_of(
+    nominal: NominalPass, mount: Mount, position_rad: tuple[float, float] | None
+) -> PassPlan:
+    """Plan the motion of the axes from their position, or from any position if it is None."""
     start = None if position_rad is None else position_rad[0]
-    return plan_pass(seen.times_s, seen.azimuth_rad, seen.elevation_rad, mount, start)
+    return plan_pass(nominal.times_s, nominal.azimuth_rad, nominal.elevation_rad, mount, start)
 
 
 def stream_of(
     tracker: Tracker[Any],
     orbit: Orbit,
     place: Place,
-    seen: Seen,
+    nominal: NominalPass,
     start: Epoch,
     orientation: EarthOrientation,
     sigma_rad: float,
 ) -> StreamingTracker:
-    """Return a tracker that begins a pass with its nominal orbit; times count from `start`.
+    """Return a tracker with the nominal orbit of a pass; its times count from `start`.
 
-    Mean elements are those that agree with the orbit where the satellite is highest.
+    The mean elements equal the orbit's state at the highest elevation, where errors of the angles
+    are largest.
     """
-    t_s = seen.highest_s
+    t_s = nominal.highest_s
     since = np.array([t_s + start.seconds_since(orbit.epoch)])
     elements = nominal_elements(orbit, since, orientation=orientation)[:, 0]
     return StreamingTracker(tracker, elements, t_s, place.station, start, orientation, sigma_rad)

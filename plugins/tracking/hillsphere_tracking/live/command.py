@@ -1,4 +1,4 @@
-"""``hillsphere track``: one pass live, or a replay of an earlier one."""
+"""The command ``hillsphere track``: tracks one pass live, or replays an earlier one."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from hillsphere_tracking.live.checks import (
     air_of,
     check_positive,
     check_writable,
-    forgetting_of,
+    random_walk_of,
 )
 from hillsphere_tracking.live.coming_pass import next_pass, plan_of, stream_of
 from hillsphere_tracking.live.help_groups import GroupedCommand
@@ -98,7 +98,7 @@ def track(
     ] = None,
     within: Annotated[
         float,
-        typer.Option(help="How far ahead to look for a rise, h.", rich_help_panel=_SATELLITE),
+        typer.Option(help="Time in which the satellite must rise, h.", rich_help_panel=_SATELLITE),
     ] = 24.0,
     ut1_minus_utc: Annotated[
         float | None,
@@ -108,28 +108,24 @@ def track(
     ] = None,
     epoch: Annotated[
         str,
-        typer.Option(
-            help="Date in UTC from which times in seconds count.", rich_help_panel=_MEASURED
-        ),
+        typer.Option(help="Epoch (UTC) of times given in seconds.", rich_help_panel=_MEASURED),
     ] = "",
     sigma: Annotated[
         float,
         typer.Option(
-            help="Standard deviation of angles that come without, degrees.",
+            help="Standard deviation of angles without one, degrees.",
             rich_help_panel=_MEASURED,
         ),
     ] = 0.1,
     replay: Annotated[
         bool,
         typer.Option(
-            "--replay", help="Let time run as in the measurements.", rich_help_panel=_MEASURED
+            "--replay", help="Use the times of the measurements.", rich_help_panel=_MEASURED
         ),
     ] = False,
     speed: Annotated[
         float,
-        typer.Option(
-            help="Of a replay, in real seconds; 0: do not wait.", rich_help_panel=_MEASURED
-        ),
+        typer.Option(help="Speed of a replay; 0: without waiting.", rich_help_panel=_MEASURED),
     ] = 1.0,
     tracker: Annotated[
         str,
@@ -141,16 +137,17 @@ def track(
         bool,
         typer.Option(
             "--refraction",
-            help="Elevations measured and commanded are apparent, lifted by the air.",
+            help="Measured and commanded elevations are apparent (with refraction).",
             rich_help_panel=_TRACKER,
         ),
     ] = False,
     pressure: Annotated[
         float | None,
-        typer.Option(help="Of the air, hPa; left out: 1010.", rich_help_panel=_TRACKER),
+        typer.Option(help="Pressure of the air, hPa; default: 1010.", rich_help_panel=_TRACKER),
     ] = None,
     temperature: Annotated[
-        float | None, typer.Option(help="Of the air, °C; left out: 10.", rich_help_panel=_TRACKER)
+        float | None,
+        typer.Option(help="Temperature of the air, °C; default: 10.", rich_help_panel=_TRACKER),
     ] = None,
     mount: Annotated[
         str, typer.Option(metavar="az_el|x_y", help="Kind of mount.", rich_help_panel=_ANTENNA)
@@ -189,7 +186,7 @@ def track(
         ),
     ] = 10.0,
     period: Annotated[
-        float, typer.Option(help="Between commands, s.", rich_help_panel=_ANTENNA)
+        float, typer.Option(help="Interval between commands, s.", rich_help_panel=_ANTENNA)
     ] = 0.1,
     rotator: Annotated[
         str,
@@ -202,29 +199,29 @@ def track(
     lost_after: Annotated[
         float,
         typer.Option(
-            help="Without a measurement for so long the signal is lost, s.",
+            help="Time without a measurement after which the signal counts as lost, s.",
             rich_help_panel=_SEARCH,
         ),
     ] = 3.0,
     lock_angle: Annotated[
         float,
         typer.Option(
-            help="Error of pointing up to which the signal is received, degrees: the beam's "
-            "half-width.",
+            help="Largest pointing error at which the signal is received, degrees: the half-width "
+            "of the beam.",
             rich_help_panel=_SEARCH,
         ),
     ] = 0.5,
     dwell: Annotated[
         float,
         typer.Option(
-            help="For how long the signal must be in the beam to be found, s.",
+            help="Time for which the signal must be in the beam to be found, s.",
             rich_help_panel=_SEARCH,
         ),
     ] = 1.0,
     search: Annotated[
         bool,
         typer.Option(
-            help="Whether the antenna leaves the prediction to search around it.",
+            help="Search around the prediction after a loss.",
             rich_help_panel=_SEARCH,
         ),
     ] = True,
@@ -232,14 +229,14 @@ def track(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Biases of stations: begin with those of earlier passes, remember them after it.",
+            help="Station memory: begin with the biases of earlier passes, store them at the end.",
             rich_help_panel=_KEPT,
         ),
     ] = None,
     forget: Annotated[
         tuple[float, float],
         typer.Option(
-            help="By how much biases, degrees, and time offset, s, wander in a day.",
+            help="Random walk of biases (degrees) and of the time offset (s) in a day.",
             rich_help_panel=_KEPT,
         ),
     ] = (0.01, 0.01),
@@ -255,19 +252,19 @@ def track(
         bool,
         typer.Option(
             "--score",
-            help="Say at the end how well predictions held after losses.",
+            help="Report the errors of predictions after losses at the end.",
             rich_help_panel=_KEPT,
         ),
     ] = False,
 ) -> None:
-    """Point an antenna at a satellite, with the help of what the antenna measures.
+    """Point an antenna at a satellite, using the antenna's measurements.
 
-    Commands go to stdout as CSV, or to a rotator; stderr shows time, angles and by how much the
-    satellite is early and beside its nominal track. Where measurements stop the prediction goes on,
-    and the antenna searches around it if its error may be larger than the beam.
+    Commands go to stdout as CSV, or to a rotator. stderr shows time, angles and the offsets of the
+    satellite from its nominal track. Without measurements the prediction continues, and the antenna
+    searches around it if its error may exceed the beam.
 
-    Exit codes: 0 the pass is over; 1 there is no rotator; 2 something given cannot be used; 130
-    interrupted.
+    Exit codes: 0 the pass is over; 1 no connection to the rotator; 2 an argument cannot be used;
+    130 interrupted.
     """
     check_positive(
         sigma=sigma, lost_after=lost_after, within=within, rate=rate, acceleration=acceleration
@@ -291,18 +288,18 @@ def track(
     inner = tracker_of(loaded, tracker)
     stops = {"azimuth": azimuth_limits, "elevation": elevation_limits, "x": x_limits, "y": y_limits}
     antenna = antenna_of(mount, stops, rate, acceleration, axis_azimuth)
-    forgetting = forgetting_of(forget)
-    kept = StationMemory(memory, place.station.name, forgetting, say) if memory else None
+    walk = random_walk_of(forget)
+    kept = StationMemory(memory, place.station.name, walk, say) if memory else None
     counted_from = Epoch.parse(epoch, "UTC") if epoch else None
     beam = radians(lock_angle)
-    # what is kept of the pass is seen to after the rotator was stopped
+    # memory, log and scores are written after the rotator has been stopped
     with ExitStack() as afterwards, ExitStack() as stack:
         feed, clock = input_of(stack, source, counted_from, replay, speed)
         start = clock.start
         orientation = orientation_of(ut1_minus_utc, start)
         try:
             seen = next_pass(orbit, place, start, orientation, period, 3600.0 * within, air)
-        except PropagationError as error:  # these elements are not for this day
+        except PropagationError as error:  # the elements are not valid at this time
             raise InputError(str(error)) from error
         clock.skip_to(float(seen.times_s[0]))
 
@@ -322,13 +319,13 @@ def track(
         name = place.station.name
         say(f"{orbit.name} over {name}, until {start.isot(seen.times_s[-1:], 0)[0]} UTC")
         if (miss := degrees(float(session.plan.error_rad.max()))) > 0.1:
-            say(f"the limits of the mount will cost up to {miss:.1f}° in this pass")
+            say(f"the limits of the mount will cause errors of up to {miss:.1f}° in this pass")
         book = Logbook(start, antenna.mount, radians(sigma))
         if score:
             table = streamed(Table(TableSpec()))
             rivals = {tracker: (stream.tracker, begun), "(table)": (table.tracker, table.state)}
             afterwards.callback(
-                lambda: _tell(score_lines(rivals, book.pass_log(), lost_after, beam))
+                lambda: _print_lines(score_lines(rivals, book.pass_log(), lost_after, beam))
             )
         if kept:
             afterwards.callback(
@@ -337,13 +334,13 @@ def track(
         if log:
             afterwards.callback(book.save, log)
         outputs = Outputs(
-            _both(book.commanded, point), book.measured,
+            _call_all(book.note_command, point), book.note_measurement,
             lambda status: say(status_line(status, start)), say,
         )  # fmt: skip
         run_session(session, clock, feed, position, outputs)
 
 
-def _both(*takers: Callable[[Any], None]) -> Callable[[Any], None]:
+def _call_all(*takers: Callable[[Any], None]) -> Callable[[Any], None]:
     def take(command: Any) -> None:
         for taker in takers:
             taker(command)
@@ -351,6 +348,6 @@ def _both(*takers: Callable[[Any], None]) -> Callable[[Any], None]:
     return take
 
 
-def _tell(lines: list[str]) -> None:
+def _print_lines(lines: list[str]) -> None:
     for line in lines:
         say(line)

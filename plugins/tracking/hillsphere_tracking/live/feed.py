@@ -1,4 +1,4 @@
-"""What has been measured by now: read as it arrives, or as its time comes in a replay."""
+"""Feeds of measurements: live from a stream, or from a record in a replay."""
 
 from __future__ import annotations
 
@@ -16,40 +16,52 @@ from hillsphere.errors import InputError
 from hillsphere.time import Epoch
 from hillsphere_tracking.live.measurements import Measurement, measurements
 
-__all__ = ["Arriving", "Feed", "Recorded"]
+__all__ = ["Feed", "LiveFeed", "ReplayFeed"]
 
 _LONGEST_LINE = 65536
+"""Bytes of a line at most: a stream without line ends must not fill the memory. One read takes as
+much."""
 _POLL_S = 0.2
-_JUMP_S, _DAY_S = 60.0, 86400.0
+"""Interval (s) in which a reader looks whether it shall end, or whether a file has grown: short to
+an operator, rare to the processor."""
+_JUMP_S = 60.0
+"""A measurement so far (s) ahead of the one before, and not followed by another there, has a wrong
+time. Passes have shorter gaps between measurements that are used."""
+_DAY_S = 86400.0
+"""No pass that is replayed pauses for a day (s): a time so far ahead is wrong even if others
+follow it."""
 
 
 class Feed(Protocol):
-    """Measurements one after the other."""
+    """Sequence of measurements over time."""
 
     def until(self, start: Epoch, t_s: float) -> list[Measurement]:
-        """Return those that are new, up to a time after the session's start."""
+        """Return the new measurements up to a time (s) after the start of the session."""
         ...
 
     def close(self) -> None:
-        """Read no further."""
+        """Stop reading."""
         ...
 
 
-class Recorded:
-    """Measurements of the past, each given when its time has come.
+class ReplayFeed:
+    """Feed of recorded measurements, each released at its time.
+
+    A measurement with a wrong time far ahead would delay all later ones. The feed therefore reads
+    one measurement ahead; it reports and skips measurements whose time is far from both neighbours,
+    and lines that cannot be read.
 
     Parameters
     ----------
     source : iterator of Measurement
-        Asked one further than needed: what jumps ahead, and is not followed there, would hold all
-        others up. It is told and passed over, as are bad lines.
+        The record.
     say : callable
-        Is given a line for each fault.
+        Receives a line for each fault.
 
     Raises
     ------
     InputError
-        If there are no measurements.
+        If the record contains no measurements.
     """
 
     def __init__(self, source: Iterator[Measurement], say: Callable[[str], None]) -> None:
@@ -65,35 +77,36 @@ class Recorded:
         self._say = say
         for fault in self._faults:
             say(f"passed over: {fault}")
-        found = self._following()
-        assert found is not None
-        self.first: Measurement = found
-        self._next: Measurement | None = found
+        first_measurement = self._next_in_order()
+        assert first_measurement is not None
+        self.first: Measurement = first_measurement
+        self._next: Measurement | None = first_measurement
 
     def until(self, start: Epoch, t_s: float) -> list[Measurement]:
-        """Return the measurements whose time has come."""
-        found: list[Measurement] = []
+        """Return the new measurements up to a time (s) after the start of the session."""
+        arrived: list[Measurement] = []
         while self._next is not None and self._next.epoch.seconds_since(start) <= t_s:
-            found.append(self._next)
-            self._next = self._following()
-        return found
+            arrived.append(self._next)
+            self._next = self._next_in_order()
+        return arrived
 
     def close(self) -> None:
-        """Do nothing: nothing runs."""
+        """Do nothing: the record needs no thread."""
 
-    def _following(self) -> Measurement | None:
-        """Return the next measurement that is in its place."""
-        while (found := self._after) is not None:
+    def _next_in_order(self) -> Measurement | None:
+        """Return the next measurement with a plausible time, or None at the end."""
+        while (measurement := self._after) is not None:
             self._after = self._read()
-            if not _astray(self._latest, found.epoch, self._after and self._after.epoch):
+            if not _is_astray(self._latest, measurement.epoch, self._after and self._after.epoch):
                 self._tell_more()
-                if self._latest is None or found.epoch.seconds_since(self._latest) > 0.0:
-                    self._latest = found.epoch
-                return found
+                if self._latest is None or measurement.epoch.seconds_since(self._latest) > 0.0:
+                    self._latest = measurement.epoch
+                return measurement
             if not self._astray and self._say is not None:
-                when = found.epoch.isot(np.zeros(1), 0)[0]
+                when = measurement.epoch.isot(np.zeros(1), 0)[0]
                 self._say(
-                    f"passed over: {found.place}: its time, {when}, is far from those around it"
+                    f"passed over: {measurement.place}: its time {when} is far from the times of "
+                    "the measurements around it"
                 )
             self._astray += 1
         self._tell_more()
@@ -115,8 +128,8 @@ class Recorded:
                     self._say(f"passed over: {error}")
 
 
-def _astray(before: Epoch | None, here: Epoch, after: Epoch | None) -> bool:
-    """Say whether the time of a measurement is far from those before and after it."""
+def _is_astray(before: Epoch | None, here: Epoch, after: Epoch | None) -> bool:
+    """Return whether the time of a measurement is implausible between its neighbours."""
     if before is None:
         return after is not None and not -_JUMP_S < after.seconds_since(here) < _DAY_S
     ahead = here.seconds_since(before)
@@ -125,22 +138,22 @@ def _astray(before: Epoch | None, here: Epoch, after: Epoch | None) -> bool:
     )
 
 
-class Arriving:
-    """Measurements that arrive, read by a thread of its own.
+class LiveFeed:
+    """Feed of a live stream, read by a thread.
 
-    What cannot be read is told and passed over: one bad line must not end a pass. A regular file
-    is followed as it grows.
+    Lines that cannot be read are reported and skipped: one bad line must not end a pass. A regular
+    file is followed while it grows.
 
     Parameters
     ----------
     descriptor : int
-        Of the stream.
+        File descriptor of the stream.
     where : str
-        Its name, for messages.
+        Name of the stream, used in messages.
     epoch : Epoch or None
-        From which times in seconds count.
+        Origin of times that are given in seconds.
     say : callable
-        Is given a line for each fault, and at the end of the input.
+        Receives a line for each fault, and at the end of the input.
     """
 
     def __init__(
@@ -153,14 +166,14 @@ class Arriving:
         self._thread.start()
 
     def until(self, start: Epoch, t_s: float) -> list[Measurement]:
-        """Return what has arrived, whatever its time."""
-        found: list[Measurement] = []
+        """Return all measurements that have arrived since the last call."""
+        arrived: list[Measurement] = []
         while not self._arrived.empty():
-            found.append(self._arrived.get())
-        return found
+            arrived.append(self._arrived.get())
+        return arrived
 
     def close(self) -> None:
-        """End the thread."""
+        """Stop the thread and wait for its end."""
         self._ending.set()
         self._thread.join()
 
@@ -168,18 +181,18 @@ class Arriving:
         source = measurements(self._lines(), self._where, self._epoch)
         while True:
             try:
-                found = next(source, None)
+                measurement = next(source, None)
             except InputError as error:
                 self._say(f"passed over: {error}")
                 continue
-            if found is None:
+            if measurement is None:
                 break
-            self._arrived.put(found)
+            self._arrived.put(measurement)
         if not self._ending.is_set():
             self._say(f"{self._where}: no more measurements; the prediction goes on")
 
     def _lines(self) -> Iterator[str]:
-        """Yield lines as they come. Not `readline`, from which no thread can be called back."""
+        """Yield lines as they arrive; another thread can end this, unlike `readline`."""
         buffer = b""
         grows = stat.S_ISREG(os.fstat(self._descriptor).st_mode)
         while not self._ending.is_set():

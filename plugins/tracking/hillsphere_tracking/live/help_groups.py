@@ -1,4 +1,4 @@
-"""Help of a command with many options: in groups, as plain text."""
+"""Plain-text help of a command, with its options in groups."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ __all__ = ["GroupedCommand"]
 
 
 class GroupedCommand(TyperCommand):
-    """A command whose help shows its options under their ``rich_help_panel``, in order."""
+    """A command whose help groups its options by ``rich_help_panel``, in order of definition."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write arguments and options."""
+        """Write the help of arguments and options."""
         groups: dict[str, list[tuple[str, str]]] = {}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)

@@ -1,4 +1,4 @@
-"""What ``hillsphere track`` reads: measurements with the time that goes with them, and UT1."""
+"""Inputs of ``hillsphere track``: measurements with their clock, and the Earth's orientation."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from contextlib import ExitStack
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.base.orientation import (
     ConstantOrientation,
     EarthOrientation,
@@ -21,7 +22,7 @@ from hillsphere.cli.streams import say
 from hillsphere.errors import InputError
 from hillsphere.time import Epoch
 from hillsphere_tracking.live.clock import Clock, RealTime, Replay
-from hillsphere_tracking.live.feed import Arriving, Feed, Recorded
+from hillsphere_tracking.live.feed import Feed, LiveFeed, ReplayFeed
 from hillsphere_tracking.live.measurements import measurements
 
 __all__ = ["input_of", "orientation_of"]
@@ -30,25 +31,25 @@ __all__ = ["input_of", "orientation_of"]
 def input_of(
     stack: ExitStack, source: str, epoch: Epoch | None, replay: bool, speed: float
 ) -> tuple[Feed, Clock]:
-    """Return what is measured and what time it is.
+    """Return the feed of measurements and the clock of a session.
 
     Parameters
     ----------
     stack : ExitStack
-        Closes the source.
+        Stack that closes the source.
     source : str
-        A file, or ``-`` for stdin.
+        Name of a file, or ``-`` for stdin.
     epoch : Epoch or None
-        From which times in seconds count.
+        Origin of times that are given in seconds.
     replay : bool
-        Whether the time is that of the measurements.
+        Replay the times of the measurements instead of using real time.
     speed : float
-        Of a replay.
+        Speed of the replay.
 
     Raises
     ------
     InputError
-        If the source cannot be read, or holds nothing to be replayed.
+        If the source cannot be read, or contains no measurements to replay.
     """
     if source == "-":
         descriptor, where = sys.stdin.fileno(), "stdin"
@@ -61,34 +62,37 @@ def input_of(
         if stat.S_ISDIR(os.fstat(descriptor).st_mode):
             raise InputError(f"{source}: is a directory; a file or a pipe is needed")
     if not replay:
-        arriving = Arriving(descriptor, where, epoch, say)
+        arriving = LiveFeed(descriptor, where, epoch, say)
         stack.callback(arriving.close)
         return arriving, RealTime()
     lines = stack.enter_context(
         os.fdopen(descriptor, encoding="utf-8", errors="replace", closefd=False)
     )
     try:
-        recorded = Recorded(measurements(_read(lines), where, epoch), say)
+        recorded = ReplayFeed(measurements(_read(lines), where, epoch), say)
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
     return recorded, Replay(recorded.first.epoch, speed)
 
 
 def orientation_of(ut1_minus_utc_s: float | None, start: Epoch) -> EarthOrientation:
-    """Return the Earth's orientation: as given, or of the installed table, held where it ends."""
+    """Return the Earth's orientation: the given UT1 − UTC, or the installed table.
+
+    Beyond the end of the table its last values are held constant.
+    """
     if ut1_minus_utc_s is not None:
         return ConstantOrientation(ut1_minus_utc_s)
     table = OrientationTable.installed()
-    lapse = table.lapse(start, np.array([86400.0]))
+    lapse = table.lapse(start, np.array([DAY_S]))
     if lapse is None:
         return table
     say(f"{lapse}, or --ut1-minus-utc")
     with warnings.catch_warnings():
-        # said once, not at every command: the last values as constants
+        # one warning suffices, instead of one per command: hold the last values as constants
         warnings.simplefilter("ignore", EarthOrientationWarning)
         held = table.at(start, np.zeros(1))
     tai = start.to("TAI")
-    tai_minus_utc = 86400.0 * ((tai.day - start.day) + (tai.fraction - start.fraction))
+    tai_minus_utc = DAY_S * ((tai.day - start.day) + (tai.fraction - start.fraction))
     return ConstantOrientation(
         float(held.ut1_minus_tai_s[0]) + tai_minus_utc,
         float(held.x_pole_rad[0]),

@@ -1,4 +1,4 @@
-"""What happened during a session, put together to a pass log."""
+"""Logbook of a session: collects measurements and commands for a pass log."""
 
 from __future__ import annotations
 
@@ -19,20 +19,21 @@ from hillsphere_tracking.pointing.sky import angles_of
 __all__ = ["Logbook"]
 
 _TICKS_PER_S = 1e6
-"""Resolution of a pass log: a measurement and a command of one tick share a line."""
+"""Ticks per second of a pass log, its resolution of 1 µs: a measurement and a command of the same
+tick share a line."""
 
 
 class Logbook:
-    """Measurements and commands of one session.
+    """Collects the measurements and commands of one session.
 
     Parameters
     ----------
     start : Epoch
-        From which times count.
+        Origin of the times.
     mount : Mount
-        That was commanded.
+        Mount that receives the commands.
     sigma_rad : float
-        Standard deviation of measurements that bring none.
+        Standard deviation of measurements without one.
     """
 
     def __init__(self, start: Epoch, mount: Mount, sigma_rad: float) -> None:
@@ -40,17 +41,17 @@ class Logbook:
         self._measured: dict[int, tuple[float, float, float]] = {}
         self._commanded: dict[int, tuple[float, float, float, float]] = {}
 
-    def measured(self, t_s: float, found: Measurement) -> None:
-        """Note a measurement that was used."""
-        sigma = self._sigma if found.sigma_rad is None else found.sigma_rad
-        self._measured[_tick(t_s)] = (found.azimuth_rad, found.elevation_rad, sigma)
+    def note_measurement(self, t_s: float, measurement: Measurement) -> None:
+        """Record a measurement that was used."""
+        sigma = self._sigma if measurement.sigma_rad is None else measurement.sigma_rad
+        self._measured[_tick(t_s)] = (measurement.azimuth_rad, measurement.elevation_rad, sigma)
 
-    def commanded(self, command: Command) -> None:
-        """Note a command, and the prediction for its time."""
+    def note_command(self, command: Command) -> None:
+        """Record a command with the prediction for its time."""
         self._commanded[_tick(command.t_s)] = command[1:5]
 
     def pass_log(self) -> PassLog | None:
-        """Return all that was noted; None if nothing was."""
+        """Return the pass log of the session; None if nothing was recorded."""
         ticks = sorted(self._measured.keys() | self._commanded.keys())
         if not ticks:
             return None
@@ -63,12 +64,12 @@ class Logbook:
         )  # fmt: skip
 
     def save(self, path: Path) -> None:
-        """Write the pass log, if there is anything to write.
+        """Write the pass log, unless it is empty.
 
         Raises
         ------
         InputError
-            If it cannot be written.
+            If the file cannot be written.
         """
         log = self.pass_log()
         if log is None:

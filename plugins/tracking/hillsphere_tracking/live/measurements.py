@@ -1,9 +1,9 @@
 """Readers of measured angles, line by line: CSV tables and CCSDS tracking data messages.
 
-A table has the columns time, azimuth, elevation and, if it likes, standard deviation, in degrees,
-or a first line that names them (``utc``, ``azimuth_deg``, ``elevation_deg``, ``sigma_deg``, among
-others; a pass log is such a table, of which lines with ``locked`` 0 are passed over). Times are
-dates in UTC or seconds after a given epoch. Lines that begin with ``#`` are comments.
+A table has the columns time, azimuth, elevation and optionally standard deviation, in degrees, or a
+header line with ``utc``, ``azimuth_deg``, ``elevation_deg`` and optionally ``sigma_deg`` in any
+order among other columns. A pass log is such a table; lines with ``locked`` 0 are skipped. Times
+are dates in UTC or seconds after a given epoch. Lines that begin with ``#`` are comments.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from itertools import chain
 from math import isfinite, nan, radians
 from typing import NamedTuple
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.errors import InputError
 from hillsphere.time import Epoch
 from hillsphere_tracking.tdm_records import PairedAngles, tdm_records_and_faults
@@ -24,10 +25,12 @@ _POSITIONS = {"time": 0, "azimuth_deg": 1, "elevation_deg": 2, "sigma_deg": 3}
 _TIMES = ("utc", "time", "time_s")
 _LOCKED = "locked"
 _WIDEST = 1000
+"""Characters of a line that are read: a table has nine columns, and the rest of a longer line is no
+measurement."""
 
 
 class Measurement(NamedTuple):
-    """Azimuth from north eastwards and elevation at one time; `place` is ``"file:line"``."""
+    """Measured azimuth (from north eastwards) and elevation; `place` is ``"file:line"``."""
 
     place: str
     epoch: Epoch
@@ -39,46 +42,46 @@ class Measurement(NamedTuple):
 def measurements(
     lines: Iterable[str], where: str, epoch: Epoch | None = None
 ) -> Iterator[Measurement]:
-    """Read measurements as their lines come.
+    """Return an iterator of measurements, which reads lines as they arrive.
 
     Parameters
     ----------
     lines : iterable of str
         A table, or a tracking data message in either form.
     where : str
-        Name of the file, for errors.
+        Name of the file, used in error messages.
     epoch : Epoch, optional
-        From which times in seconds count.
+        Origin of times that are given in seconds.
 
     Returns
     -------
     iterator of Measurement
-        In the order of the input, whatever their times. It can be asked on after an error: the bad
-        line is passed over then.
+        Measurements in the order of the input. The iterator can be continued after an error; the
+        bad line is then skipped.
 
     Raises
     ------
     InputError
-        With file and line, from the iterator: a line that is no measurement, angles out of range
-        or not finite; a message whose metadata cannot be used, which ends there.
+        From the iterator, with file and line: if a line is not a measurement, or angles are out of
+        range or not finite. If the metadata of a message are invalid the iteration ends there.
     """
     rest = iter(lines)
-    held: list[str] = []
+    head: list[str] = []
     for line in rest:
-        held.append(line)
+        head.append(line)
         text = line.lstrip("\ufeff \t\r\n")
         if text and not text.startswith("#"):
             break
     else:
         text = ""
-    whole = chain(held, rest)
+    whole = chain(head, rest)
     if text.startswith(("CCSDS_", "<", "COMMENT")):
         return _Message(whole, where)
     return _Table(whole, where, epoch)
 
 
 class _Message(Iterator[Measurement]):
-    """Measurements of a tracking data message."""
+    """Iterator over the measurements of a tracking data message."""
 
     def __init__(self, lines: Iterable[str], where: str) -> None:
         self._records = tdm_records_and_faults(lines, where)
@@ -88,10 +91,10 @@ class _Message(Iterator[Measurement]):
     def __next__(self) -> Measurement:
         if self._faults:
             raise self._faults.popleft()
-        for found in self._records:
-            if isinstance(found, InputError):
-                raise found
-            if pair := self._pairing.add(found):
+        for record in self._records:
+            if isinstance(record, InputError):
+                raise record
+            if pair := self._pairing.add(record):
                 return Measurement(
                     pair.place, pair.epoch, pair.azimuth_rad, pair.elevation_rad, None
                 )
@@ -104,7 +107,7 @@ class _Message(Iterator[Measurement]):
 
 
 class _Table(Iterator[Measurement]):
-    """Measurements of a table."""
+    """Iterator over the measurements of a CSV table."""
 
     def __init__(self, lines: Iterable[str], where: str, epoch: Epoch | None) -> None:
         self._lines = enumerate(lines, start=1)
@@ -119,15 +122,15 @@ class _Table(Iterator[Measurement]):
                 continue
             place = f"{self._where}:{number}"
             cells = [cell.strip() for cell in line[:_WIDEST].split(",")]
-            if self._columns is None and self._named(cells, place):
+            if self._columns is None and self._read_header(cells, place):
                 continue
-            found = self._measurement(cells, place)
-            if found is not None:
-                return found
+            record = self._measurement(cells, place)
+            if record is not None:
+                return record
         raise StopIteration
 
-    def _named(self, cells: list[str], place: str) -> bool:
-        """Take the first line's names of columns, or their usual order if it has none."""
+    def _read_header(self, cells: list[str], place: str) -> bool:
+        """Set the columns from the first line; return whether it is a header line."""
         names = [cell.lower() for cell in cells]
         self._width = len(cells)
         if not any(name in (*_TIMES, *_POSITIONS) for name in names):
@@ -143,8 +146,8 @@ class _Table(Iterator[Measurement]):
         missing = [name for name in ("azimuth_deg", "elevation_deg") if name not in columns]
         if missing or len(times) != 1 or len(set(names)) != len(names):
             raise InputError(
-                f"{place}: the names of columns must be there once each: utc, azimuth_deg, "
-                f"elevation_deg and, if there is one, sigma_deg; got {','.join(cells)[:80]!r}"
+                f"{place}: the header must have the columns utc, azimuth_deg, elevation_deg and "
+                f"optionally sigma_deg, once each; got {','.join(cells)[:80]!r}"
             )
         if _LOCKED in names:
             columns[_LOCKED] = names.index(_LOCKED)
@@ -157,7 +160,7 @@ class _Table(Iterator[Measurement]):
             raise InputError(f"{place}: expected {self._width} values, got {len(cells)}")
         given = {name: cells[i] for name, i in self._columns.items()}
         if given.get(_LOCKED) == "0" or not (given["azimuth_deg"] or given["elevation_deg"]):
-            return None  # where the antenna stood says nothing of the satellite
+            return None  # without lock the antenna's angles are no measurement of the satellite
         azimuth, elevation = (_number(given[k], k, place) for k in ("azimuth_deg", "elevation_deg"))
         if not -180.0 <= azimuth <= 540.0:
             raise InputError(f"{place}: azimuth must be from -180° to 540°, got {azimuth:.10g}°")
@@ -183,11 +186,10 @@ class _Table(Iterator[Measurement]):
             raise InputError(f"{place}: expected a finite time, got {text!r}")
         if self._epoch is None:
             raise InputError(
-                f"{place}: a time in seconds, {text}, needs to be told from when they count: "
-                "--epoch"
+                f"{place}: the time {text} is in seconds; give the epoch of such times with --epoch"
             )
         tai = self._epoch.to("TAI")
-        return Epoch(tai.day, tai.fraction + seconds / 86400.0, "TAI").to("UTC")
+        return Epoch(tai.day, tai.fraction + seconds / DAY_S, "TAI").to("UTC")
 
 
 def _number(text: str, what: str, place: str) -> float:

@@ -1,4 +1,4 @@
-"""How far a satellite is from its nominal orbit, as an operator thinks of it."""
+"""Offsets of a satellite from its nominal track: time along it, angle across it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["Offsets", "offsets_of"]
 
 
 class Offsets(NamedTuple):
-    """Time by which the satellite is early, s; arc by which it passes left of its track, rad."""
+    """Time by which the satellite is early (s), and arc by which it is left of its track (rad)."""
 
     early_s: float
     left_rad: float
@@ -25,24 +25,25 @@ def offsets_of(nominal: tuple[Array, Array], now: tuple[float, float], step_s: f
     Parameters
     ----------
     nominal : tuple of two ndarray, shape (3,)
-        Azimuths and elevations of the nominal orbit, a step before now, now, and a step after.
+        Azimuths and elevations of the nominal orbit one step before now, now, and one step later.
     now : tuple of two floats
-        Azimuth and elevation where the satellite is.
+        Actual azimuth and elevation.
     step_s : float
-        The step.
+        Length of the step.
 
     Returns
     -------
     Offsets
-        Along the track as a time, across it (left as seen along the motion, from the station) as an
-        angle. Exact in the limit of small offsets; large ones count along the tangent.
+        Offset along the track as a time, and across it as an angle (left as seen from the station,
+        looking along the motion). Large offsets are measured along the tangent of the track.
     """
     before, at, after = direction_cosines(*nominal).T
+    # tangent of the track by central differences
     rate = (after - before) / (2.0 * step_s)
     speed = float(np.linalg.norm(rate))
-    seen = direction_cosines(np.array([now[0]]), np.array([now[1]]))[:, 0]
-    apart = seen - at
+    direction = direction_cosines(np.array([now[0]]), np.array([now[1]]))[:, 0]
+    apart = direction - at
     along = rate / speed
-    left = np.cross(along, at)  # of one who looks that way and has the motion upwards
+    left = np.cross(along, at)  # left of an observer who looks there with the motion upwards
     across = float(np.arcsin(np.clip(apart @ left, -1.0, 1.0)))
     return Offsets(float(apart @ along) / speed, across)

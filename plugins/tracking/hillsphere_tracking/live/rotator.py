@@ -1,4 +1,4 @@
-"""Keeps a rotator connected: sends it the newest command, and tries again when it is gone."""
+"""Link to a rotator: sends the newest command, and reconnects after a lost connection."""
 
 from __future__ import annotations
 
@@ -11,21 +11,25 @@ from hillsphere_tracking.live.rotctl import RotatorError, RotatorLostError, Rotc
 __all__ = ["RotatorLink"]
 
 _FIRST_WAIT_S = 0.25
+"""Wait (s) before the first attempt to connect again: a daemon that restarts is there after it, and
+few commands are lost."""
 _LONGEST_WAIT_S = 8.0
+"""Longest wait (s) between two attempts: of a pass of ten minutes no more than this is lost after
+the rotator is back, and the log stays short."""
 
 
 class RotatorLink:
-    """Sends commands from a thread of its own, so that no rotator holds the tracker up.
+    """Sends commands from a separate thread, so that a slow rotator does not delay the tracker.
 
-    Of commands that come faster than the rotator answers the newest is sent. A connection that is
-    lost is made again, after waits that double from 0.25 s to 8 s.
+    If commands arrive faster than the rotator answers, only the newest one is sent. A lost
+    connection is opened again, after waits that double from 0.25 s to 8 s.
 
     Parameters
     ----------
     connect : callable
-        Makes a connection, or raises `RotatorLostError`.
+        Opens a connection, or raises `RotatorLostError`.
     say : callable
-        Is given a line when the connection is lost or there again, and when a command is refused.
+        Receives a line when the connection is lost or restored, and when a command is refused.
     """
 
     def __init__(self, connect: Callable[[], Rotctl], say: Callable[[str], None]) -> None:
@@ -39,12 +43,12 @@ class RotatorLink:
         self._thread = threading.Thread(target=self._run, name="rotator", daemon=True)
 
     def start(self) -> tuple[float, float]:
-        """Connect; return where the rotator stands, azimuth and elevation in degrees.
+        """Connect and return the position of the rotator, azimuth and elevation in degrees.
 
         Raises
         ------
         RotatorError
-            If it cannot be reached or does not say.
+            If the rotator cannot be reached or does not report its position.
         """
         client = self._connect()
         try:
@@ -57,7 +61,7 @@ class RotatorLink:
         return position
 
     def point(self, azimuth_deg: float, elevation_deg: float) -> None:
-        """Have a position sent, in place of any that was not sent yet; returns at once."""
+        """Replace the command to be sent next; returns at once."""
         with self._wake:
             self._newest = (azimuth_deg, elevation_deg)
             self._wake.notify()
@@ -68,12 +72,12 @@ class RotatorLink:
         Parameters
         ----------
         within_s : float
-            How long to wait for that.
+            Longest wait for the thread.
 
         Returns
         -------
         bool
-            Whether the rotator was told to stop.
+            Whether the rotator received the command to stop.
         """
         with self._wake:
             self._ending, self._newest = True, None
@@ -122,11 +126,11 @@ class RotatorLink:
         except RotatorLostError:
             raise
         except RotatorError as error:
-            # told once: the next of these commands, a tenth of a second later, meets the same
-            told = str(error).partition(": ")[2]
-            if told != self._refusal:
+            # report a refusal once: the next command, 0.1 s later, meets the same one
+            reason = str(error).partition(": ")[2]
+            if reason != self._refusal:
                 self._say(str(error))
-            self._refusal = told
+            self._refusal = reason
         else:
             self._refusal = ""
             self.sent += 1

@@ -1,7 +1,8 @@
-"""The protocol of rotctld, the network daemon of Hamlib that drives antenna rotators.
+"""Client of rotctld, the network daemon of Hamlib that drives antenna rotators.
 
-A command is a line, an answer one or more: ``P 120.00 35.00`` is answered by ``RPRT 0``, ``p`` by
-the azimuth and the elevation, a line each, in degrees, or by ``RPRT`` and a negative number.
+A command is one line, an answer one or more lines. The answer to ``P 120.00 35.00`` is ``RPRT 0``;
+the answer to ``p`` is azimuth and elevation in degrees, one per line. Errors are answered by
+``RPRT`` and a negative number.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from hillsphere.errors import HillsphereError
 __all__ = ["PORT", "RotatorError", "RotatorLostError", "RotatorRefusedError", "Rotctl"]
 
 PORT = 4533
-"""Port of rotctld unless it is told another one."""
+"""Default port of rotctld."""
 
 _CODES = {
     -1: "invalid parameter: beyond the rotator's own limits?",
@@ -40,14 +41,16 @@ _CODES = {
 """Hamlib's error codes (rig_errcode_e in its header rig.h)."""
 
 _LONGEST = 256
+"""Bytes of an answer at most: answers of rotctld are below 40, and another service on the port must
+not fill the memory."""
 
 
 class RotatorError(HillsphereError):
-    """Something is wrong with the rotator or the way to it."""
+    """Error of a rotator or of the connection to it."""
 
 
 class RotatorLostError(RotatorError):
-    """There is no connection, or no answer that can be understood."""
+    """The connection failed, or an answer could not be interpreted."""
 
 
 class RotatorRefusedError(RotatorError):
@@ -58,7 +61,7 @@ class RotatorRefusedError(RotatorError):
     command : str
         The command.
     code : int
-        Hamlib's, negative.
+        Error code of Hamlib, negative.
     """
 
     def __init__(self, command: str, code: int) -> None:
@@ -71,22 +74,22 @@ class RotatorRefusedError(RotatorError):
 class Rotctl:
     """One connection to rotctld.
 
-    After a `RotatorLostError` the connection is closed: an answer that comes late would be taken
-    for that to the next command. Make a new one.
+    After a `RotatorLostError` the connection is closed, and a new one must be opened: a late answer
+    would be mistaken for the answer to the next command.
 
     Parameters
     ----------
     host : str
         Name or address of the machine on which rotctld runs.
     port : int
-        Its port.
+        Port of rotctld.
     timeout_s : float
-        How long to wait for the connection and for each answer.
+        Longest wait for the connection and for each answer.
 
     Raises
     ------
     RotatorLostError
-        If there is no connection.
+        If the connection fails.
     """
 
     def __init__(self, host: str, port: int = PORT, timeout_s: float = 2.0) -> None:
@@ -99,39 +102,39 @@ class Rotctl:
             raise RotatorLostError(f"no rotctld at {self._name}: {_reason(error)}") from error
 
     def set_position(self, azimuth_deg: float, elevation_deg: float) -> None:
-        """Send the rotator to a position; it does not wait until it is there.
+        """Command a position; the method does not wait until the rotator is there.
 
         Raises
         ------
         RotatorRefusedError
-            With the code of Hamlib.
+            If the rotator refuses the command.
         RotatorLostError
             If the connection is lost.
         """
         self._report(f"P {azimuth_deg:.4f} {elevation_deg:.4f}")
 
     def position(self) -> tuple[float, float]:
-        """Return azimuth and elevation where the rotator stands, degrees; raises as above."""
+        """Return azimuth and elevation of the rotator, degrees; raises as `set_position`."""
         first = self._ask("p")
         second = self._line()
         try:
-            found = float(first), float(second)
+            angles = float(first), float(second)
         except ValueError:
-            found = float("nan"), 0.0
-        if not all(isfinite(angle) for angle in found):
+            angles = float("nan"), 0.0
+        if not all(isfinite(angle) for angle in angles):
             self._lose(f"was given up: it answered 'p' with {first[:40]!r} and {second[:40]!r}")
-        return found
+        return angles
 
     def stop(self) -> None:
-        """Stop the rotator; raises as above."""
+        """Stop the rotator; raises as `set_position`."""
         self._report("S")
 
     def close(self) -> None:
-        """End the connection."""
+        """Close the connection."""
         self._socket.close()
 
     def __enter__(self) -> Self:
-        """Return itself."""
+        """Return the connection itself."""
         return self
 
     def __exit__(
@@ -140,7 +143,7 @@ class Rotctl:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close."""
+        """Close the connection."""
         self.close()
 
     def _report(self, command: str) -> None:
@@ -149,7 +152,7 @@ class Rotctl:
             self._lose(f"was given up: it answered {command!r} with {line[:40]!r}")
 
     def _ask(self, command: str) -> str:
-        """Send a command; return the first line of the answer unless it reports an error."""
+        """Send a command and return the first line of the answer; raise if it reports an error."""
         try:
             self._socket.sendall(f"{command}\n".encode("ascii"))
         except OSError as error:

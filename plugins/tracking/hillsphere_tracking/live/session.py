@@ -1,8 +1,8 @@
-"""One pass, live or replayed: what is measured improves the prediction, which points the antenna.
+"""Tracking of one pass, live or replayed: measurements update the prediction of the pointing.
 
-Without a measurement for a while the signal is lost. Then the prediction goes on alone and, where
-its error may be larger than the beam and nothing hides the satellite, the antenna searches around
-it until something is measured again.
+Without measurements for some time the signal counts as lost. The prediction then continues without
+updates. If its error may exceed the beam and the satellite is not hidden, the antenna searches
+around the prediction until it receives measurements again.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from hillsphere_tracking.live.status import Status
 from hillsphere_tracking.pointing.commands import PointingState, advance_pointing, begin
 from hillsphere_tracking.pointing.pass_plan import PassPlan
 from hillsphere_tracking.pointing.search import Search, search_now, search_speed
-from hillsphere_tracking.pointing.sky import turning
+from hillsphere_tracking.pointing.sky import parallel_transport
 from hillsphere_tracking.trackers.streaming import StreamingTracker
 
 __all__ = ["Command", "Outputs", "SearchRules", "Session", "SignalState", "run_session"]
@@ -34,10 +34,13 @@ __all__ = ["Command", "Outputs", "SearchRules", "Session", "SignalState", "run_s
 SignalState: TypeAlias = Literal["locked", "predicting", "searching"]
 
 _STEP_S = 0.5
+"""Interval (s) on both sides of now over which rates and offsets are central differences. Larger,
+and the curvature of a pass near the zenith shows in them; predictions are smooth, so that it need
+not be."""
 
 
 class Command(NamedTuple):
-    """Where the antenna is sent, for a time: axis angles, the prediction behind them, and why."""
+    """Command of the antenna for a time: axis angles, predicted direction and state of signal."""
 
     t_s: float
     primary_rad: float
@@ -48,17 +51,17 @@ class Command(NamedTuple):
 
 
 class SearchRules(NamedTuple):
-    """How a lost signal is searched for: radius of the beam, and how long it must be in there."""
+    """Parameters of a search: radius of the beam, and dwell time of the signal in it."""
 
     beam_rad: float
     dwell_s: float
 
 
 class Outputs(NamedTuple):
-    """Who is told what.
+    """Receivers of the outputs of a session.
 
-    `point` is given each command, one period before its time; `note` each measurement that is used,
-    with its time; `show` a status once a second; `say` a line whenever something happens.
+    `point` receives each command, one period before its time; `note` each measurement that is used,
+    with its time; `show` a status once per second; `say` a line for each event.
     """
 
     point: Callable[[Command], None]
@@ -69,22 +72,22 @@ class Outputs(NamedTuple):
 
 @dataclass(frozen=True)
 class Session:
-    """What does not change during a pass.
+    """Configuration of the tracking of one pass.
 
     Parameters
     ----------
     tracker : StreamingTracker
-        Its times count from the start of the clock.
+        Tracker whose times count from the start of the clock.
     plan : PassPlan
-        Of the axes; the session ends with it.
+        Plan of the axes; the session ends with it.
     place : Place
-        What hides the sky.
+        Station with its horizon mask and blind sectors.
     period_s : float
-        Between commands.
+        Interval between commands.
     lost_after_s : float
-        Without a measurement for so long the signal counts as lost.
+        Time without a measurement after which the signal counts as lost.
     search : SearchRules or None
-        How it is searched for then; None: not at all.
+        Parameters of the search after a loss; None for no search.
     """
 
     tracker: StreamingTracker
@@ -107,15 +110,15 @@ def run_session(
     Parameters
     ----------
     session : Session
-        What is tracked, and how.
+        Configuration.
     clock : Clock
-        What time it is.
+        Clock of the session.
     feed : Feed
-        What is measured.
+        Measurements.
     position : tuple of two floats or None
-        Where the axes stand, rad; None: where the plan begins.
+        Angles of the axes, rad; None for the beginning of the plan.
     outputs : Outputs
-        Who is told.
+        Receivers of commands, measurements, status and events.
     """
     tracker, plan, period, place = session.tracker, session.plan, session.period_s, session.place
     nominal = tracker.state
@@ -123,22 +126,25 @@ def run_session(
     gate = Gate(clock.start, outputs.say)
     search: Search | None = None
     turned = 0.0
-    tracker.lost()
+    tracker.mark_lost()
     if position is None:
         position = float(plan.primary_rad[0]), float(plan.secondary_rad[0])
     state = begin(plan, clock.now_s(), *position)
     while state.time_s < plan.times_s[-1]:
-        for found in feed.until(clock.start, state.time_s):
-            t_s = found.epoch.seconds_since(clock.start)
-            if gate.lets_in(found, t_s, state.time_s):
+        for measurement in feed.until(clock.start, state.time_s):
+            t_s = measurement.epoch.seconds_since(clock.start)
+            if gate.lets_in(measurement, t_s, state.time_s):
                 if not tracker.is_locked:
-                    tracker.locked()
+                    tracker.mark_locked()
                     outputs.say("the signal is there")
-                tracker.update(t_s, found.azimuth_rad, found.elevation_rad, found.sigma_rad)
-                outputs.note(t_s, found)
+                tracker.update(
+                    t_s, measurement.azimuth_rad, measurement.elevation_rad, measurement.sigma_rad
+                )
+                outputs.note(t_s, measurement)
                 taken, heard = taken + 1, max(heard, t_s)
+        # loss of signal: predictions continue from the last estimate
         if tracker.is_locked and state.time_s - heard > session.lost_after_s:
-            tracker.lost()
+            tracker.mark_lost()
             outputs.say(f"no measurement for {session.lost_after_s:g} s: the prediction goes on")
         now = state.time_s
         times = now + np.array([-_STEP_S, 0.0, period, _STEP_S + period])
@@ -148,14 +154,15 @@ def run_session(
         if tracker.is_locked or not taken or hidden_by:
             search = None
         elif session.search is not None:
-            new = _searched(session, search, turned, covariance[:, :, 1], state, outputs.say)
+            new = _update_search(session, search, turned, covariance[:, :, 1], state, outputs.say)
             search, turned = new, turned if new is search else 0.0
         doing: SignalState = "predicting" if search is None else "searching"
         doing = "locked" if tracker.is_locked else doing
-        # right and up turn near the zenith, the search does not
-        turns = turned + turning(azimuth[1:3], elevation[1:3])
+        # Near the zenith the axes "right" and "up" rotate, whereas the search path does not.
+        turns = turned + parallel_transport(azimuth[1:3], elevation[1:3])
         beside = None if search is None else partial(_beside, search, times[1:3], turns)
         state = advance_pointing(plan, state, (times, azimuth, elevation), period, beside)
+        # one command per period, one period ahead of its time
         predicted, turned = (float(azimuth[2]), float(elevation[2])), float(turns[1])
         outputs.point(Command(state.time_s, *_angles(state), *predicted, doing))
         if now - shown >= 1.0 - 1e-6:
@@ -167,17 +174,27 @@ def run_session(
             arcs = np.ravel((0.0, 0.0) if beside is None else beside(times[1:2]))
             aside = (float(arcs[0]), float(arcs[1]))
             outputs.show(
-                Status(now, *here, sigma, offsets, taken, tracker.outlying, doing, hidden_by, aside)
+                Status(
+                    now,
+                    *here,
+                    sigma,
+                    offsets,
+                    taken,
+                    tracker.outlier_share,
+                    doing,
+                    hidden_by,
+                    aside,
+                )
             )
         clock.wait_until(state.time_s)
         if (late := clock.now_s() - state.time_s) > 1.0:
-            # the computer slept, or is too slow: commands for the past are of no use to anybody
+            # The computer was suspended or is too slow: skip commands for the past.
             outputs.say(f"{late:.1f} s behind the clock: commands left out")
             state = begin(plan, clock.now_s(), *_angles(state))
     gate.end()
 
 
-def _searched(
+def _update_search(
     session: Session,
     search: Search | None,
     turned_rad: float,
@@ -185,21 +202,23 @@ def _searched(
     state: PointingState,
     say: Callable[[str], None],
 ) -> Search | None:
-    """Return the search for now, and tell of one that begins."""
+    """Return the search at the present time, and report its beginning or end."""
     assert session.search is not None
     beam, dwell = session.search
     speed = search_speed(session.plan.mount, float(state.secondary.angle_rad[0]), beam)
     left = float(session.plan.times_s[-1]) - state.time_s
-    found = search_now(
+    new = search_now(
         search, covariance, beam, speed, state.time_s,
         within_s=left, dwell_s=dwell, turned_rad=turned_rad,
     )  # fmt: skip
-    if found is not None and found is not search:
-        size = found.sigmas * sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))
-        say(f"searching up to {degrees(size):.2f}° around it, in {found.duration_s:.0f} s")
-    if found is None and search is not None:
+    if new is not None and new is not search:
+        size = new.sigmas * sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))
+        say(
+            f"searching up to {degrees(size):.2f}° around the prediction, in {new.duration_s:.0f} s"
+        )
+    if new is None and search is not None:
         say("the beam at the prediction covers its error: the search ends")
-    return found
+    return new
 
 
 def _beside(search: Search, times: Array, turns: Array, at: Array) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""What ``hillsphere track`` is told, by a mission or one by one: satellite, station, tracker."""
+"""Satellite, station and tracker of ``hillsphere track``, from a mission or from options."""
 
 from __future__ import annotations
 
@@ -26,26 +26,26 @@ SpecT = TypeVar("SpecT", bound=Spec)
 
 
 def orbit_of(mission: Mission | None, file: str, name: str) -> Orbit:
-    """Return the satellite's orbit: of a file of elements, or as a mission has it."""
+    """Return the orbit of the satellite, from a file of elements or from a mission."""
     if file:
         keys = {"file": file, "name": name}
         spec = validate(SatelliteSpec, keys, where="--elements")
         assert isinstance(spec, SatelliteSpec)
-        found = orbits_from((spec,))
+        orbits = orbits_from((spec,))
     elif mission is not None:
-        found = orbits_from(tuple(_within(mission, SatelliteSpec)))
+        orbits = orbits_from(tuple(_within(mission, SatelliteSpec)))
     else:
         raise InputError("which satellite? give --elements FILE (TLE or OMM), or --mission")
     if name and not file:
-        chosen = [orbit for orbit in found if orbit.name == name]
+        chosen = [orbit for orbit in orbits if orbit.name == name]
         if not chosen:
-            names = [orbit.name for orbit in found]
+            names = [orbit.name for orbit in orbits]
             raise InputError(f"--satellite: no {name!r}{did_you_mean(name, names)}")
         return chosen[0]
-    if len(found) != 1:
-        there = ", ".join(orbit.name for orbit in found[:10]) or "none"
+    if len(orbits) != 1:
+        there = ", ".join(orbit.name for orbit in orbits[:10]) or "none"
         raise InputError(f"choose one satellite with --satellite; there are: {there}")
-    return found[0]
+    return orbits[0]
 
 
 def place_of(
@@ -54,23 +54,23 @@ def place_of(
     coordinates: tuple[float | None, float | None, float],
     mask_deg: float | None,
 ) -> Place:
-    """Return the station and its sky: by its coordinates, or as a mission has it.
+    """Return the station with its mask and blind sectors, by coordinates or from a mission.
 
     Parameters
     ----------
     mission : Mission or None
-        That may know the station, its mask and its blind sectors.
+        Mission that may contain the station.
     name : str
-        Which station; may be left out if there is one only.
+        Name of the station; may be empty if there is only one.
     coordinates : tuple
-        Latitude, longitude, degrees, and height, m, if it is given by them.
+        Latitude and longitude, degrees, or None, and height, m.
     mask_deg : float or None
-        Elevation of rise and set; None: the mission's mask, or 0°.
+        Elevation of rise and set; by default the mission's mask, else 0°.
 
     Raises
     ------
     InputError
-        If it is not clear which station, or something is out of range.
+        If the station is ambiguous or unknown, or a value is out of range.
     """
     if mask_deg is not None and not abs(mask_deg) < 90.0:
         raise InputError(f"--mask must lie between -90° and 90°, got {mask_deg:g}°")
@@ -83,28 +83,28 @@ def place_of(
         return Place(given, mask or HorizonMask())
     if mission is None or latitude is not None or longitude is not None:
         raise InputError("which station? give --latitude and --longitude, or --mission")
-    found = {spec.name: spec for spec in _within(mission, StationSpec)}
-    if not name and len(found) == 1:
-        name = next(iter(found))
-    if name not in found:
+    stations = {spec.name: spec for spec in _within(mission, StationSpec)}
+    if not name and len(stations) == 1:
+        name = next(iter(stations))
+    if name not in stations:
         raise InputError(
-            f"--station: no {name!r}{did_you_mean(name, found, otherwise='there are')}"
+            f"--station: no {name!r}{did_you_mean(name, stations, otherwise='there are')}"
         )
-    spec = found[name]
+    spec = stations[name]
     return Place(station_of(spec), mask or mask_of(spec), blind_sectors_of(spec))
 
 
 def tracker_of(mission: Mission | None, name: str) -> Tracker[Any]:
-    """Return a tracker: a table of the mission, or a type with its usual parameters."""
+    """Return a tracker: a table of the mission, or a type with its default parameters."""
     if mission is not None and name in mission.specs.get("tracker", {}):
-        made: Tracker[Any] = Assembly(mission).get("tracker", name)
+        tracker: Tracker[Any] = Assembly(mission).get("tracker", name)
     else:
-        made = create("tracker", name)
-    return made
+        tracker = create("tracker", name)
+    return tracker
 
 
 def _within(mission: Mission, kind: type[SpecT]) -> Iterator[SpecT]:
-    """Yield the different Specs of a class in a mission's tables, however deep."""
+    """Yield the distinct Specs of a class in the tables of a mission, at any depth."""
     seen: list[SpecT] = []
 
     def walk(value: Any) -> Iterator[SpecT]:

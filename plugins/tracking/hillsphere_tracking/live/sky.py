@@ -1,4 +1,4 @@
-"""A station's sky: above which horizon it sees, and where it is blind."""
+"""Visible sky of a station: horizon mask and blind sectors."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ __all__ = ["Place"]
 
 @dataclass(frozen=True)
 class Place:
-    """A station with what hides its sky.
+    """A station with its visible sky.
 
     Parameters
     ----------
     station : Station
-        Where it stands.
+        Location of the station.
     mask : HorizonMask
-        Above which it sees.
+        Horizon mask.
     blind : tuple of BlindSector
-        Where it cannot work.
+        Blind sectors.
     """
 
     station: Station
@@ -32,11 +32,11 @@ class Place:
     blind: tuple[BlindSector, ...] = ()
 
     def above(self, azimuth_rad: Array, elevation_rad: Array) -> Array:
-        """Return by how much directions (N,) are above the mask, rad."""
+        """Return the elevations of directions (N,) above the mask, rad."""
         return np.asarray(elevation_rad - self.mask.at(azimuth_rad))
 
     def hidden_by(self, azimuth_rad: float, elevation_rad: float) -> str:
-        """Return what hides a direction: a blind sector's reason, the horizon, or nothing."""
+        """Return the obstacle in a direction: a blind sector's reason, ``"horizon"`` or ``""``."""
         azimuth, elevation = np.array([azimuth_rad]), np.array([elevation_rad])
         for sector in self.blind:
             if sector.contains(azimuth, elevation)[0]:

@@ -1,4 +1,4 @@
-"""What an operator sees once a second."""
+"""Status line of a session, shown to the operator once per second."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ _WORDS = {"locked": "", "predicting": "NO SIGNAL", "searching": "NO SIGNAL, SEAR
 
 
 class Status(NamedTuple):
-    """Where the satellite is expected, how surely, and what the antenna does about it.
+    """Predicted direction of the satellite with its accuracy, and state of the antenna.
 
-    `outlying` is the share of outliers among the last measurements; `state` is ``locked``,
-    ``predicting`` or ``searching``; `hidden_by` what stands before the satellite, if anything; the
-    arcs of `beside_rad`, rightwards and upwards, are the search's.
+    `outlier_share` is the share of outliers among the last measurements; `state` is ``locked``,
+    ``predicting`` or ``searching``; `hidden_by` names the obstacle before the satellite, or is
+    empty; `beside_rad` are the arcs, rightwards and upwards, by which the search leaves the
+    prediction.
     """
 
     t_s: float
@@ -29,7 +30,7 @@ class Status(NamedTuple):
     sigma_rad: float
     offsets: Offsets
     taken: int
-    outlying: float
+    outlier_share: float
     state: str
     hidden_by: str
     beside_rad: tuple[float, float]
@@ -46,8 +47,10 @@ def status_line(status: Status, start: Epoch) -> str:
         f"{when}  {angles}  ±{degrees(status.sigma_rad):.3f}°", time, side,
         f"{status.taken} measurements",
     ]  # fmt: skip
-    if status.outlying > 0.5:
-        parts.append(f"{100.0 * status.outlying:.0f} % OUTLIERS: side lobe, or sigma too small")
+    if status.outlier_share > 0.5:
+        parts.append(
+            f"{100.0 * status.outlier_share:.0f} % OUTLIERS: side lobe, or sigma too small"
+        )
     if word := _WORDS[status.state]:
         parts.append(word)
     if status.state == "searching":

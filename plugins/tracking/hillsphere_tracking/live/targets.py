@@ -1,4 +1,4 @@
-"""Who takes the commands of ``hillsphere track``: stdout as CSV, or a rotator."""
+"""Targets of the commands of ``hillsphere track``: CSV on stdout, or a rotator."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ __all__ = ["target_of"]
 def target_of(
     stack: ExitStack, rotator: str, start: Epoch, axes: tuple[str, str]
 ) -> tuple[tuple[float, float] | None, Callable[[Command], None]]:
-    """Return where the axes stand, rad, if that is known, and what takes commands.
+    """Return the position of the axes (rad, None if unknown) and a receiver of commands.
 
     Parameters
     ----------
     stack : ExitStack
-        Stops the rotator.
+        Stack that stops the rotator.
     rotator : str
-        ``HOST`` or ``HOST:PORT`` of a rotctld; empty: a table on stdout.
+        ``HOST`` or ``HOST:PORT`` of a rotctld; empty for a CSV table on stdout.
     start : Epoch
-        From which times count.
+        Origin of the times.
     axes : tuple of two str
         Names of the axes.
 
     Raises
     ------
     InputError
-        If the address is none.
+        If the address is invalid.
     RotatorError
-        If nobody is there.
+        If the rotator cannot be reached.
     """
     if not rotator:
         return None, _table(start, axes)

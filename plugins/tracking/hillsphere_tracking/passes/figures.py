@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["SKIES_PER_FIGURE", "draw_map", "draw_skies"]
 
 SKIES_PER_FIGURE = 12
+"""Skies in one figure, in rows of three; with more a page cannot show it whole."""
 
 _COLOURS = tuple(
     PALETTE[name] for name in ("blue", "vermillion", "green", "purple", "sky", "black")
@@ -26,7 +27,7 @@ _SUN = PALETTE["orange"]
 
 
 def draw_skies(figure: Figure, product: PassList, chosen: Integers, start: Epoch) -> None:
-    """Draw the sky for each of some passes of one station: azimuth around, zenith in the middle."""
+    """Draw polar sky plots of passes of one station, with the zenith in the centre."""
     columns = min(3, chosen.size)
     rows = -(-chosen.size // columns)
     clock = start.isot(product.rise_s[chosen], 0)
@@ -66,7 +67,7 @@ def draw_skies(figure: Figure, product: PassList, chosen: Integers, start: Epoch
 
 
 def draw_map(figure: Figure, product: PassList) -> None:
-    """Draw the ground tracks and, thicker, the parts of them seen from each station."""
+    """Draw the ground tracks on a map; thick lines mark the parts that a station sees."""
     axes = figure.add_subplot()
     for n, satellite in enumerate(product.satellites):
         there = np.isfinite(product.ground_s[:, n])
@@ -76,10 +77,10 @@ def draw_map(figure: Figure, product: PassList) -> None:
         axes.plot(x, y, color=colour, lw=0.5, alpha=0.6)
         t = product.ground_s[there, n]
         own = np.flatnonzero(product.satellite == n)
-        seen = np.zeros(t.size, dtype=bool)
+        visible = np.zeros(t.size, dtype=bool)
         for k in own:
-            seen |= (t >= product.rise_s[k]) & (t <= product.set_s[k])
-        x, y = split_at_wrap(longitude, np.where(seen, latitude, np.nan), 360.0)
+            visible |= (t >= product.rise_s[k]) & (t <= product.set_s[k])
+        x, y = split_at_wrap(longitude, np.where(visible, latitude, np.nan), 360.0)
         axes.plot(x, y, color=colour, lw=2.2, label=satellite if n < 12 else None)
     latitude, longitude = np.degrees(product.place_rad)
     longitude = (longitude + 180.0) % 360.0 - 180.0

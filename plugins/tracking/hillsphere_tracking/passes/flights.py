@@ -1,7 +1,7 @@
-"""Numerical flights of satellites from their elements, as orbits.
+"""Numerical flights of satellites by a plant, with initial states from published elements.
 
-Where the mean elements of a theory put the satellite at their epoch, a plant takes over. Its force
-model is the plant's own; what the flight keeps of the theory is the state at its beginning.
+The theory of the elements gives only the osculating state at their epoch; from there on the force
+model of the plant determines the motion.
 """
 
 from __future__ import annotations
@@ -10,49 +10,54 @@ from typing import Protocol, cast, get_args
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.dynamics import Taylor, system
 from hillsphere.errors import InputError, PropagationError
 from hillsphere.interfaces import Array, Plant
 from hillsphere.model.earth.rotation import InertialFrame, to_earth_fixed, to_inertial
 from hillsphere.time import Epoch
-from hillsphere_tracking.flown_orbit import FlownOrbit, missed
+from hillsphere_tracking.flown_orbit import FlownOrbit, estimate_interpolation_error
 from hillsphere_tracking.orbits import Orbit
 
-__all__ = ["EarthPlant", "FlownOrbit", "PlantFlights", "flown"]
+__all__ = ["EarthPlant", "FlownOrbit", "PlantFlights", "fly_satellite"]
 
-_DAY = 86400.0
 _ANGLE = "rotation_angle"
 _ENDS = {"impact": "has come down to the ground"}
 _LEAST_STATES = 9
+"""States of a flight at least, however short: five of them are then inside, at which the error of
+interpolation can be estimated."""
 _MOST_STATES = 500_000
+"""States of a flight at most: half a year in steps of 30 s, whose polynomials take 100 MB."""
 _HALVINGS = 12
+"""Rounds in which steps are halved at most: 30 s become 7 ms. A flight that needs more has a jump,
+which `FlownOrbit` then reports."""
 
 
 class EarthPlant(Plant, Protocol):
-    """A plant of a satellite about the Earth: its times count from an epoch."""
+    """Plant of a satellite about the Earth, with an epoch."""
 
     @property
     def epoch(self) -> Epoch:
-        """At which its time is zero."""
+        """Origin of the plant's time."""
         ...
 
 
 class PlantFlights:
-    """Flights of satellites by one plant, compiled once.
+    """Flights of satellites by one plant, whose propagator is compiled once.
 
-    The Taylor propagator keeps state: one object for each thread.
+    The Taylor propagator has internal state: use one object per thread.
 
     Parameters
     ----------
     plant : EarthPlant
-        Positions and velocities in ``teme`` or ``gcrs``, times from its epoch. The satellites may
-        be flown at any other time, but what it takes as standing still (in ``gcrs`` the Earth's
-        axis) stands where it is at its epoch.
+        Plant with positions and velocities in ``teme`` or ``gcrs`` and an epoch. Satellites can be
+        flown at any time, but quantities that the plant holds constant (in ``gcrs`` the Earth's
+        axis) have their value of the plant's epoch.
 
     Raises
     ------
     InputError
-        If the plant is no such one.
+        If the plant has no epoch, another frame, or other states.
     """
 
     def __init__(self, plant: Plant) -> None:
@@ -87,11 +92,12 @@ class PlantFlights:
         rotation_angle_rad: float | None = None,
         step_s: float = 30.0,
     ) -> FlownOrbit:
-        """Fly a satellite; parameters, result and errors as for `flown`."""
+        """Fly a satellite; see `fly_satellite` for parameters, result and errors."""
         if not (np.isfinite(duration_s) and duration_s > 0.0 and step_s > 0.0):
             raise InputError(
                 f"duration and step must be positive and finite, got {duration_s} s, {step_s} s"
             )
+        # the flight begins at the epoch of the elements, or at `start` if that is earlier
         begin = start.seconds_since(orbit.epoch)
         first = min(begin, 0.0)
         end, ending = begin + duration_s, ""
@@ -106,7 +112,7 @@ class PlantFlights:
         if (event := flight.ended_by[0]) is not None:
             end = float(flight.time[0]) * self._clock_s - shift
             how = _ENDS.get(event, f"has met the event {event!r}")
-            ending = f"{how} {end / _DAY:+.4f} days from the epoch of its elements"
+            ending = f"{how} {end / DAY_S:+.4f} days from the epoch of its elements"
             if end <= begin:
                 raise PropagationError(
                     f"satellite {orbit.name!r} {ending}; ask for earlier times, or give newer "
@@ -115,23 +121,23 @@ class PlantFlights:
         count = max(_LEAST_STATES, int(np.ceil((end - begin) / step_s)) + 1)
         if count > _MOST_STATES:
             raise InputError(
-                f"satellite {orbit.name!r}: a flight of {(end - begin) / _DAY:.4g} days in steps "
+                f"satellite {orbit.name!r}: a flight of {(end - begin) / DAY_S:.4g} days in steps "
                 f"of {step_s:g} s has {count} states, at most {_MOST_STATES}; fly it for a shorter "
                 "time or in longer steps"
             )
 
         def sampled(t: Array) -> Array:
-            found = self._sampled.sample(x, (t + shift) / self._clock_s, p, t0)[:, :, 0]
-            return np.asarray(found * self._unit)
+            scaled = self._sampled.sample(x, (t + shift) / self._clock_s, p, t0)[:, :, 0]
+            return np.asarray(scaled * self._unit)
 
         t = np.linspace(begin, end, count)
         states = sampled(t)
         for _ in range(_HALVINGS):
-            middle, off, allowed = missed(t, states)
+            middle, off, allowed = estimate_interpolation_error(t, states)
             coarse = middle[off > allowed]
             if coarse.size == 0:
                 break
-            # halve the steps between the four states that do not tell of the fifth
+            # Halve the steps around each state that its four neighbours do not reproduce.
             steps = np.unique(coarse + np.arange(-2, 2)[:, None])
             t = np.insert(t, steps + 1, 0.5 * (t[steps] + t[steps + 1]))
             states = sampled(t)
@@ -146,7 +152,7 @@ class PlantFlights:
         return np.array([angle])
 
 
-def flown(
+def fly_satellite(
     orbit: Orbit,
     plant: Plant,
     start: Epoch,
@@ -155,39 +161,39 @@ def flown(
     rotation_angle_rad: float | None = None,
     step_s: float = 30.0,
 ) -> FlownOrbit:
-    """Fly a satellite by a plant from where its elements put it.
+    """Fly a satellite by a plant, from the osculating state of its elements.
 
-    The flight begins at the orbit's epoch, or at `start` if that is earlier, with the osculating
-    state that the theory of the elements gives there. The Taylor propagator flies it; steps are
-    halved where polynomials through the states would miss by more than 1e-9 of the distance.
+    The flight begins at the orbit's epoch, or at `start` if that is earlier, with the state that
+    the theory of the elements gives there. The Taylor propagator integrates it. Steps between
+    stored states are halved where the interpolation error exceeds 1e-9 of the distance.
 
     Parameters
     ----------
     orbit : Orbit
-        Of the satellite.
+        Orbit of the satellite, which gives the initial state.
     plant : EarthPlant
-        Positions and velocities in ``teme`` or ``gcrs``, and an epoch: ``earth_orbit``.
+        Plant with positions and velocities in ``teme`` or ``gcrs`` and an epoch, ``earth_orbit``.
     start : Epoch
-        From when the flight is asked for.
+        Beginning of the requested interval.
     duration_s : float
-        For how long.
+        Length of the requested interval.
     rotation_angle_rad : float, optional
-        By which the Earth has turned at the plant's epoch, instead of what the plant says.
+        Rotation angle of the Earth at the plant's epoch; by default the plant's own.
     step_s : float
-        Longest time between two states.
+        Longest interval between two stored states.
 
     Returns
     -------
     FlownOrbit
-        In the plant's frame, named as the orbit, with its epoch. If the satellite comes down, the
-        flight ends there and says so.
+        Orbit in the frame of the plant, with the name and epoch of `orbit`. If the satellite
+        reaches the ground, the orbit ends there.
 
     Raises
     ------
     InputError
-        If the plant is no such one, durations are not positive, or there are too many states.
+        If the plant is not suitable, a duration is not positive, or there are too many states.
     PropagationError
-        If there is no orbit where the flight begins, or it comes down before `start`.
+        If the orbit does not exist at the beginning of the flight, or ends before `start`.
 
     Notes
     -----

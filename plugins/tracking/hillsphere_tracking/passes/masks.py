@@ -1,4 +1,4 @@
-"""What a station's surroundings and mount hide: horizon masks and blind sectors."""
+"""Horizon masks and blind sectors of a station."""
 
 from __future__ import annotations
 
@@ -17,19 +17,22 @@ _TURN = 2.0 * np.pi
 
 @dataclass(frozen=True)
 class HorizonMask:
-    """Elevation above which a station sees, in every direction.
+    """Horizon mask: least visible elevation as a function of azimuth.
 
     Parameters
     ----------
     elevation_rad : tuple of float
-        Elevations at the azimuths, straight lines between them; one alone holds all around.
+        Elevations at the azimuths, with linear interpolation between them; a single one holds for
+        all azimuths.
     azimuth_rad : tuple of float
-        Azimuths in [0, 2π), rising, as many; a wall is two azimuths close to each other.
+        Azimuths in [0, 2π), in increasing order, one per elevation; a vertical edge is given by two
+        azimuths close to each other.
 
     Raises
     ------
     InputError
-        If there are not as many azimuths, they do not rise, or something is out of range.
+        If the numbers of azimuths and elevations differ, azimuths do not increase, or a value is
+        out of range.
     """
 
     elevation_rad: tuple[float, ...] = (0.0,)
@@ -49,12 +52,12 @@ class HorizonMask:
 
     @property
     def constant(self) -> bool:
-        """Whether it is the same all around."""
+        """Whether the elevation is the same at all azimuths."""
         return len(set(self.elevation_rad)) == 1
 
     @property
     def lowest_rad(self) -> float:
-        """Its least elevation."""
+        """Lowest elevation of the mask."""
         return min(self.elevation_rad)
 
     def at(self, azimuth_rad: Array) -> Array:
@@ -62,18 +65,18 @@ class HorizonMask:
         return self.on(self.segment(azimuth_rad), azimuth_rad)[0]
 
     def segment(self, azimuth_rad: Array) -> NDArray[np.int64]:
-        """Return the numbers (N,) of the straight lines on which azimuths (N,) lie."""
+        """Return the indices (N,) of the linear segments that contain azimuths (N,)."""
         nodes = np.array(self.azimuth_rad)
         turned = np.remainder(np.asarray(azimuth_rad) - nodes[0], _TURN) + nodes[0]
         return np.asarray(np.searchsorted(nodes, turned, side="right") - 1)
 
     def on(self, segment: NDArray[np.int64], azimuth_rad: Array) -> tuple[Array, Array]:
-        """Return elevations and slopes (N,) of straight lines (N,), prolonged if need be."""
+        """Return elevations and slopes (N,) of segments (N,), extrapolated beyond their ends."""
         nodes, heights = np.array(self.azimuth_rad), np.array(self.elevation_rad)
         width = np.diff(nodes, append=nodes[0] + _TURN)
         slope = (np.roll(heights, -1) - heights) / width
         middle = nodes + 0.5 * width
-        # about the line's middle, so that no azimuth near it is taken for one a turn away
+        # wrap about the middle of the segment, so that azimuths near it are not a turn away
         off = np.remainder(azimuth_rad - middle[segment] + np.pi, _TURN) - np.pi
         height = heights[segment] + slope[segment] * (off + 0.5 * width[segment])
         return height, slope[segment]
@@ -81,21 +84,21 @@ class HorizonMask:
 
 @dataclass(frozen=True)
 class BlindSector:
-    """A part of the sky in which the antenna cannot work.
+    """A sector of the sky in which the antenna cannot be used.
 
     Parameters
     ----------
     azimuth_rad : tuple of float
-        From the first eastwards to the second; ``(0.0, 2π)`` is all around.
+        Azimuths from the first eastwards to the second; ``(0.0, 2π)`` is a full circle.
     elevation_rad : tuple of float
-        From the lower to the higher.
+        Lower and upper elevation.
     reason : str
-        For tables.
+        Name of the obstacle in tables.
 
     Raises
     ------
     InputError
-        If the higher elevation is not above the lower.
+        If the upper elevation is not above the lower one.
     """
 
     azimuth_rad: tuple[float, float]
@@ -110,9 +113,9 @@ class BlindSector:
             )
 
     def contains(self, azimuth_rad: Array, elevation_rad: Array) -> NDArray[np.bool_]:
-        """Say for directions (N,) whether they lie in the sector."""
+        """Return whether each direction (N,) lies in the sector."""
         begin, end = self.azimuth_rad
-        # a whole turn is no empty sector
+        # a full turn leaves the remainder 0, like an empty sector
         width = np.remainder(end - begin, _TURN) or (_TURN if end != begin else 0.0)
         inside = np.remainder(azimuth_rad - begin, _TURN) <= width
         low, high = self.elevation_rad

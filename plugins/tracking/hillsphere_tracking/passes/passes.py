@@ -1,9 +1,9 @@
-"""Passes of satellites over stations: rise, culmination and set, none missed.
+"""Passes of satellites over stations: rise, culmination and set.
 
-A pass is an interval in which the satellite stands above the station's mask. The sine of its
-elevation and that sine's derivative are smooth functions of time, whose positive intervals over the
-lowest point of the mask are found by `pass_search`; a mask that depends on azimuth is then followed
-line by line within each.
+A pass is an interval in which the satellite is above the station's horizon mask. The sine of the
+elevation is a smooth function of time; `search` finds the intervals in which it exceeds the lowest
+point of the mask, even grazing ones. Within each interval a mask that depends on azimuth is then
+evaluated segment by segment.
 """
 
 from __future__ import annotations
@@ -12,20 +12,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.base.geodetic import WGS84, Ellipsoid, Station
 from hillsphere.interfaces import Array
 from hillsphere_tracking.ground_track import EarthTrack
 from hillsphere_tracking.passes.masks import BlindSector, HorizonMask
 from hillsphere_tracking.passes.search import (
     Function,
-    above_zero,
-    curve,
-    intersection,
-    joined,
+    intersect_spans,
+    merge_spans,
+    positive_spans,
+    sample_curve,
     zeros,
 )
 from hillsphere_tracking.sun import shadow_margin, sun_earth_fixed
-from hillsphere_tracking.topocentric import rates, refracted, unrefracted
+from hillsphere_tracking.topocentric import apparent_elevation, geometric_elevation, rates
 
 __all__ = [
     "Air", "Passes", "blind_spans", "eclipses", "find_passes", "peak_azimuth_rates",
@@ -35,18 +36,20 @@ __all__ = [
 _TURN = 2.0 * np.pi
 _SUN_UP_RAD = np.radians(-0.833)
 """Geometric elevation of the Sun's centre at which its upper limb appears at the horizon."""
-_SOLAR_DAY_RATE = _TURN / 86400.0
+_SOLAR_DAY_RATE = _TURN / DAY_S
 _SAME_S = 1e-6
+"""Times (s) nearer than this are one time: ten times the accuracy of the roots. Larger, and a short
+interval between a mask's edges is lost; smaller, and rounding makes empty intervals."""
 
 
 @dataclass(frozen=True)
 class Air:
-    """The air at a station, which bends what comes through it.
+    """Air at a station, for the refraction.
 
     Parameters
     ----------
     pressure_hpa, temperature_c : float
-        At the station.
+        Pressure and temperature at the station.
     """
 
     pressure_hpa: float = 1010.0
@@ -60,15 +63,14 @@ class Passes:
     Parameters
     ----------
     rise_s, culmination_s, set_s : ndarray, shape (P,)
-        Times after the start of the search; the culmination is the highest point between the other
-        two.
+        Times after the start of the search; the culmination is the highest point of the pass.
     begun, unfinished : ndarray of bool, shape (P,)
-        Whether the pass was going on at the start of the search, and at its end.
+        Whether the pass was under way at the start of the search, and at its end.
     highest_s, highest_rad : float
-        When over the whole search the satellite stood highest, and how high (geometric), whether
-        it rose or not.
+        Time and value of the highest geometric elevation during the search, also if the satellite
+        never rises.
     searched_s : float
-        For how long it was looked for.
+        Length of the search.
     """
 
     rise_s: Array
@@ -82,7 +84,7 @@ class Passes:
 
     @property
     def visibility(self) -> str:
-        """``"always"``, ``"never"`` or ``"passes"``."""
+        """Visibility of the satellite: ``"always"``, ``"never"`` or ``"passes"``."""
         if self.rise_s.size == 0:
             return "never"
         whole = self.rise_s.size == 1 and self.begun[0] and self.unfinished[0]
@@ -100,42 +102,46 @@ def find_passes(
     Parameters
     ----------
     station : Station
-        Where from.
+        The observing station.
     track : EarthTrack
-        The satellite over the rotating Earth; it says from when and for how long to look.
+        The satellite over the rotating Earth, with the interval of the search.
     mask : HorizonMask, optional
-        What the satellite must stand above; left out: the horizontal plane.
+        Horizon mask of the station; by default the horizontal plane.
     air : Air, optional
-        Whether refraction lifts the satellite, so that the mask means apparent elevations (between
-        its azimuths the lines are straight in geometric ones); left out: it does not.
+        Air that refracts the signal: the mask then gives apparent elevations (the interpolation
+        between its azimuths remains linear in geometric elevation). By default there is no
+        refraction.
 
     Returns
     -------
     Passes
-        In order of time; times to 1e-6 s of what orbit and rotation give.
+        Passes in order of time; times are accurate to 1e-6 s for the given orbit and orientation.
     """
     mask = HorizonMask() if mask is None else mask
     if air is not None:
-        lowered = unrefracted(np.array(mask.elevation_rad), air.pressure_hpa, air.temperature_c)
+        lowered = geometric_elevation(
+            np.array(mask.elevation_rad), air.pressure_hpa, air.temperature_c
+        )
         mask = HorizonMask(tuple(lowered.tolist()), mask.azimuth_rad)
+    # sin h is smooth through the zenith, where h is not
     threshold = np.sin(mask.lowest_rad)
 
     def height(t_s: Array) -> tuple[Array, Array]:
         _, up, _, d_up = _direction(station, track, t_s)
         return up - threshold, d_up
 
-    # every other time: the search looks at the middles of its steps anyway
+    # Every other time suffices: the search evaluates the midpoints of its steps.
     coarse = np.append(track.times_s[:-1:2], track.end_s)
-    whole = curve(height, coarse)
-    spans = above_zero(height, whole)
+    whole = sample_curve(height, coarse)
+    spans = positive_spans(height, whole)
     if not mask.constant:
         parts = [_above_mask(station, track, mask, *span) for span in spans.T]
-        spans = joined(np.concatenate([np.zeros((2, 0)), *parts], axis=1))
+        spans = merge_spans(np.concatenate([np.zeros((2, 0)), *parts], axis=1))
     rise, set_ = spans
     top = int(np.argmax(whole.value))
     return Passes(
         rise_s=rise,
-        culmination_s=_highest(height, whole.t_s, whole.value, spans),
+        culmination_s=_culminations(height, whole.t_s, whole.value, spans),
         set_s=set_,
         begun=rise == track.times_s[0],
         unfinished=set_ == track.end_s,
@@ -146,23 +152,24 @@ def find_passes(
 
 
 def peak_azimuth_rates(station: Station, track: EarthTrack, passes: Passes) -> Array:
-    """Return the fastest that the azimuth turns in each pass.
+    """Return the largest azimuth rate of each pass.
 
     Parameters
     ----------
     station, track : Station, EarthTrack
-        As `find_passes` was given them.
+        The arguments of `find_passes`.
     passes : Passes
-        What it returned.
+        The result of `find_passes`.
 
     Returns
     -------
     ndarray, shape (P,)
-        |dA/dt|, rad/s.
+        Largest |dA/dt|, rad/s.
     """
     low, high = passes.rise_s, passes.set_s
     peak = np.zeros(low.size)
-    # the peak of a pass near the zenith is a fraction of a second wide: look ever closer
+    # Near the zenith the peak lasts a fraction of a second: refine the grid around it six times,
+    # each time by a factor of 20.
     for _ in range(6):
         grid = low + np.linspace(0.0, 1.0, 41)[:, None] * (high - low)
         x = track.states(grid.ravel())
@@ -182,16 +189,16 @@ def blind_spans(
     set_s: float,
     air: Air | None = None,
 ) -> Array:
-    """Return when in a pass the satellite stands in a blind sector.
+    """Return the intervals of a pass in which the satellite is in a blind sector.
 
     Parameters
     ----------
     station, track : Station, EarthTrack
-        Where from, and the satellite.
+        The observing station, and the satellite over the rotating Earth.
     sector : BlindSector
-        Part of the sky; apparent elevations if there is air.
+        The blind sector, in apparent elevations if `air` is given.
     rise_s, set_s : float
-        Of the pass.
+        Rise and set of the pass.
     air : Air, optional
         As for `find_passes`.
 
@@ -200,42 +207,43 @@ def blind_spans(
     ndarray, shape (2, M)
         Beginnings and ends, s.
     """
+    # Cut the pass where the satellite crosses an edge of the sector: a part is inside or outside.
     grid = _grid(rise_s, set_s)
     edges = [np.array([rise_s, set_s])]
     for azimuth in sector.azimuth_rad:
-        across = _across(station, track, azimuth)
-        edges.append(zeros(across, curve(across, grid)))
+        across = _crossing_function(station, track, azimuth)
+        edges.append(zeros(across, sample_curve(across, grid)))
     for elevation in sector.elevation_rad:
         limit = np.array([elevation])
         if air is not None:
-            limit = unrefracted(limit, air.pressure_hpa, air.temperature_c)
+            limit = geometric_elevation(limit, air.pressure_hpa, air.temperature_c)
 
         def over(t_s: Array, sine: float = float(np.sin(limit[0]))) -> tuple[Array, Array]:
             _, up, _, d_up = _direction(station, track, t_s)
             return up - sine, d_up
 
-        edges.append(zeros(over, curve(over, grid)))
-    cuts = _distinct(edges)
+        edges.append(zeros(over, sample_curve(over, grid)))
+    cuts = _drop_duplicates(edges)
     azimuth_rad, elevation_rad = rates(station, track.states(0.5 * (cuts[:-1] + cuts[1:])))[:2]
     if air is not None:
-        elevation_rad = refracted(elevation_rad, air.pressure_hpa, air.temperature_c)
+        elevation_rad = apparent_elevation(elevation_rad, air.pressure_hpa, air.temperature_c)
     inside = sector.contains(azimuth_rad, elevation_rad)
-    return joined(np.array([cuts[:-1][inside], cuts[1:][inside]]))
+    return merge_spans(np.array([cuts[:-1][inside], cuts[1:][inside]]))
 
 
 def sun_in_beam(
     station: Station, track: EarthTrack, half_angle_rad: float, rise_s: float, set_s: float
 ) -> Array:
-    """Return when in a pass the Sun, above the horizon, stands within the beam that follows it.
+    """Return the intervals of a pass in which the Sun is up and within the antenna's beam.
 
     Parameters
     ----------
     station, track : Station, EarthTrack
-        Where from, and the satellite.
+        The observing station, and the satellite over the rotating Earth.
     half_angle_rad : float
-        Largest angle between the satellite and the Sun's centre.
+        Angle between satellite and centre of the Sun up to which the Sun disturbs.
     rise_s, set_s : float
-        Of the pass.
+        Rise and set of the pass.
 
     Returns
     -------
@@ -247,6 +255,7 @@ def sun_in_beam(
         x = track.states(t_s)
         towards, d_towards = _unit(x[:3] - station.ecef_m[:, None], x[3:])
         sun, d_sun = _sun(track, t_s)
+        # cosine of the separation minus cosine of the half-angle: positive in the beam
         value = np.einsum("in,in->n", towards, sun) - np.cos(half_angle_rad)
         slope = np.einsum("in,in->n", d_towards, sun) + np.einsum("in,in->n", towards, d_sun)
         return value, slope
@@ -257,27 +266,28 @@ def sun_in_beam(
         return up @ sun - np.sin(_SUN_UP_RAD), up @ d_sun
 
     grid = _grid(rise_s, set_s)
-    close = above_zero(near, curve(near, grid))
+    close = positive_spans(near, sample_curve(near, grid))
     if close.shape[1] == 0:
         return close
-    return intersection(close, above_zero(risen, curve(risen, grid)))
+    return intersect_spans(close, positive_spans(risen, sample_curve(risen, grid)))
 
 
 def eclipses(track: EarthTrack, ellipsoid: Ellipsoid = WGS84) -> Array:
-    """Return when the satellite is in the umbra of the Earth.
+    """Return the intervals in which the satellite is in the umbra of the Earth.
 
     Parameters
     ----------
     track : EarthTrack
-        The satellite.
+        The satellite over the rotating Earth.
     ellipsoid : Ellipsoid
-        Of the Earth.
+        Reference ellipsoid of the Earth.
 
     Returns
     -------
     ndarray, shape (2, M)
         Beginnings and ends, s.
     """
+    # The derivative of the depth is a central difference over 1 s, within the interval.
     apart = 0.5
 
     def depth(t_s: Array) -> tuple[Array, Array]:
@@ -288,22 +298,23 @@ def eclipses(track: EarthTrack, ellipsoid: Ellipsoid = WGS84) -> Array:
         begin, end = t.reshape(3, -1)[1:]
         return here, (after - before) / (end - begin)
 
-    return above_zero(depth, curve(depth, track.times_s))
+    return positive_spans(depth, sample_curve(depth, track.times_s))
 
 
 def _above_mask(
     station: Station, track: EarthTrack, mask: HorizonMask, begin_s: float, end_s: float
 ) -> Array:
-    """Return the intervals (2, M) above a mask of straight lines, within one above its lowest."""
+    """Return the intervals (2, M) above a mask, within an interval above its lowest elevation."""
     cuts = [np.array([begin_s, end_s])]
     grid = _grid(begin_s, end_s)
     for azimuth in mask.azimuth_rad:
-        across = _across(station, track, azimuth)
-        cuts.append(zeros(across, curve(across, grid)))
-    edges = _distinct(cuts)
+        across = _crossing_function(station, track, azimuth)
+        cuts.append(zeros(across, sample_curve(across, grid)))
+    # between two crossings of a mask's azimuth the satellite is over one segment
+    edges = _drop_duplicates(cuts)
     middles = 0.5 * (edges[:-1] + edges[1:])
     lines = mask.segment(rates(station, track.states(middles))[0])
-    found = []
+    spans = []
     for low, high, line in zip(edges[:-1], edges[1:], lines, strict=True):
 
         def over(t_s: Array, line: np.int64 = line) -> tuple[Array, Array]:
@@ -311,18 +322,19 @@ def _above_mask(
             height, slope = mask.on(np.full(t_s.shape, line), azimuth)
             return elevation - height, d_elevation - slope * d_azimuth
 
-        found.append(above_zero(over, curve(over, np.linspace(low, high, 5))))
-    return joined(np.concatenate([np.zeros((2, 0)), *found], axis=1))
+        spans.append(positive_spans(over, sample_curve(over, np.linspace(low, high, 5))))
+    return merge_spans(np.concatenate([np.zeros((2, 0)), *spans], axis=1))
 
 
-def _distinct(times_s: list[Array]) -> Array:
-    """Return times in order, without those that differ by no more than roots are known to."""
+def _drop_duplicates(times_s: list[Array]) -> Array:
+    """Return sorted times, without repeated ones that differ only by the accuracy of roots."""
     cuts = np.unique(np.concatenate(times_s))
     return np.asarray(cuts[np.concatenate([[True], np.diff(cuts) > _SAME_S])])
 
 
-def _across(station: Station, track: EarthTrack, azimuth_rad: float) -> Function:
-    """Return the function of time that changes sign where the satellite crosses an azimuth."""
+def _crossing_function(station: Station, track: EarthTrack, azimuth_rad: float) -> Function:
+    """Return a function of time that changes sign when the satellite crosses an azimuth."""
+    # Earth-fixed normal of the vertical plane of the azimuth
     normal = station.axes.T @ np.array([np.cos(azimuth_rad), -np.sin(azimuth_rad), 0.0])
 
     def across(t_s: Array) -> tuple[Array, Array]:
@@ -336,7 +348,7 @@ def _across(station: Station, track: EarthTrack, azimuth_rad: float) -> Function
 def _direction(
     station: Station, track: EarthTrack, t_s: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Return unit vectors (3, N) to the satellite, sines of elevation (N,), and derivatives."""
+    """Return unit vectors (3, N) to the satellite, sin h (N,), and their time derivatives."""
     x = track.states(t_s)
     towards, d_towards = _unit(x[:3] - station.ecef_m[:, None], x[3:])
     up = station.axes[2]
@@ -344,31 +356,35 @@ def _direction(
 
 
 def _unit(v: Array, d_v: Array) -> tuple[Array, Array]:
-    """Return the directions (3, N) of vectors, and their derivatives."""
+    """Normalise vectors (3, N); return the unit vectors and their time derivatives."""
+    # derivative of v/|v|: the part of v̇ across v, over |v|
     size = np.linalg.norm(v, axis=0)
     unit = v / size
     return unit, (d_v - unit * np.einsum("in,in->n", unit, d_v)) / size
 
 
 def _sun(track: EarthTrack, t_s: Array) -> tuple[Array, Array]:
-    """Return Earth-fixed directions (3, N) to the Sun, and how the day turns them."""
+    """Return Earth-fixed unit vectors (3, N) to the Sun and their time derivatives.
+
+    The derivative is the rotation by one turn a day; the Sun's own motion is 1/365 of it.
+    """
     place = sun_earth_fixed(track.start, t_s, track.orientation)
     sun = place / np.linalg.norm(place, axis=0)
     return sun, _SOLAR_DAY_RATE * np.array([sun[1], -sun[0], np.zeros(t_s.size)])
 
 
 def _grid(begin_s: float, end_s: float) -> Array:
-    """Return times of a pass at most 20 s apart, or a hundredth of it."""
+    """Return times of a pass, 20 s or a hundredth of the pass apart, whichever is longer."""
     step = max(20.0, (end_s - begin_s) / 100.0)
     return np.linspace(begin_s, end_s, max(5, int(np.ceil((end_s - begin_s) / step)) + 1))
 
 
-def _highest(height: Function, t_s: Array, value: Array, spans: Array) -> Array:
-    """Return when in each span the satellite is highest: at an extremum within, or at an end."""
+def _culminations(height: Function, t_s: Array, value: Array, spans: Array) -> Array:
+    """Return the time of the highest elevation in each span: at an extremum or at an end."""
     at_ends = height(spans.ravel())[0].reshape(spans.shape)
-    found = []
+    culminations = []
     for (begin, end), ends in zip(spans.T, at_ends.T, strict=True):
         inside = slice(*np.searchsorted(t_s, [begin, end], side="right").tolist())
         times = np.concatenate([[begin, end], t_s[inside]])
-        found.append(times[np.argmax(np.concatenate([ends, value[inside]]))])
-    return np.array(found)
+        culminations.append(times[np.argmax(np.concatenate([ends, value[inside]]))])
+    return np.array(culminations)

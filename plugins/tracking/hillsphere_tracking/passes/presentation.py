@@ -1,4 +1,4 @@
-"""How the stage ``passes`` shows its result: tables, sky plots, a map."""
+"""Presentation of the stage ``passes``: tables, sky plots and a map."""
 
 from __future__ import annotations
 
@@ -8,100 +8,56 @@ from functools import partial
 
 import numpy as np
 
-from hillsphere.interfaces import Array
-from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.interfaces import Array, Integers
+from hillsphere.presentation import Figure, Metric, Presentation
+from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere.time import Epoch
 from hillsphere_tracking.passes.figures import SKIES_PER_FIGURE, draw_map, draw_skies
 from hillsphere_tracking.passes.products import SUN_IN_BEAM, PassList
 
-__all__ = ["presented"]
+__all__ = ["present_passes"]
 
 _MOST_SKIES = 60
-_PASSES = (
-    Column("station", "", "station"),
-    Column("satellite", "", "satellite"),
-    Column("revolution", "-", "revolution"),
-    Column("direction", "", "direction"),
-    Column("rise", "", "rise, UTC"),
-    Column("culmination", "", "highest, UTC"),
-    Column("set", "", "set, UTC"),
-    Column("duration_min", "min", "duration", 5),
-    Column("rise_azimuth_deg", "deg", "azimuth at rise", 5),
-    Column("culmination_azimuth_deg", "deg", "azimuth when highest", 5),
-    Column("set_azimuth_deg", "deg", "azimuth at set", 5),
-    Column("elevation_max_deg", "deg", "highest elevation", 5),
-    Column("range_min_km", "km", "least range", 6),
-    Column("azimuth_rate_max_deg_s", "deg/s", "fastest azimuth", 4),
-    Column("keyhole", "", "through the keyhole"),
-    Column("sunlit_part", "-", "part in sunlight", 4),
-    Column("sun_in_beam_s", "s", "Sun in beam", 5),
-    Column("blind_s", "s", "in blind sectors", 5),
-    Column("cut", "", "cut off"),
-)
-_VISIBILITY = (
-    Column("station", "", "station"),
-    Column("satellite", "", "satellite"),
-    Column("visible", "", "visible"),
-    Column("passes", "-", "passes"),
-    Column("seen_h", "h", "seen in all", 5),
-    Column("gap_max_h", "h", "longest time unseen", 5),
-    Column("elevation_max_deg", "deg", "highest elevation", 5),
-    Column("highest", "", "highest, UTC"),
-)
-_SPANS = (
-    Column("station", "", "station"),
-    Column("satellite", "", "satellite"),
-    Column("revolution", "-", "revolution"),
-    Column("reason", "", "what disturbs"),
-    Column("begins", "", "begins, UTC"),
-    Column("ends", "", "ends, UTC"),
-    Column("duration_s", "s", "duration", 6),
-)
-_ECLIPSES = (
-    Column("satellite", "", "satellite"),
-    Column("enters", "", "enters the umbra, UTC"),
-    Column("leaves", "", "leaves it, UTC"),
-    Column("duration_min", "min", "duration", 5),
-)
+"""Passes that are drawn at most, five figures: drawing takes longer than finding them, and the
+verdict says that some are left out."""
 
 
-def presented(product: PassList, start: Epoch, label: str) -> Presentation:
-    """Return tables, figures and sentences of passes.
+def present_passes(product: PassList, start: Epoch, label: str) -> Presentation:
+    """Return tables, figures and verdict of passes.
 
     Parameters
     ----------
     product : PassList
         The passes.
     start : Epoch
-        From which its times count.
+        Origin of the product's times.
     label : str
-        Appended to all names.
+        Suffix of all names.
 
     Returns
     -------
     Presentation
-        Times in UTC to 0.1 s.
+        Presentation with times in UTC to 0.1 s.
     """
     suffix = f"_{label}" if label else ""
     kind = "apparent" if product.refracted else "geometric"
     notes = (
-        f"Elevations are {kind}; azimuths count from north eastwards. A pass lasts while the "
-        "satellite stands above the station's mask.",
-        "Revolutions are counted from the start of the search, the second from the first ascending "
-        "node on.",
+        f"Elevations are {kind}; azimuth is measured from north eastwards. A pass lasts while the "
+        "satellite is above the station's horizon mask.",
+        "Revolution 1 begins at the start of the search, revolution 2 at the first ascending node.",
     )
     tables = {
-        "passes": Table("Passes", _PASSES, _pass_rows(product, start), notes),
-        "visibility": Table("Visibility", _VISIBILITY, _visibility_rows(product, start)),
+        "passes": tabulate("Passes", _pass_columns(product, start), notes),
+        "visibility": tabulate("Visibility", _visibility_columns(product, start)),
     }
     if product.span_pass.size:
-        tables["disturbances"] = Table(
-            "The Sun in the beam, and blind sectors", _SPANS, _span_rows(product, start)
+        tables["disturbances"] = tabulate(
+            "The Sun in the beam, and blind sectors", _span_columns(product, start)
         )
     if product.eclipse_satellite.size:
-        tables["eclipses"] = Table(
-            "Eclipses of the satellites by the Earth", _ECLIPSES, _eclipse_rows(product, start),
-            ("Umbra of the ellipsoid WGS 84 without atmosphere; the Sun's disc is a disc.",),
+        tables["eclipses"] = tabulate(
+            "Eclipses of the satellites by the Earth", _eclipse_columns(product, start),
+            ("Umbra of the ellipsoid WGS 84 without atmosphere, for a Sun of finite size.",),
         )  # fmt: skip
     return Presentation(
         metrics={f"passes{suffix}": Metric(int(product.rise_s.size))},
@@ -116,8 +72,8 @@ def _figures(product: PassList, start: Epoch) -> dict[str, Figure]:
         "ground_track": Figure(
             "Ground tracks and passes",
             partial(draw_map, product=product),
-            "Thin: the point below each satellite, at most for a day. Thick: while it is above "
-            "a station's mask. Triangles: the stations.",
+            "Thin lines: subsatellite points, for one day at most. Thick lines: the satellite is "
+            "above a station's horizon mask. Triangles: stations.",
             size_in=(8.5, 4.8),
         )
     }
@@ -134,9 +90,9 @@ def _figures(product: PassList, start: Epoch) -> dict[str, Figure]:
             figures[key] = Figure(
                 f"Passes in the sky of {station}",
                 partial(draw_skies, product=product, chosen=chosen, start=start),
-                "North is up, east to the right as on a map; the rim is the horizon. Dot: rise, "
-                "square: set, disc: the Sun if it is up. Grey: behind the mask. "
-                "Yellow: in a blind sector, or with the Sun in the beam.",
+                "North is up and east to the right, as on a map; the rim is the horizon. Dot: "
+                "rise. Square: set. Disc: Sun, if it is up. Grey: below the horizon mask. Yellow: "
+                "in a blind sector, or with the Sun in the beam.",
                 size_in=(0.6 + 2.9 * columns, 0.4 + 3.2 * rows),
             )
     return figures
@@ -148,42 +104,49 @@ def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", letters.lower()).strip("_")[:40] or "station"
 
 
-def _pass_rows(product: PassList, start: Epoch) -> list[dict[str, Cell]]:
-    rise, top, set_ = (start.isot(t, 1) for t in
-                       (product.rise_s, product.culmination_s, product.set_s))  # fmt: skip
-    ends = np.degrees(product.azimuth_rad[[0, -1]])
-    rows: list[dict[str, Cell]] = []
-    for k in range(product.rise_s.size):
-        cut = [word for word, is_cut in
-               (("start", product.begun[k]), ("end", product.unfinished[k])) if is_cut]  # fmt: skip
-        rows.append(
-            {
-                "station": product.stations[product.station[k]],
-                "satellite": product.satellites[product.satellite[k]],
-                "revolution": int(product.revolution[k]),
-                "direction": "ascending" if product.ascending[k] else "descending",
-                "rise": rise[k],
-                "culmination": top[k],
-                "set": set_[k],
-                "duration_min": float(product.set_s[k] - product.rise_s[k]) / 60.0,
-                "rise_azimuth_deg": float(ends[0, k]),
-                "culmination_azimuth_deg": float(np.degrees(product.highest_azimuth_rad[k])),
-                "set_azimuth_deg": float(ends[1, k]),
-                "elevation_max_deg": float(np.degrees(product.elevation_max_rad[k])),
-                "range_min_km": float(product.range_m[:, k].min()) / 1e3,
-                "azimuth_rate_max_deg_s": float(np.degrees(product.peak_azimuth_rate_rad_s[k])),
-                "keyhole": bool(product.keyhole[k]),
-                "sunlit_part": float(product.sunlit_part[k]),
-                "sun_in_beam_s": _length(product, k, sun=True),
-                "blind_s": _length(product, k, sun=False),
-                "cut": " and ".join(cut),
-            }
-        )
-    return rows
+def _pass_columns(product: PassList, start: Epoch) -> list[FilledColumn]:
+    of = FieldColumns(product, "passes")
+    cuts = [
+        " and ".join(word for word, is_cut in (("start", begun), ("end", unfinished)) if is_cut)
+        for begun, unfinished in zip(product.begun, product.unfinished, strict=True)
+    ]
+    passes = range(product.rise_s.size)
+    return [
+        *_satellite_columns(product, product.station, product.satellite),
+        of("revolution"),
+        text_column(
+            "direction", np.where(product.ascending, "ascending", "descending"), "direction"
+        ),
+        text_column("rise", start.isot(product.rise_s, 1), "rise, UTC"),
+        text_column("culmination", start.isot(product.culmination_s, 1), "highest, UTC"),
+        text_column("set", start.isot(product.set_s, 1), "set, UTC"),
+        column("duration_min", product.set_s - product.rise_s, "duration", 5, unit="min"),
+        column("rise_azimuth_deg", product.azimuth_rad[0], "azimuth at rise", 5),
+        of("highest_azimuth_rad", "culmination_azimuth_deg"),
+        column("set_azimuth_deg", product.azimuth_rad[-1], "azimuth at set", 5),
+        of("elevation_max_rad"),
+        column("range_min_km", product.range_m.min(axis=0), "least range", 6),
+        of("peak_azimuth_rate_rad_s", "azimuth_rate_max_deg_s"),
+        of("keyhole"),
+        of("sunlit_part"),
+        column("sun_in_beam_s", [_length(product, k, sun=True) for k in passes], "Sun in beam", 5),
+        column("blind_s", [_length(product, k, sun=False) for k in passes], "in blind sectors", 5),
+        text_column("cut", cuts, "cut off"),
+    ]
+
+
+def _satellite_columns(
+    product: PassList, station: Integers, satellite: Integers
+) -> list[FilledColumn]:
+    """Return the columns with the names of stations and satellites, by their indices."""
+    return [
+        text_column("station", [product.stations[s] for s in station], "station"),
+        text_column("satellite", [product.satellites[n] for n in satellite], "satellite"),
+    ]
 
 
 def _length(product: PassList, k: int, *, sun: bool) -> float:
-    """Return how long in all a pass is disturbed, overlaps counted once, s."""
+    """Return the total time (s) of the disturbances of a pass; overlaps count once."""
     own = (product.span_pass == k) & ((product.span_reason == SUN_IN_BEAM) == sun)
     total, until = 0.0, -np.inf
     for begin, end in sorted(product.span_s[:, own].T.tolist()):
@@ -192,25 +155,25 @@ def _length(product: PassList, k: int, *, sun: bool) -> float:
     return total
 
 
-def _visibility_rows(product: PassList, start: Epoch) -> list[dict[str, Cell]]:
-    rows: list[dict[str, Cell]] = []
-    for s, station in enumerate(product.stations):
-        for n, satellite in enumerate(product.satellites):
-            own = (product.station == s) & (product.satellite == n)
-            rise, set_ = product.rise_s[own], product.set_s[own]
-            rows.append(
-                {
-                    "station": station,
-                    "satellite": satellite,
-                    "visible": str(product.visibility[s, n]),
-                    "passes": int(rise.size),
-                    "seen_h": float(np.sum(set_ - rise)) / 3600.0,
-                    "gap_max_h": _longest_gap(rise, set_, product.searched_s[n]) / 3600.0,
-                    "elevation_max_deg": float(np.degrees(product.highest_rad[s, n])),
-                    "highest": start.isot(product.highest_s[s : s + 1, n], 1)[0],
-                }
-            )
-    return rows
+def _visibility_columns(product: PassList, start: Epoch) -> list[FilledColumn]:
+    of = FieldColumns(product, "stations", "satellites")
+    counts, seen_s, gaps_s = [], [], []
+    for s, n in np.ndindex(product.visibility.shape):
+        own = (product.station == s) & (product.satellite == n)
+        rise, set_ = product.rise_s[own], product.set_s[own]
+        counts.append(int(rise.size))
+        seen_s.append(float(np.sum(set_ - rise)))
+        gaps_s.append(_longest_gap(rise, set_, product.searched_s[n]))
+    return [
+        of("stations", "station"),
+        of("satellites", "satellite"),
+        of("visibility", "visible"),
+        column("passes", counts, "passes"),
+        column("seen_h", seen_s, "seen in all", 5),
+        column("gap_max_h", gaps_s, "longest time unseen", 5),
+        of("highest_rad", "elevation_max_deg"),
+        text_column("highest", start.isot(product.highest_s.ravel(), 1), "highest, UTC"),
+    ]
 
 
 def _longest_gap(rise: Array, set_: Array, searched_s: float) -> float:
@@ -218,32 +181,27 @@ def _longest_gap(rise: Array, set_: Array, searched_s: float) -> float:
     return float(np.max(np.diff(edges)[::2]))
 
 
-def _span_rows(product: PassList, start: Epoch) -> list[dict[str, Cell]]:
-    begins, ends = (start.isot(t, 1) for t in product.span_s)
+def _span_columns(product: PassList, start: Epoch) -> list[FilledColumn]:
+    begins_s, ends_s = product.span_s
+    own = product.span_pass
     return [
-        {
-            "station": product.stations[product.station[k]],
-            "satellite": product.satellites[product.satellite[k]],
-            "revolution": int(product.revolution[k]),
-            "reason": str(product.span_reason[q]),
-            "begins": begins[q],
-            "ends": ends[q],
-            "duration_s": float(product.span_s[1, q] - product.span_s[0, q]),
-        }
-        for q, k in enumerate(product.span_pass)
+        *_satellite_columns(product, product.station[own], product.satellite[own]),
+        column("revolution", product.revolution[own], "revolution"),
+        FieldColumns(product, "spans")("span_reason", "reason"),
+        text_column("begins", start.isot(begins_s, 1), "begins, UTC"),
+        text_column("ends", start.isot(ends_s, 1), "ends, UTC"),
+        column("duration_s", ends_s - begins_s, "duration", 6),
     ]
 
 
-def _eclipse_rows(product: PassList, start: Epoch) -> list[dict[str, Cell]]:
-    enters, leaves = (start.isot(t, 1) for t in product.eclipse_s)
+def _eclipse_columns(product: PassList, start: Epoch) -> list[FilledColumn]:
+    enters_s, leaves_s = product.eclipse_s
+    satellites = [product.satellites[n] for n in product.eclipse_satellite]
     return [
-        {
-            "satellite": product.satellites[n],
-            "enters": enters[q],
-            "leaves": leaves[q],
-            "duration_min": float(product.eclipse_s[1, q] - product.eclipse_s[0, q]) / 60.0,
-        }
-        for q, n in enumerate(product.eclipse_satellite)
+        text_column("satellite", satellites, "satellite"),
+        text_column("enters", start.isot(enters_s, 1), "enters the umbra, UTC"),
+        text_column("leaves", start.isot(leaves_s, 1), "leaves it, UTC"),
+        column("duration_min", leaves_s - enters_s, "duration", 5, unit="min"),
     ]
 
 
@@ -259,18 +217,18 @@ def _verdict(product: PassList) -> list[str]:
             if product.visibility[s, n] == "never":
                 top = np.degrees(product.highest_rad[s, n])
                 said.append(
-                    f"{satellite} never rises over {station}: it reaches {top:.4g}° at most."
+                    f"{satellite} never rises at {station}: its highest elevation is {top:.4g}°."
                 )
             elif product.visibility[s, n] == "always":
-                said.append(f"{satellite} always stands over {station}.")
+                said.append(f"{satellite} is always visible from {station}.")
     said += [
-        f"Satellite {name!r} {reason}; it was looked for until then."
+        f"Satellite {name!r} {reason}; the search for its passes ends there."
         for name, reason in zip(product.satellites, product.end_reasons, strict=True)
         if reason
     ]
     through = int(np.count_nonzero(product.keyhole))
     if through:
-        said.append(f"{through} of the passes go through a mount's keyhole.")
+        said.append(f"{through} of {count} passes go through the keyhole of a mount.")
     if count > _MOST_SKIES:
-        said.append(f"The sky is drawn for no more than {_MOST_SKIES} of the passes.")
+        said.append(f"Sky plots are drawn for {_MOST_SKIES} passes at most.")
     return [*said, *product.warnings]

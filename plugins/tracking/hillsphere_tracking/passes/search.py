@@ -1,9 +1,9 @@
-"""When a smooth function of time is positive: every interval, even a grazing one.
+"""Intervals in which a smooth function of time is positive, including grazing ones.
 
-Samples alone miss what happens between them. Here each step between two samples is judged by the
-cubic through values and slopes at its ends, with the middle as a check of how far the cubic can be
-trusted; it is halved until the function is known to keep its sign or to turn at most once. Then the
-extrema are found, and between them the zeros are bracketed.
+Samples alone can miss a short interval between them. Each step between two samples is therefore
+represented by the Hermite cubic through values and slopes at its ends; the misfit at the midpoint
+measures the error of the cubic. A step is halved until the function provably keeps its sign, or has
+at most one extremum. The extrema are then located, and the zeros between them are bracketed.
 """
 
 from __future__ import annotations
@@ -18,23 +18,36 @@ from numpy.typing import NDArray
 from hillsphere.engine.dynamics.root_finding import bracketed_roots
 from hillsphere.interfaces import Array
 
-__all__ = ["Curve", "Function", "above_zero", "curve", "intersection", "joined", "zeros"]
+__all__ = [
+    "Curve",
+    "Function",
+    "intersect_spans",
+    "merge_spans",
+    "positive_spans",
+    "sample_curve",
+    "zeros",
+]
 
 Function: TypeAlias = Callable[[Array], tuple[Array, Array]]
-"""Value (N,) and derivative (N,) at times (N,), s."""
+"""Function of times (N,), s, that returns values (N,) and time derivatives (N,)."""
 
 _TOLERANCE_S = 1e-7
+"""Accuracy (s) of zeros and extrema: a low satellite moves by 1 mm. Rounding of a sine of
+elevation, 1e-16 over a slope of 1e-3/s, is far below it."""
 _HALVINGS = 12
+"""Halvings of a step at most: of a minute then 15 ms are left. A function that is not resolved
+there touches zero for less than that, or is not smooth; without the limit it would be halved for
+ever."""
 
 
 @dataclass(frozen=True)
 class Curve:
-    """A function known at times between which it turns at no place but those times.
+    """Samples of a function that include its extrema, so that it is monotonic between them.
 
     Parameters
     ----------
     t_s, value, slope : ndarray, shape (K,)
-        Times, rising, with the function's extrema among them.
+        Times in increasing order, values and derivatives.
     """
 
     t_s: Array
@@ -42,22 +55,21 @@ class Curve:
     slope: Array
 
 
-def curve(function: Function, times_s: Array) -> Curve:
-    """Sample a function so that nothing happens between the samples.
+def sample_curve(function: Function, times_s: Array) -> Curve:
+    """Sample a function so that all its extrema near zero are among the samples.
 
     Parameters
     ----------
     function : callable
-        Value and derivative at times.
+        Returns value and derivative at times.
     times_s : ndarray, shape (K,)
-        Where to begin with, rising, K ≥ 2: close enough that the function bends a few times at most
-        between two of them.
+        Initial times in increasing order, K ≥ 2, with at most a few extrema between two of them.
 
     Returns
     -------
     Curve
-        With the extrema of the function; those where it is far from zero for as long as a whole
-        step may be missing.
+        Samples with the extrema of the function. Extrema may be missing in steps throughout which
+        the function is far from zero.
     """
     t = np.asarray(times_s, dtype=float)
     f, d = function(t)
@@ -71,22 +83,28 @@ def curve(function: Function, times_s: Array) -> Curve:
         m = np.array([middle, *function(middle)])
         nodes.append((m[0], m[1], m[2]))
         h = b[0] - a[0]
+        # misfit of the cubic and of its slope at the midpoint
         off = np.abs(m[1] - (0.5 * (a[1] + b[1]) + h * (a[2] - b[2]) / 8.0))
         off_slope = np.abs(m[2] - (1.5 * (b[1] - a[1]) / h - 0.25 * (a[2] + b[2])))
-        # the halves, each with the misfit of the whole, sixteen and eight times what to expect
+        # Both halves keep the misfit of the whole step, which is an upper estimate: halving reduces
+        # the error of the cubic by 16 and the error of its slope by 8.
         a, b = np.concatenate([a, m], axis=1), np.concatenate([m, b], axis=1)
-        open_ = ~_known(a, b, np.tile(off, 2), np.tile(off_slope, 2))
+        open_ = ~_is_resolved(a, b, np.tile(off, 2), np.tile(off_slope, 2))
         a, b = a[:, open_], b[:, open_]
     t, f, d = (np.concatenate([node[i] for node in nodes]) for i in range(3))
     order = np.argsort(t, kind="stable")
     return _with_extrema(function, Curve(t[order], f[order], d[order]))
 
 
-def _known(a: Array, b: Array, off: Array, off_slope: Array) -> NDArray[np.bool_]:
-    """Whether a step needs no further samples: rows of a, b are time, value, slope."""
+def _is_resolved(a: Array, b: Array, off: Array, off_slope: Array) -> NDArray[np.bool_]:
+    """Return which steps need no further samples; rows of a, b are time, value and slope.
+
+    A step is resolved if the cubic, with its error, keeps its sign (`far`), is monotonic, or has
+    exactly one extremum.
+    """
     h = b[0] - a[0]
     chord = (b[1] - a[1]) / h
-    # slope of the cubic at s in [0, 1]: d0 + c1 s + c2 s², extreme within at s*
+    # Slope of the cubic at s in [0, 1]: d0 + c1 s + c2 s², whose extremum is at s = −c1/(2 c2).
     c1 = 6.0 * chord - 4.0 * a[2] - 2.0 * b[2]
     c2 = 3.0 * (a[2] + b[2]) - 6.0 * chord
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -94,14 +112,15 @@ def _known(a: Array, b: Array, off: Array, off_slope: Array) -> NDArray[np.bool_
     turn = np.clip(np.nan_to_num(turn), 0.0, 1.0)
     bend = a[2] + c1 * turn + c2 * turn**2
     steepest = np.max(np.abs([a[2], b[2], bend]), axis=0)
-    # how far the cubic can leave the chord's ends is bounded by slope and length
+    # Within the step the cubic leaves the range of its end values by at most h/2 · max |slope|.
     reach = off + 0.5 * h * steepest
     low, high = np.minimum(a[1], b[1]) - reach, np.maximum(a[1], b[1]) + reach
     far = (low > 0.0) | (high < 0.0)
     signs = np.sign([a[2], b[2], bend])
     sure = np.min(np.abs([a[2], b[2], bend]), axis=0) > off_slope
     monotone = sure & (np.abs(signs.sum(axis=0)) == 3.0)
-    # one turn: the slopes at the ends differ in sign, and the cubic's slope is nearly a line
+    # One extremum: the slopes at the ends differ in sign, and the slope is nearly linear in between
+    # (c2 small against c1) and accurate to 5 % of its change.
     one_turn = (signs[0] != signs[1]) & (np.abs(c2) < 0.5 * np.abs(c1)) & (
         off_slope < 0.05 * np.abs(b[2] - a[2])
     )  # fmt: skip
@@ -110,6 +129,7 @@ def _known(a: Array, b: Array, off: Array, off_slope: Array) -> NDArray[np.bool_
 
 def _with_extrema(function: Function, known: Curve) -> Curve:
     t, f, d = known.t_s, known.value, known.slope
+    # extrema: zeros of the derivative between samples with slopes of different sign
     turns = np.flatnonzero(d[:-1] * d[1:] < 0.0)
     if turns.size == 0:
         return known
@@ -125,19 +145,20 @@ def _with_extrema(function: Function, known: Curve) -> Curve:
 
 
 def zeros(function: Function, known: Curve) -> Array:
-    """Return where a function changes sign.
+    """Return the zeros of a function at which it changes sign.
 
     Parameters
     ----------
     function : callable
-        Value and derivative at times.
+        Returns value and derivative at times.
     known : Curve
-        The same function as `curve` gives it.
+        Samples of the same function, from `sample_curve`.
 
     Returns
     -------
     ndarray, shape (M,)
-        Times, rising, s, to 1e-7 s (but rounding of the function over its slope).
+        Times in increasing order, s, accurate to 1e-7 s or to the rounding error of the function
+        divided by its slope, whichever is larger.
     """
     t, f = known.t_s, known.value
     up = f > 0.0
@@ -148,21 +169,21 @@ def zeros(function: Function, known: Curve) -> Array:
     )  # fmt: skip
 
 
-def above_zero(function: Function, known: Curve) -> Array:
+def positive_spans(function: Function, known: Curve) -> Array:
     """Return the intervals in which a function is positive.
 
     Parameters
     ----------
     function : callable
-        Value and derivative at times.
+        Returns value and derivative at times.
     known : Curve
-        The same function as `curve` gives it.
+        Samples of the same function, from `sample_curve`.
 
     Returns
     -------
     ndarray, shape (2, M)
-        Beginnings and ends, s, as precise as `zeros`; at the ends of the curve where the function
-        is positive there.
+        Beginnings and ends, s, with the accuracy of `zeros`. An interval that is under way at an
+        end of the samples begins or ends there.
     """
     edges = zeros(function, known)
     if known.value[0] > 0.0:
@@ -172,18 +193,18 @@ def above_zero(function: Function, known: Curve) -> Array:
     return edges.reshape(-1, 2).T
 
 
-def intersection(one: Array, other: Array) -> Array:
-    """Return where two sets of intervals overlap.
+def intersect_spans(one: Array, other: Array) -> Array:
+    """Return the intersection of two sets of intervals.
 
     Parameters
     ----------
     one, other : ndarray, shape (2, M) and (2, L)
-        Beginnings and ends, in order, without overlap within a set.
+        Beginnings and ends in increasing order; the intervals of a set do not overlap.
 
     Returns
     -------
     ndarray, shape (2, K)
-        The common parts, in order.
+        Intervals that belong to both sets, in increasing order.
     """
     begins = np.maximum(one[0][:, None], other[0][None, :])
     ends = np.minimum(one[1][:, None], other[1][None, :])
@@ -191,20 +212,20 @@ def intersection(one: Array, other: Array) -> Array:
     return np.array([begins[there], ends[there]])
 
 
-def joined(spans: Array, gap_s: float = 1e-6) -> Array:
-    """Return intervals with those made one that touch.
+def merge_spans(spans: Array, gap_s: float = 1e-6) -> Array:
+    """Merge adjacent intervals.
 
     Parameters
     ----------
     spans : ndarray, shape (2, M)
-        Beginnings and ends, in order.
+        Beginnings and ends in increasing order.
     gap_s : float
         Largest gap that is closed.
 
     Returns
     -------
     ndarray, shape (2, K)
-        In order.
+        Merged intervals in increasing order.
     """
     if spans.shape[1] < 2:
         return spans

@@ -1,4 +1,4 @@
-"""From what a mission writes to orbits, stations, masks and blind sectors."""
+"""Orbits, stations, masks and blind sectors from the Specs of a mission."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ from hillsphere_tracking.satellites import MeanElementsOrbit, Orbit, Sgp4Orbit, 
 __all__ = ["blind_sectors_of", "mask_of", "orbits_from", "orbits_of_file", "station_of"]
 
 _LARGEST_FILE = 20_000_000
+"""Bytes of a file of elements at most: the public catalogue of 30 000 objects takes 5 MB as
+two-line sets."""
 
 
 def orbits_from(specs: Sequence[SatelliteSpec]) -> tuple[Orbit, ...]:
@@ -28,46 +30,46 @@ def orbits_from(specs: Sequence[SatelliteSpec]) -> tuple[Orbit, ...]:
     Parameters
     ----------
     specs : sequence of SatelliteSpec
-        Files among them are read.
+        Satellites; named files are read.
 
     Returns
     -------
     tuple of Orbit
-        In order; those of a file in its order. No two have one name.
+        Orbits in the order of the Specs, and of each file; all names are different.
 
     Raises
     ------
     InputError
-        If a file cannot be read or used, does not hold the satellite that is named, or two
-        satellites have one name.
+        If a file cannot be read, does not contain the named satellite, or two satellites have the
+        same name.
     """
-    found: list[Orbit] = []
+    collected: list[Orbit] = []
     for spec in specs:
         if spec.elements is not None:
-            found.append(_mean_elements_orbit(spec.label or spec.name, spec.elements))
+            collected.append(_mean_elements_orbit(spec.label or spec.name, spec.elements))
         elif spec.file is not None:
-            found += orbits_of_file(Path(spec.file), spec.name, spec.label)
+            collected += orbits_of_file(Path(spec.file), spec.name, spec.label)
         else:
             orbits = orbits_of(spec.tle, "tle")
             if len(orbits) != 1:
                 raise InputError(
-                    f"tle: expected one element set, got {len(orbits)}; write one satellite for "
-                    "each, or name a file"
+                    f"tle: expected one element set, got {len(orbits)}; write one satellite per "
+                    "element set, or name a file"
                 )
             if name := spec.label or spec.name:
                 orbits[0].name = name
-            found += orbits
-    names = [orbit.name for orbit in found]
+            collected += orbits
+    names = [orbit.name for orbit in collected]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(
-            f"satellites: {twice[0]!r} stands twice; give every one a label of its own"
+            f"satellites: the name {twice[0]!r} occurs twice; give each satellite its own label"
         )
-    return tuple(found)
+    return tuple(collected)
 
 
 def station_of(spec: StationSpec, ellipsoid: Ellipsoid = WGS84) -> Station:
-    """Return the place of a station on an ellipsoid."""
+    """Return the station that a Spec describes, on an ellipsoid."""
     return Station(spec.name, spec.latitude_rad, spec.longitude_rad, spec.height_m, ellipsoid)
 
 
@@ -77,7 +79,7 @@ def mask_of(spec: StationSpec) -> HorizonMask:
 
 
 def blind_sectors_of(spec: StationSpec) -> tuple[BlindSector, ...]:
-    """Return the parts of its sky in which a station is blind."""
+    """Return the blind sectors of a station."""
     return tuple(
         BlindSector(sector.azimuth_rad, sector.elevation_rad, sector.reason)
         for sector in spec.blind_sectors
@@ -113,14 +115,14 @@ def orbits_of_file(path: Path, name: str = "", label: str = "") -> list[Sgp4Orbi
     path : Path
         The file.
     name : str
-        Name or catalogue number of the satellite that is meant; left out: all of them.
+        Name or catalogue number of the satellite; by default all satellites.
     label : str
-        What it is called from now on.
+        New name of the satellite.
 
     Raises
     ------
     InputError
-        If the file cannot be read, or does not hold the satellite once.
+        If the file cannot be read, or does not contain the satellite exactly once.
     """
     try:
         text = read_text(path, "utf-8-sig", _LARGEST_FILE)
@@ -136,23 +138,25 @@ def orbits_of_file(path: Path, name: str = "", label: str = "") -> list[Sgp4Orbi
     if not name:
         if label and len(orbits) != 1:
             raise InputError(
-                f"{path.name}: the label {label!r} would be that of {len(orbits)} satellites; "
-                "choose one with name"
+                f"{path.name}: the label {label!r} would name {len(orbits)} satellites; choose one "
+                "satellite with name"
             )
-        return _labelled(list(orbits), label)
+        return _set_label(list(orbits), label)
     chosen = [orbit for orbit in orbits if name in (orbit.name, orbit.catalogue_number)]
     if not chosen:
         there = ", ".join(orbit.name for orbit in orbits[:10])
         more = " …" if len(orbits) > 10 else ""
-        raise InputError(f"{path.name}: no satellite {name!r} in it; there are: {there}{more}")
+        raise InputError(
+            f"{path.name}: the file has no satellite {name!r}; there are: {there}{more}"
+        )
     if len(chosen) > 1:
         raise InputError(
-            f"{path.name}: {len(chosen)} element sets of {name!r} in it; keep the one to be used"
+            f"{path.name}: the file has {len(chosen)} element sets of {name!r}; keep one of them"
         )
-    return _labelled(chosen, label)
+    return _set_label(chosen, label)
 
 
-def _labelled(orbits: list[Sgp4Orbit], label: str) -> list[Sgp4Orbit]:
+def _set_label(orbits: list[Sgp4Orbit], label: str) -> list[Sgp4Orbit]:
     if label:
         orbits[0].name = label
     return orbits

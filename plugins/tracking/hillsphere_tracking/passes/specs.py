@@ -1,4 +1,4 @@
-"""Spec of the stage ``passes``: what a mission may write."""
+"""Spec of the stage ``passes``."""
 
 from __future__ import annotations
 
@@ -38,29 +38,28 @@ class PassesSpec(StageSpec):
 
     body: Ref | None = reference(
         "body",
-        "the Earth, a planet: its ellipsoid and its rotation; left out: WGS 84 and the tables of "
-        "the IERS",
+        "the Earth, a body of type planet, with ellipsoid and rotation; default: WGS 84 and the "
+        "tables of the IERS",
         default=None,
     )
     plant: Ref | None = reference(
         "plant",
-        "plant by which the satellites are flown from their elements; left out: by the theory of "
-        "their elements",
+        "plant that flies the satellites from their elements; default: the theory of the elements",
         default=None,
     )
-    satellites: tuple[SatelliteSpec, ...] = option("whose passes", min_length=1, max_length=400)
-    stations: tuple[StationSpec, ...] = option("over which stations", min_length=1, max_length=100)
+    satellites: tuple[SatelliteSpec, ...] = option("satellites", min_length=1, max_length=400)
+    stations: tuple[StationSpec, ...] = option("ground stations", min_length=1, max_length=100)
     start: str = option(
-        "date and time from which passes are looked for, UTC; left out: the epoch of the first "
-        "satellite's elements",
+        "beginning of the search for passes, UTC; default: the epoch of the first satellite's "
+        "elements",
         default="",
         max_length=40,
     )
     duration_s: float = quantity(
-        "time", "for how long passes are looked for", default=86400.0, gt=0, le=400 * 86400.0
+        "time", "length of the search for passes", default=86400.0, gt=0, le=400 * 86400.0
     )
     refraction: bool = option(
-        "whether elevations are apparent, lifted by the atmosphere, in masks and tables",
+        "whether elevations in masks and tables are apparent (with refraction)",
         default=False,
     )
     pressure_hpa: float = option(
@@ -73,7 +72,7 @@ class PassesSpec(StageSpec):
         "temperature of the air, for refraction, °C", default=10.0, gt=-150, lt=100
     )
     label: str = option(
-        "appended to the names of tables and figures, to tell two such stages apart",
+        "suffix of the names of tables and figures, which distinguishes two such stages",
         default="",
         pattern=r"^([a-z0-9][a-z0-9_]*)?$",
         max_length=40,

@@ -1,4 +1,4 @@
-"""The stage ``passes``: when satellites can be seen from ground stations, and what disturbs."""
+"""The stage ``passes``: passes of satellites over ground stations, and their disturbances."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.base.geodetic import Ellipsoid, Station
 from hillsphere.base.orientation import EarthOrientationWarning, doubts
 from hillsphere.errors import InputError
@@ -28,25 +29,33 @@ from hillsphere_tracking.passes.passes import (
     peak_azimuth_rates,
     sun_in_beam,
 )
-from hillsphere_tracking.passes.presentation import presented
+from hillsphere_tracking.passes.presentation import present_passes
 from hillsphere_tracking.passes.products import SUN_IN_BEAM, PassList
-from hillsphere_tracking.passes.search import intersection
+from hillsphere_tracking.passes.search import intersect_spans
 from hillsphere_tracking.passes.sources import blind_sectors_of, mask_of, orbits_from, station_of
 from hillsphere_tracking.passes.specs import PassesSpec
 from hillsphere_tracking.sun import sun_earth_fixed
-from hillsphere_tracking.topocentric import angles, rates, refracted
+from hillsphere_tracking.topocentric import angles, apparent_elevation, rates
 
 __all__ = ["PassesStage"]
 
 _SAMPLES = 121
+"""Samples along a pass for plots and for the spline of the stage ``pointing``: a hundredth of a low
+revolution is then eight samples. Products grow in proportion to it."""
 _FRESH_DAYS = 30.0
-_GROUND_S = 86400.0
+"""Days from their epoch after which elements give a warning: SGP4 gains kilometres a day along the
+track, so that a pass is then off by minutes."""
+_GROUND_S = DAY_S
+"""Length (s) of the ground tracks on the map: a day shows all longitudes, more days cover the
+map."""
 _THICK_AIR_M = 180e3
+"""Height (m) below which models of the upper atmosphere are extrapolated, and a fall by them is too
+slow."""
 
 
 @dataclass(frozen=True)
 class _Site:
-    """A station with all that belongs to it."""
+    """A station with its mask, blind sectors, beam and keyhole."""
 
     station: Station
     mask: HorizonMask
@@ -61,7 +70,7 @@ class PassesStage:
     Parameters
     ----------
     spec : PassesSpec
-        What to look for; its files are read.
+        Spec of the stage; files of elements are read.
 
     Raises
     ------
@@ -105,7 +114,7 @@ class PassesStage:
         Returns
         -------
         PassList
-            With what is seen along each.
+            Passes, with topocentric coordinates along each.
 
         Raises
         ------
@@ -113,28 +122,28 @@ class PassesStage:
             If a satellite has decayed before the start.
         """
         with warnings.catch_warnings():
-            # the verdict says it once, in its own words
+            # the verdict of the stage contains this warning
             warnings.simplefilter("ignore", EarthOrientationWarning)
-            return self._found(ctx)
+            return self._find_passes(ctx)
 
     def present(self, product: PassList) -> Presentation:
         """Show the passes as tables, sky plots and a map."""
-        return presented(product, self.start, self.spec.label)
+        return present_passes(product, self.start, self.spec.label)
 
-    def _found(self, ctx: Context) -> PassList:
+    def _find_passes(self, ctx: Context) -> PassList:
         advance = ctx.track("passes", len(self.orbits))
         tracks: list[EarthTrack] = []
         shadows: list[Array] = []
-        found: dict[tuple[int, int], Passes] = {}
+        by_pair: dict[tuple[int, int], Passes] = {}
         columns: list[dict[str, Array]] = []
         spans: list[tuple[int, int, float, str, float, float]] = []
         for n, elements in enumerate(self.orbits):
-            orbit = self._flown(elements)
+            orbit = self._fly(elements)
             track = EarthTrack(orbit, self.start, self.spec.duration_s, self.orientation)
             shadow = eclipses(track, self.ellipsoid)
             for s, site in enumerate(self.sites):
                 passes = find_passes(site.station, track, site.mask, self.air)
-                found[s, n] = passes
+                by_pair[s, n] = passes
                 columns.append(self._columns(s, n, site, track, passes, shadow))
                 spans += self._spans(s, n, site, track, passes)
             tracks.append(track)
@@ -152,7 +161,7 @@ class PassesStage:
         spans.sort(key=lambda span: (number[span[:3]], span[4]))
         ground_s, ground = _ground(tracks, self.ellipsoid)
         shape = (len(self.sites), len(self.orbits))
-        each = [found[s, n] for s, n in np.ndindex(shape)]
+        each = [by_pair[s, n] for s, n in np.ndindex(shape)]
         return PassList(
             stations=tuple(site.station.name for site in self.sites),
             satellites=tuple(orbit.name for orbit in self.orbits),
@@ -166,7 +175,9 @@ class PassesStage:
             end_reasons=tuple(track.end_reason for track in tracks),
             visibility=np.array([one.visibility for one in each]).reshape(shape),
             highest_s=np.array([one.highest_s for one in each]).reshape(shape),
-            highest_rad=self._seen(np.array([one.highest_rad for one in each])).reshape(shape),
+            highest_rad=self._to_apparent(np.array([one.highest_rad for one in each])).reshape(
+                shape
+            ),
             **merged,
             span_pass=np.array([number[span[:3]] for span in spans], dtype=np.int64),
             span_reason=np.array([span[3] for span in spans], dtype=np.str_),
@@ -178,8 +189,8 @@ class PassesStage:
             warnings=self._warnings(tracks),
         )
 
-    def _flown(self, orbit: Orbit) -> Orbit:
-        """Return the orbit by which a satellite moves."""
+    def _fly(self, orbit: Orbit) -> Orbit:
+        """Return the orbit of a satellite: by the plant if there is one, else by its elements."""
         if self.flights is None:
             return orbit
         return self.flights.fly(orbit, self.start, self.spec.duration_s)
@@ -187,7 +198,7 @@ class PassesStage:
     def _columns(
         self, s: int, n: int, site: _Site, track: EarthTrack, passes: Passes, shadow: Array
     ) -> dict[str, Array]:
-        """Return what the product says of each pass over one station."""
+        """Return the product's fields for the passes of one satellite over one station."""
         station, count = site.station, passes.rise_s.size
         share = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
         t_s = passes.rise_s + share * (passes.set_s - passes.rise_s)
@@ -196,13 +207,13 @@ class PassesStage:
         )
         top = track.states(passes.culmination_s)
         highest_azimuth, highest, _ = angles(station, top[:3])
-        highest = self._seen(highest)
-        # the Sun is so far that its direction from the station is that from the Earth's centre
+        highest = self._to_apparent(highest)
+        # The Sun's parallax, 9″, is neglected: the station is at the Earth's centre for it.
         sun = sun_earth_fixed(self.start, passes.culmination_s, self.orientation)
         sun_azimuth, sun_elevation, _ = angles(station, sun)
         nodes = track.node_times()
         dark = [
-            float(np.sum(np.diff(intersection(np.array([[rise], [set_]]), shadow), axis=0)))
+            float(np.sum(np.diff(intersect_spans(np.array([[rise], [set_]]), shadow), axis=0)))
             for rise, set_ in zip(passes.rise_s, passes.set_s, strict=True)
         ]
         return {
@@ -222,17 +233,17 @@ class PassesStage:
             "sunlit_part": 1.0 - np.array(dark) / (passes.set_s - passes.rise_s),
             "t_s": t_s,
             "azimuth_rad": azimuth,
-            "elevation_rad": self._seen(elevation),
+            "elevation_rad": self._to_apparent(elevation),
             "range_m": distance,
             "range_rate_m_s": range_rate,
-            "sun_rad": np.array([sun_azimuth, self._seen(sun_elevation)]),
+            "sun_rad": np.array([sun_azimuth, self._to_apparent(sun_elevation)]),
         }
 
     def _spans(
         self, s: int, n: int, site: _Site, track: EarthTrack, passes: Passes
     ) -> list[tuple[int, int, float, str, float, float]]:
-        """Return what disturbs: station, satellite, rise of the pass, reason, beginning, end."""
-        found = []
+        """Return the disturbances: station, satellite, rise, reason, beginning and end of each."""
+        spans = []
         for rise, set_ in zip(passes.rise_s.tolist(), passes.set_s.tolist(), strict=True):
             disturbed = [
                 (sector.reason, blind_spans(site.station, track, sector, rise, set_, self.air))
@@ -241,57 +252,59 @@ class PassesStage:
             if site.beam_rad is not None:
                 close = sun_in_beam(site.station, track, site.beam_rad, rise, set_)
                 disturbed.append((SUN_IN_BEAM, close))
-            found += [
+            spans += [
                 (s, n, rise, reason, float(begin), float(end))
                 for reason, intervals in disturbed
                 for begin, end in intervals.T
             ]
-        return found
+        return spans
 
-    def _seen(self, elevation_rad: Array) -> Array:
+    def _to_apparent(self, elevation_rad: Array) -> Array:
         if self.air is None:
             return elevation_rad
-        return refracted(elevation_rad, self.air.pressure_hpa, self.air.temperature_c)
+        return apparent_elevation(elevation_rad, self.air.pressure_hpa, self.air.temperature_c)
 
     def _warnings(self, tracks: list[EarthTrack]) -> tuple[str, ...]:
-        found = []
+        sentences = []
         for orbit in self.orbits:
-            age = self.start.seconds_since(orbit.epoch) / 86400.0
-            farthest = max(abs(age), abs(age + self.spec.duration_s / 86400.0))
+            age = self.start.seconds_since(orbit.epoch) / DAY_S
+            farthest = max(abs(age), abs(age + self.spec.duration_s / DAY_S))
             if farthest > _FRESH_DAYS:
-                found.append(
-                    f"The elements of {orbit.name} are {farthest:.0f} days away from the end or "
-                    "start of the search: its passes may be off by minutes."
+                sentences.append(
+                    f"The elements of {orbit.name} are up to {farthest:.0f} days away from the "
+                    "search: its passes may be wrong by minutes."
                 )
         span_s = [0.0, self.spec.duration_s]
         if self.flights is not None:
             since = self.flights.epoch.seconds_since(self.start)
             span_s.append(since)
-            found += self._flight_warnings(since, tracks)
-        found += doubts(self.orientation, self.start, np.array(span_s))
-        return tuple(found)
+            sentences += self._flight_warnings(since, tracks)
+        sentences += doubts(self.orientation, self.start, np.array(span_s))
+        return tuple(sentences)
 
     def _flight_warnings(self, plant_epoch_s: float, tracks: list[EarthTrack]) -> list[str]:
-        """Return where the plant, whose time is zero so long after the start, is not to be trusted.
+        """Return warnings about flights by the plant, whose epoch is `plant_epoch_s` after start.
 
-        The density of the upper atmosphere goes on below 180 km as it was above, too thin.
+        Below 180 km the plant extrapolates the density of the upper atmosphere, which is then too
+        low.
         """
-        found = []
-        away = max(-plant_epoch_s, plant_epoch_s - self.spec.duration_s) / 86400.0
+        sentences = []
+        away = max(-plant_epoch_s, plant_epoch_s - self.spec.duration_s) / DAY_S
         if away > _FRESH_DAYS:
-            found.append(
-                f"The epoch of the plant is {away:.0f} days away from the search: what it takes as "
-                "standing still, such as the Earth's axis, has moved; give it a nearer one."
+            sentences.append(
+                f"The epoch of the plant is {away:.0f} days away from the search. Quantities that "
+                "the plant holds constant, such as the Earth's axis, have changed; give it a "
+                "nearer epoch."
             )
         heights = [max(_lowest(track, self.ellipsoid), 0.0) for track in tracks]
-        found += [
-            f"{track.orbit.name} was flown down to {height / 1e3:.0f} km; below "
-            f"{_THICK_AIR_M / 1e3:.0f} km drag is too weak in models of the upper atmosphere: the "
-            "time of its fall may be hours off."
+        sentences += [
+            f"{track.orbit.name} comes down to {height / 1e3:.0f} km. Below "
+            f"{_THICK_AIR_M / 1e3:.0f} km the drag of the atmosphere model is too small: the time "
+            "of its reentry may be wrong by hours."
             for track, height in zip(tracks, heights, strict=True)
             if height < _THICK_AIR_M
         ]
-        return found
+        return sentences
 
 
 def _lowest(track: EarthTrack, ellipsoid: Ellipsoid) -> float:
@@ -300,7 +313,7 @@ def _lowest(track: EarthTrack, ellipsoid: Ellipsoid) -> float:
 
 
 def _ground(tracks: list[EarthTrack], ellipsoid: Ellipsoid) -> tuple[Array, Array]:
-    """Return times (G, N) and ground points (3, G, N) of a day at most, NaN beyond the ends."""
+    """Return times (G, N) and ground points (3, G, N) of one day at most; NaN after the ends."""
     times = [track.times_s[track.times_s <= _GROUND_S] for track in tracks]
     most = max(t.size for t in times)
     ground_s = np.full((most, len(tracks)), np.nan)

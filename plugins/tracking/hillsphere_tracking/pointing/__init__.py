@@ -1,8 +1,10 @@
-"""From predicted directions to what an antenna's axes do: commands, keyholes, search after a loss.
+"""Antenna pointing: from predicted directions to commands of the axes.
 
-`interpolation` fills predictions up to the rate of the commands; `mounts` turns directions into
-axis angles; `planning` chooses, for a whole pass, turn, flip and pre-slew; `commands` follows them
-within the axes' limits, sample by sample; `search` and `reacquisition` say where to look after a
-loss and how long it takes; `pass_log` and `replay` keep a pass and score trackers on it; `stage`
-follows the passes of a mission with several mounts, planned and naive (`following`).
+- `interpolation`: directions between predictions, at the rate of the commands.
+- `mounts`: conversion of directions to axis angles.
+- `pass_plan`, `route`, `keyhole`: turn, flip and pre-slewed ramps of a whole pass.
+- `commands`, `axis_motion`: commands within the limits of the axes.
+- `search`, `reacquisition`: search after a loss of signal, and the time that it takes.
+- `pass_log`, `replay`: logs of tracked passes, and scores of trackers on them.
+- `stage`, `following`: mounts that follow the passes of a mission, with a plan and without.
 """

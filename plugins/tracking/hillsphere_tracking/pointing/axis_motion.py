@@ -1,17 +1,17 @@
-r"""How an axis follows its target, one period at a time, without ever exceeding its limits.
+r"""Motion of an axis that follows a target in discrete time, within its limits.
 
 The axis moves at a constant rate v during each period T, and v changes by at most aT from one
-period to the next. Relative to a target that moves evenly, the shortest way to be at rest on it is
-to close in at full acceleration and to brake at full deceleration. Braking from
+period to the next. Relative to a target of constant rate, the time-optimal approach [1]_ is full
+acceleration followed by full deceleration. Braking from
 :math:`v = (m + f)\,aT` with a whole m and 0 ≤ f < 1 takes the rates v, v − aT, … f aT, over
 
 .. math:: d = aT^2\left(\tfrac12 m(m + 1) + (m + 1) f\right).
 
-Its inverse v(d) is the largest rate at which the axis may close in from a distance d.
+Its inverse v(d) is the largest rate at which the axis may approach from a distance d.
 
-The same bound, with the distance to a stop, keeps an axis from running into it: a rate within the
-bound now can be reduced to within it in the next period. (A continuous-time law, √(2ad), would
-overshoot by up to one period's motion and chatter.)
+The same bound, with d the distance to a stop, keeps the axis from hitting the stop: a rate within
+the bound can always be reduced to the bound of the next period. The continuous-time law √(2ad)
+would overshoot by up to the motion of one period, and chatter.
 
 References
 ----------
@@ -34,14 +34,14 @@ __all__ = ["AxisState", "advance", "at_rest", "braking_rate", "follow"]
 
 @dataclass(frozen=True)
 class AxisState:
-    """Where an axis stands and how it moves, for N cases.
+    """Angle and rate of an axis, for N cases.
 
     Parameters
     ----------
     angle_rad : ndarray, shape (N,)
-        Angle commanded last.
+        Last commanded angle.
     rate_rad_s : ndarray, shape (N,)
-        Rate of the last period.
+        Rate during the last period.
     """
 
     angle_rad: Array
@@ -49,26 +49,27 @@ class AxisState:
 
 
 def at_rest(angle_rad: Array | float) -> AxisState:
-    """Return an axis that stands at an angle, rad, a number or shape (N,)."""
+    """Return the state of an axis at rest at an angle, rad, a number or an array (N,)."""
     angle = np.atleast_1d(np.asarray(angle_rad, dtype=float))
     return AxisState(angle, np.zeros_like(angle))
 
 
 def braking_rate(distance_rad: Array, acceleration_rad_s2: float, period_s: float) -> Array:
-    """Return the largest rate for the next period that can still be braked within a distance.
+    """Return the largest rate of the next period from which the axis can brake within a distance.
 
     Parameters
     ----------
     distance_rad : ndarray, shape (N,)
-        How far it is; nothing is left of a negative one.
+        Distance; negative distances count as 0.
     acceleration_rad_s2, period_s : float
-        Largest deceleration and the period.
+        Largest deceleration, and length of a period.
 
     Returns
     -------
     ndarray, shape (N,)
         Rates, rad/s, ≥ 0.
     """
+    # Inverse of d(v): m = ⌊√(1/4 + 2 d/(aT²)) − 1/2⌋, f from the rest, v = (m + f) aT.
     unit = acceleration_rad_s2 * period_s**2
     room = np.maximum(distance_rad, 0.0) / unit
     whole = np.floor(np.sqrt(0.25 + 2.0 * room) - 0.5)
@@ -79,26 +80,26 @@ def braking_rate(distance_rad: Array, acceleration_rad_s2: float, period_s: floa
 def advance(
     state: AxisState, target_rad: Array, next_rad: Array, period_s: float, limits: AxisLimits
 ) -> AxisState:
-    """Move an axis for one period towards its target.
+    """Move an axis towards its target for one period.
 
-    An axis on its target stays on it as long as the limits let it; one that has fallen behind
-    closes in as fast as they allow, and stops without overshoot on a target that moves evenly.
+    An axis on its target stays on it while the limits permit. An axis behind its target approaches
+    it as fast as the limits permit, without overshoot if the target has a constant rate.
 
     Parameters
     ----------
     state : AxisState
-        Now, within the stops and with a rate that can be braked before them.
+        Current state, within the stops and able to brake before them.
     target_rad, next_rad : ndarray, shape (N,)
-        Where it should be now and one period on. Targets beyond a stop count as at it.
+        Target now and after one period. Targets beyond a stop are clipped to it.
     period_s : float
-        Length of the period, the same at every call.
+        Length of the period, equal in all calls.
     limits : AxisLimits
         Stops, rate and acceleration.
 
     Returns
     -------
     AxisState
-        One period on.
+        State after one period.
 
     Raises
     ------
@@ -112,11 +113,14 @@ def advance(
     if not (np.isfinite(now).all() and np.isfinite(then).all()):
         raise InputError("an axis's targets must be finite, got nan")
     angle, rate = state.angle_rad, state.rate_rad_s
+    # largest change of rate between two periods
     change = limits.acceleration_rad_s2 * period_s
+    # rate of the target plus the rate of approach
     behind = now - angle
     closing = braking_rate(np.abs(behind), limits.acceleration_rad_s2, period_s)
     wanted = (then - now) / period_s + np.copysign(closing, behind)
-    # what can be reached in one period, then what the stops permit: see the module's text
+    # First the bound of the stops, then the limits of acceleration and rate. The second cannot
+    # violate the first: the old rate obeyed the bound of the old distance.
     wanted = np.clip(
         wanted,
         -braking_rate(angle - limits.lower_rad, limits.acceleration_rad_s2, period_s),
@@ -131,23 +135,23 @@ def advance(
 def follow(
     targets_rad: Array, period_s: float, limits: AxisLimits, start: AxisState | None = None
 ) -> tuple[Array, Array]:
-    """Follow a whole course of targets.
+    """Follow a sequence of targets.
 
     Parameters
     ----------
     targets_rad : ndarray, shape (K,) or (K, N)
-        One period apart.
+        Targets, one period apart.
     period_s : float
-        Between targets.
+        Interval between targets.
     limits : AxisLimits
         Stops, rate and acceleration.
     start : AxisState, optional
-        At the first target's time; at rest on the first target by default.
+        State at the time of the first target; by default at rest on it.
 
     Returns
     -------
     angle_rad, rate_rad_s : ndarray, shape of `targets_rad`
-        Angles at the targets' times, and the rates of the periods that end then.
+        Angles at the times of the targets, and rates of the periods that end then.
 
     Raises
     ------

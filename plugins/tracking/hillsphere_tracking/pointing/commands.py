@@ -1,8 +1,8 @@
-"""Commands to the axes, sample by sample or for a whole pass.
+"""Commands to the axes of an antenna, one at a time or for a whole pass.
 
-A step of the stream takes the newest prediction, interpolates it to now and to one period on, looks
-beside it if a search is under way, lets the plan say which axis angles are meant, and moves the
-axes as far towards them as their limits allow.
+Each step interpolates the newest prediction to the present and to one period later, adds the offset
+of a search, converts the direction to axis angles by the plan of the pass, and moves the axes
+towards these angles within their limits.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from hillsphere_tracking.topocentric import direction_cosines
 __all__ = ["Beside", "Commands", "PointingState", "advance_pointing", "begin", "command_pass"]
 
 Beside: TypeAlias = Callable[[Array], tuple[Array, Array]]
-"""Arcs to the right and up, rad, at times, s, by which to look beside the prediction."""
+"""Search offset: function of times (s) that returns arcs (rad) to the right and up."""
 
 
 @dataclass(frozen=True)
 class PointingState:
-    """Where the antenna has been sent.
+    """Last command of an antenna.
 
     Parameters
     ----------
     time_s : float
-        For when the axis angles are meant.
+        Time for which the command is meant.
     primary, secondary : AxisState
-        Of both axes, for one case.
+        States of both axes, one case.
     """
 
     time_s: float
@@ -51,11 +51,11 @@ class Commands:
     Parameters
     ----------
     times_s : ndarray, shape (N,)
-        One period apart.
+        Times of the commands, one period apart.
     primary_rad, secondary_rad : ndarray, shape (N,)
-        Axis angles: within the stops, the rates and the accelerations.
+        Axis angles within the limits of stops, rate and acceleration.
     error_rad : ndarray, shape (N,)
-        Angle on the sky between the commands and what they were to point at.
+        Angle on the sky between the commanded and the desired direction.
     """
 
     times_s: Array
@@ -70,21 +70,21 @@ def begin(plan: PassPlan, time_s: float, primary_rad: float, secondary_rad: floa
     Parameters
     ----------
     plan : PassPlan
-        To be followed.
+        Plan of the pass.
     time_s : float
-        Now.
+        Present time.
     primary_rad, secondary_rad : float
-        Where its axes stand.
+        Angles of the axes.
 
     Returns
     -------
     PointingState
-        At rest there.
+        State at rest at these angles.
 
     Raises
     ------
     InputError
-        If an axis stands beyond its stops.
+        If an axis is beyond its stops.
     """
     for name, angle, limits in (
         ("primary", primary_rad, plan.mount.primary),
@@ -92,7 +92,7 @@ def begin(plan: PassPlan, time_s: float, primary_rad: float, secondary_rad: floa
     ):
         if not limits.lower_rad <= angle <= limits.upper_rad:
             raise InputError(
-                f"the {name} axis stands at {np.degrees(angle):.6g}°, beyond its stops at"
+                f"the {name} axis is at {np.degrees(angle):.6g}°, beyond its stops at"
                 f" {np.degrees(limits.lower_rad):g}° and {np.degrees(limits.upper_rad):g}°;"
                 " correct the limits, or move the axis by hand"
             )
@@ -111,26 +111,26 @@ def advance_pointing(
     Parameters
     ----------
     plan : PassPlan
-        Turn, flips and ramps.
+        Plan of the pass: turn, flips and ramps.
     state : PointingState
-        The command before.
+        The previous command.
     prediction : tuple of three ndarray, shape (K,)
         Times, azimuths and elevations, s and rad, from `state.time_s` or before to one period later
         or beyond.
     period_s : float
-        Between commands, the same at every call.
+        Interval between commands, equal in all calls.
     beside : callable, optional
-        Where to look beside the prediction: `search.Search.at`.
+        Search offsets beside the prediction, see `search.Search.at`.
 
     Returns
     -------
     PointingState
-        One period on.
+        The command one period later.
 
     Raises
     ------
     InputError
-        If the prediction does not reach so far, or the period is not positive.
+        If the prediction does not cover the period, or the period is not positive.
     """
     at = state.time_s + np.array([0.0, period_s])
     azimuth, elevation = smooth(*prediction, at)
@@ -151,23 +151,23 @@ def command_pass(
     period_s: float,
     beside: Beside | None = None,
 ) -> Commands:
-    """Return all commands of a prediction; the antenna waits at its beginning.
+    """Return the commands of a whole prediction; the antenna begins at rest on the first one.
 
     Parameters
     ----------
     plan : PassPlan
-        Turn, flips and ramps.
+        Plan of the pass: turn, flips and ramps.
     prediction : tuple of three ndarray, shape (K,)
         Times, azimuths and elevations, s and rad.
     period_s : float
-        Between commands.
+        Interval between commands.
     beside : callable, optional
-        Where to look beside the prediction: `search.Search.at`.
+        Search offsets beside the prediction, see `search.Search.at`.
 
     Returns
     -------
     Commands
-        From the first predicted time to the last.
+        Commands from the first predicted time to the last.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Figures of pointing: angles and rates of the axes, errors, paths near the keyhole."""
+"""Figures of the stage ``pointing``: axis angles and rates, errors, paths near the keyhole."""
 
 from __future__ import annotations
 
@@ -20,14 +20,17 @@ __all__ = ["draw_axes", "draw_errors", "draw_errors_by_culmination", "draw_keyho
 
 _PLANNED, _NAIVE, _LIMIT = PALETTE["blue"], PALETTE["vermillion"], "#777777"
 _FLOOR_DEG = 1e-4
-"""Errors below are drawn here: no antenna points better."""
+"""Smaller errors (deg) are drawn here: no antenna points better."""
 _SECOND_S = 1.0
+"""Interval (s) of which the largest error is drawn: errors swing between predictions, which come
+about once a second."""
 _TIES = 24
+"""Lines that join satellite and beam at the same instants; with more they merge into an area."""
 _AXIS_NAMES = {"azimuth_elevation": ("azimuth", "elevation"), "x_y": ("X", "Y")}
 
 
 def draw_axes(figure: Figure, product: Pointing, mount: int, chosen: int) -> None:
-    """Draw angles and rates of both axes during one pass, with stops and largest rates."""
+    """Draw angles and rates of both axes during one pass, with their limits."""
     n = product.count[chosen]
     t = product.period_s * np.arange(n)
     grid = figure.subplots(2, 2, sharex=True, squeeze=False)
@@ -66,12 +69,12 @@ def draw_axes(figure: Figure, product: Pointing, mount: int, chosen: int) -> Non
 
 
 def draw_errors(figure: Figure, product: Pointing) -> None:
-    """Draw the error during the telling pass of each mount, planned and naive."""
+    """Draw the error of each mount over time, in its most demanding pass (`telling_pass`)."""
     panels = figure.subplots(len(product.mounts), 1, squeeze=False)[:, 0]
     for mount, axes in enumerate(panels):
         chosen = product.telling_pass(mount)
         n = product.count[chosen]
-        # errors between predictions swing up and down every second: drawn is the largest in each
+        # Errors oscillate between predictions, every second: draw the largest of each second.
         first = np.arange(0, n, max(round(_SECOND_S / product.period_s), 1))
         t = product.period_s * first
         for error, colour, style, label in (
@@ -79,8 +82,8 @@ def draw_errors(figure: Figure, product: Pointing) -> None:
             (product.error_rad, _PLANNED, "-", "planned"),
         ):
             largest = np.maximum.reduceat(np.degrees(error[:n, chosen, mount]), first)
-            seen = np.maximum(largest, _FLOOR_DEG)
-            axes.semilogy(t, seen, color=colour, ls=style, label=label, lw=1.3)
+            drawn = np.maximum(largest, _FLOOR_DEG)
+            axes.semilogy(t, drawn, color=colour, ls=style, label=label, lw=1.3)
         _mark_lock(axes, product)
         axes.set_ylim(0.4 * _FLOOR_DEG, 250.0)
         axes.set_ylabel("error (deg)")
@@ -90,7 +93,7 @@ def draw_errors(figure: Figure, product: Pointing) -> None:
 
 
 def draw_errors_by_culmination(figure: Figure, product: Pointing) -> None:
-    """Draw the largest error of every pass over its highest elevation."""
+    """Draw the largest error of every pass against its highest elevation."""
     axes = figure.add_subplot()
     colours = list(PALETTE.values())
     top = np.degrees(product.elevation_max_rad)
@@ -114,7 +117,7 @@ def draw_errors_by_culmination(figure: Figure, product: Pointing) -> None:
 
 
 def draw_keyholes(figure: Figure, product: Pointing) -> None:
-    """Draw satellite and beam around the keyhole that the telling pass of each mount is nearest."""
+    """Draw satellite and beam near the keyhole of each mount, in its most demanding pass."""
     count = len(product.mounts)
     columns = min(2, count)
     grid = figure.subplots(ceil(count / columns), columns, squeeze=False)
@@ -134,12 +137,12 @@ def _draw_keyhole(axes: Axes, product: Pointing, mount: int, chosen: int) -> Non
     )
     distance = product.keyhole_distance(mount)[:n, chosen]
     nearest = int(np.argmin(distance))
-    # an X/Y mount has a keyhole at either end of its X axis
+    # An X/Y mount has a keyhole at each end of its X axis; take the nearer one.
     end = 1.0 if frame[2] @ satellite[:, nearest] >= 0.0 else -1.0
     turned = np.array([frame[0], end * frame[1], end * frame[2]])
 
-    def seen(direction: Array) -> Array:
-        """Return degrees to the right of the keyhole and above it, distances kept."""
+    def project(direction: Array) -> Array:
+        """Project directions to degrees right of the keyhole and above it (equidistant)."""
         up, right, along = turned @ direction
         across = np.hypot(up, right)
         scale = np.degrees(np.arctan2(across, along)) / np.maximum(across, 1e-300)
@@ -152,7 +155,7 @@ def _draw_keyhole(axes: Axes, product: Pointing, mount: int, chosen: int) -> Non
             (product.primary_rad, product.secondary_rad),
         )
     ]
-    target, naive, planned = seen(satellite), seen(beams[0]), seen(beams[1])
+    target, naive, planned = project(satellite), project(beams[0]), project(beams[1])
     near = np.degrees(distance[nearest])
     missed = np.degrees(np.max(product.error_rad[:n, chosen, mount][np.degrees(distance) < 45.0],
                                initial=0.0))  # fmt: skip

@@ -1,4 +1,4 @@
-"""Passes followed with a plan and without: the commands to the axes, and what the beam misses."""
+"""Axis motion of mounts that follow passes, with a plan and without (naive)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Course:
     Parameters
     ----------
     primary_rad, secondary_rad : ndarray, shape (K,)
-        One period apart.
+        Angles, one period apart.
     """
 
     primary_rad: Array
@@ -30,51 +30,52 @@ class Course:
 
 
 def naive_course(direction: Array, mount: Mount, start_rad: float | None = None) -> Course:
-    """Return where an antenna without a plan sends its axes.
+    """Return the commands of an antenna without a plan.
 
-    The primary goes the short way round from one command to the next. At a stop it rewinds by a
-    whole turn if that leads to the target, else it waits. Nothing is flipped.
+    The primary axis takes the shorter way from one command to the next. At a stop it rewinds by a
+    full turn if the target is then within reach, else it waits. The mount is never flipped.
 
     Parameters
     ----------
     direction : ndarray, shape (3, K)
-        Unit vectors east, north, up to follow.
+        Unit vectors east, north, up of the target.
     mount : Mount
-        Whose stops matter.
+        The mount, with its stops.
     start_rad : float, optional
         The primary begins on the turn nearest to this angle; by default to the middle of its stops.
 
     Returns
     -------
     Course
-        What the axes are told; they may be too slow for it.
+        Commanded angles, which may exceed the rates of the axes.
     """
     plain, secondary = mount.on_target(direction)
     low, high = mount.primary.lower_rad, mount.primary.upper_rad
     start = 0.5 * (low + high) if start_rad is None else start_rad
+    # the shorter way between commands, from the turn nearest to the start
     course = np.unwrap(plain)
     course += 2.0 * pi * np.rint((start - course[0]) / (2.0 * pi))
     return Course(_within_stops(course, low, high), secondary)
 
 
 def follow_courses(courses: Sequence[Course], mount: Mount, period_s: float) -> tuple[Course, ...]:
-    """Return how a mount's axes follow courses within their limits.
+    """Follow commanded courses within the limits of a mount's axes.
 
     Parameters
     ----------
     courses : sequence of Course
-        Each begins with the axes at rest where it begins.
+        Commanded angles; the axes begin at rest on the first command of each course.
     mount : Mount
-        With the limits of its axes.
+        The mount, with the limits of its axes.
     period_s : float
-        Between the commands of a course.
+        Interval between the commands of a course.
 
     Returns
     -------
     tuple of Course
-        Of the same lengths.
+        Angles of the axes, with the lengths of the commanded courses.
     """
-    # all at once, the shorter ones waiting at their ends: the loop over time is what costs
+    # All courses at once, since the loop over time costs most; shorter ones wait at their ends.
     longest = max(course.primary_rad.size for course in courses)
 
     def together(angles: list[Array]) -> Array:
@@ -93,7 +94,7 @@ def follow_courses(courses: Sequence[Course], mount: Mount, period_s: float) -> 
 
 
 def _within_stops(course: Array, low: float, high: float) -> Array:
-    """Return a course without jumps, rewound where it meets a stop."""
+    """Return a continuous course that is rewound by a full turn where it meets a stop."""
     course = course.copy()
     k = 0
     while True:

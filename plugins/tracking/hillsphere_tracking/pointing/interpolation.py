@@ -1,9 +1,11 @@
-"""Predictions about once per second, filled up to the rate of smooth commands.
+"""Interpolation of predicted directions to the rate of the commands.
 
-Three kinds, each exact at the predictions: both angles linearly, which fails near the zenith where
-azimuth jumps; the unit vector turned evenly along great circles; and `smooth`, which commands are
-made with: cubic pieces of the unit vector, whose rate is continuous too, so that the axes are not
-jerked at every prediction.
+There are three methods, each exact at the predictions:
+
+- `linear` interpolates both angles. It fails near the zenith, where the azimuth jumps.
+- `great_circle` rotates the unit vector at a constant rate along great circles [1]_.
+- `smooth` interpolates the unit vector by cubics [2]_. Its rate is continuous, so that the axes
+  have no jerk at the predictions; the commands use it.
 
 References
 ----------
@@ -34,28 +36,29 @@ __all__ = [
 def linear(
     times_s: Array, azimuth_rad: Array, elevation_rad: Array, at_s: Array
 ) -> tuple[Array, Array]:
-    """Interpolate both angles linearly, azimuth the short way round.
+    """Interpolate both angles linearly, azimuth along the shorter way.
 
     Parameters
     ----------
     times_s : ndarray, shape (K,)
-        Of the predictions, rising, at least two.
+        Times of the predictions, in increasing order, at least two.
     azimuth_rad, elevation_rad : ndarray, shape (K,)
         Predictions.
     at_s : ndarray, shape (N,)
-        Where to, within `times_s`.
+        Times at which to interpolate, within `times_s`.
 
     Returns
     -------
     azimuth_rad, elevation_rad : ndarray, shape (N,)
-        Azimuth in [0, 2π).
+        Interpolated angles, azimuth in [0, 2π).
 
     Raises
     ------
     InputError
-        If the predictions are fewer than two, not rising or not finite, or do not reach `at_s`.
+        If there are fewer than two predictions, their times do not increase, a value is not finite,
+        or they do not cover `at_s`.
     """
-    times, azimuth, elevation, at = _checked(times_s, azimuth_rad, elevation_rad, at_s)
+    times, azimuth, elevation, at = _validate_predictions(times_s, azimuth_rad, elevation_rad, at_s)
     along = np.interp(at, times, np.unwrap(azimuth))
     return np.remainder(along, 2.0 * pi), np.interp(at, times, elevation)
 
@@ -63,16 +66,16 @@ def linear(
 def great_circle(
     times_s: Array, azimuth_rad: Array, elevation_rad: Array, at_s: Array
 ) -> tuple[Array, Array]:
-    """Turn the unit vector evenly along great circles between predictions [1]_.
+    """Interpolate the unit vector along great circles at a constant rate [1]_.
 
     Parameters
     ----------
     times_s : ndarray, shape (K,)
-        Of the predictions, rising, at least two.
+        Times of the predictions, in increasing order, at least two.
     azimuth_rad, elevation_rad : ndarray, shape (K,)
         Predictions, neighbours less than 90° apart on the sky.
     at_s : ndarray, shape (N,)
-        Where to, within `times_s`.
+        Times at which to interpolate, within `times_s`.
 
     Returns
     -------
@@ -84,7 +87,7 @@ def great_circle(
     InputError
         As for `linear`, or if neighbours are 90° apart or more.
     """
-    times, azimuth, elevation, at = _checked(times_s, azimuth_rad, elevation_rad, at_s)
+    times, azimuth, elevation, at = _validate_predictions(times_s, azimuth_rad, elevation_rad, at_s)
     nodes = direction_cosines(azimuth, elevation)
     i = np.clip(np.searchsorted(times, at, side="right") - 1, 0, times.size - 2)
     w = (at - times[i]) / (times[i + 1] - times[i])
@@ -95,7 +98,7 @@ def great_circle(
             "predictions are 90° or more apart on the sky; predict at shorter intervals"
         )
     arc = np.arctan2(np.linalg.norm(np.cross(a, b, axis=0), axis=0), cosine)
-    # sin(wψ)/sin ψ without its hole at ψ = 0; arc < π/2 keeps the denominator above 2/π
+    # sin(wψ)/sin ψ by sinc functions, regular at ψ = 0; ψ < π/2 keeps the denominator above 2/π
     whole = np.sinc(arc / pi)
     left = (1.0 - w) * np.sinc((1.0 - w) * arc / pi) / whole
     right = w * np.sinc(w * arc / pi) / whole
@@ -105,19 +108,20 @@ def great_circle(
 def smooth(
     times_s: Array, azimuth_rad: Array, elevation_rad: Array, at_s: Array
 ) -> tuple[Array, Array]:
-    """Interpolate the unit vector by cubics whose slopes are those of parabolas [2]_.
+    """Interpolate the unit vector by Hermite cubics with slopes of parabolas (Bessel's) [2]_.
 
-    The parabola at a prediction goes through its neighbours too, so a value depends on the four
-    predictions around it only. Of two predictions a straight line is left.
+    The slope at a prediction is the slope of the parabola through it and its two neighbours. A
+    value therefore depends on the four nearest predictions only. Two predictions give a straight
+    line.
 
     Parameters
     ----------
     times_s : ndarray, shape (K,)
-        Of the predictions, rising, at least two.
+        Times of the predictions, in increasing order, at least two.
     azimuth_rad, elevation_rad : ndarray, shape (K,)
         Predictions.
     at_s : ndarray, shape (N,)
-        Where to, within `times_s`.
+        Times at which to interpolate, within `times_s`.
 
     Returns
     -------
@@ -129,12 +133,13 @@ def smooth(
     InputError
         As for `linear`.
     """
-    times, azimuth, elevation, at = _checked(times_s, azimuth_rad, elevation_rad, at_s)
+    times, azimuth, elevation, at = _validate_predictions(times_s, azimuth_rad, elevation_rad, at_s)
     nodes = direction_cosines(azimuth, elevation)
     slopes = np.gradient(nodes, times, axis=1, edge_order=2 if times.size > 2 else 1)
     i = np.clip(np.searchsorted(times, at, side="right") - 1, 0, times.size - 2)
     step = times[i + 1] - times[i]
     w = (at - times[i]) / step
+    # cubic Hermite basis in w, with v = 1 − w
     v = 1.0 - w
     return angles_of(
         v**2 * (1.0 + 2.0 * w) * nodes[:, i]
@@ -144,10 +149,10 @@ def smooth(
 
 
 def linear_error_bound(times_s: Array, azimuth_rad: Array, elevation_rad: Array) -> Array:
-    """Return by how much linear angles can miss on the sky between predictions.
+    """Return a bound of the error of `linear` on the sky between predictions.
 
-    T²/8·√((|Ä| cos h)² + ḧ²) for an interval T, with second derivatives from differences of the
-    predictions, the larger of both ends: a bound as long as they are not larger in between.
+    The bound is T²/8·√((|Ä| cos h)² + ḧ²) for an interval T. Second derivatives are differences of
+    the predictions, the larger of both ends; the bound holds unless they are larger in between.
 
     Parameters
     ----------
@@ -164,7 +169,9 @@ def linear_error_bound(times_s: Array, azimuth_rad: Array, elevation_rad: Array)
     InputError
         If the predictions are fewer than three, not rising or not finite.
     """
-    times, azimuth, elevation, _ = _checked(times_s, azimuth_rad, elevation_rad, times_s, 3)
+    times, azimuth, elevation, _ = _validate_predictions(
+        times_s, azimuth_rad, elevation_rad, times_s, 3
+    )
     level = np.cos(elevation)
     level = np.maximum(level[:-1], level[1:])
     turn = _interval_largest(np.abs(_second_derivative(times, np.unwrap(azimuth)[None])[0]))
@@ -173,10 +180,10 @@ def linear_error_bound(times_s: Array, azimuth_rad: Array, elevation_rad: Array)
 
 
 def great_circle_error_bound(times_s: Array, azimuth_rad: Array, elevation_rad: Array) -> Array:
-    """Return by how much great circles can miss on the sky between predictions.
+    """Return a bound of the error of `great_circle` on the sky between predictions.
 
-    T²/8·|ü_t|, with the part of the unit vector's second derivative along the sky; that towards the
-    station, which only bends the path around the sphere, costs nothing.
+    The bound is T²/8·|ü_t| with the tangential part of the unit vector's second derivative. The
+    radial part only bends the path along the sphere and causes no error.
 
     Parameters
     ----------
@@ -193,21 +200,25 @@ def great_circle_error_bound(times_s: Array, azimuth_rad: Array, elevation_rad: 
     InputError
         If the predictions are fewer than three, not rising or not finite.
     """
-    times, azimuth, elevation, _ = _checked(times_s, azimuth_rad, elevation_rad, times_s, 3)
+    times, azimuth, elevation, _ = _validate_predictions(
+        times_s, azimuth_rad, elevation_rad, times_s, 3
+    )
     nodes = direction_cosines(azimuth, elevation)
     bend = _second_derivative(times, nodes)
     inner = nodes[:, 1:-1]
+    # remove the radial part
     bend = bend - inner * np.einsum("ij,ij->j", inner, bend)
     size = np.linalg.norm(bend, axis=0)
     return np.asarray(np.diff(times) ** 2 / 8.0 * _interval_largest(size))
 
 
 def smooth_error_bound(times_s: Array, azimuth_rad: Array, elevation_rad: Array) -> Array:
-    """Return by how much `smooth` can miss on the sky between predictions.
+    """Return a bound of the error of `smooth` on the sky between predictions.
 
-    T³/24·|u⃛| for an interval T: the slope of a parabola through three predictions is off by
-    T²/6·|u⃛|, and slopes count by T/4 at most. At both ends of the predictions it is twice that. The
-    third derivative is that of differences, the largest of an interval and its neighbours.
+    The bound is T³/24·|u⃛| for an interval T: the slope of a parabola through three predictions has
+    an error of T²/6·|u⃛|, and slopes enter the cubic with factors up to T/4. The bound is twice as
+    large in the first and the last interval, where the parabola is one-sided. The third derivative
+    is a difference of the predictions, the largest of an interval and its neighbours.
 
     Parameters
     ----------
@@ -224,9 +235,11 @@ def smooth_error_bound(times_s: Array, azimuth_rad: Array, elevation_rad: Array)
     InputError
         If the predictions are fewer than four, not rising or not finite.
     """
-    times, azimuth, elevation, _ = _checked(times_s, azimuth_rad, elevation_rad, times_s, 4)
+    times, azimuth, elevation, _ = _validate_predictions(
+        times_s, azimuth_rad, elevation_rad, times_s, 4
+    )
     bend = _second_derivative(times, direction_cosines(azimuth, elevation))
-    # of the inner intervals, between the bends at both their ends
+    # third derivative of each inner interval, from the second derivatives at its ends
     jerk = np.linalg.norm(np.diff(bend, axis=1) / np.diff(times[1:-1]), axis=0)
     near = np.concatenate([jerk[:1], jerk[:1], jerk, jerk[-1:], jerk[-1:]])
     largest = np.maximum(np.maximum(near[:-2], near[1:-1]), near[2:])
@@ -242,12 +255,12 @@ def _second_derivative(times: Array, values: Array) -> Array:
 
 
 def _interval_largest(inner: Array) -> Array:
-    """Return the larger of both ends' values, (K - 1,), from those of the inner nodes, (K - 2,)."""
+    """Return the larger value of both ends of each interval (K − 1,), from inner nodes (K − 2,)."""
     ends = np.concatenate([inner[:1], inner, inner[-1:]])
     return np.asarray(np.maximum(ends[:-1], ends[1:]))
 
 
-def _checked(
+def _validate_predictions(
     times_s: Array, azimuth_rad: Array, elevation_rad: Array, at_s: Array, least: int = 2
 ) -> tuple[Array, Array, Array, NDArray[np.float64]]:
     times, azimuth, elevation, at = (
@@ -267,7 +280,7 @@ def _checked(
             f"predictions must be in order of time, got {times[first]:g} s before"
             f" {times[first + 1]:g} s"
         )
-    # times counted up in steps miss the ends by rounding
+    # Times that are multiples of a step exceed the ends by rounding.
     inside = np.clip(at, times[0], times[-1])
     if np.any(np.abs(at - inside) > 1e-6 * (times[1] - times[0])):
         raise InputError(

@@ -1,9 +1,9 @@
-"""Two-axis antenna mounts: from directions to the angles of their axes, and back.
+"""Two-axis antenna mounts: conversion between directions and axis angles.
 
-Every mount here has a primary axis fixed to the ground and a secondary one that it carries, at a
-right angle. An azimuth-elevation mount's primary axis is upright; an X/Y mount's lies level; a
-tilted one leans. They differ only in where the primary axis points, and with it their keyhole: the
-direction along the primary axis, near which the primary has to turn fast.
+Every mount has a primary axis fixed to the ground, which carries the secondary axis at a right
+angle. The primary axis is vertical for an azimuth-elevation mount, horizontal for an X/Y mount, and
+inclined for a tilted mount. The direction along the primary axis is the keyhole of the mount: the
+primary axis must turn fast near it.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ __all__ = ["AxisLimits", "Mount", "azimuth_elevation", "mount_of", "x_y"]
 
 @dataclass(frozen=True)
 class AxisLimits:
-    """Where an axis can go and how it can move.
+    """Stops, largest rate and largest acceleration of an axis.
 
     Parameters
     ----------
     lower_rad, upper_rad : float
-        Stops. More than a turn apart they overlap: the same direction has two angles.
+        Stops. If they are more than a turn apart, some directions have two angles.
     rate_rad_s, acceleration_rad_s2 : float
-        Largest magnitudes.
+        Largest rate and acceleration in either direction.
 
     Raises
     ------
     InputError
-        If the stops are not in order, a limit is not positive, or anything is not finite.
+        If the stops are not in order, a limit is not positive, or a value is not finite.
     """
 
     lower_rad: float
@@ -66,11 +66,11 @@ class Mount:
     Parameters
     ----------
     axes : ndarray, shape (3, 3)
-        Rows, along east, north, up: where the beam points with both axes at 0; where with the
-        primary at 90°; along the primary axis (secondary at 90°).
+        Rows with components east, north, up: beam with both axes at 0; beam with the primary at
+        90°; direction of the primary axis (secondary at 90°).
     primary, secondary : AxisLimits
-        Of the axes. A secondary that goes beyond 90° can also reach directions over the top
-        (flipped, "plunge").
+        Limits of the axes. A secondary axis that reaches beyond 90° permits flipped operation
+        ("plunge"): the beam goes over the top.
 
     Raises
     ------
@@ -90,13 +90,13 @@ class Mount:
 
     @property
     def plunges(self) -> bool:
-        """Whether the secondary axis goes noticeably beyond 90°."""
+        """Whether the secondary axis reaches beyond 90° by more than rounding."""
         return self.secondary.upper_rad > 0.5 * pi + 1e-6
 
     def on_target(self, direction: Array) -> tuple[Array, Array]:
-        """Return the plain axis angles of directions, stops left out.
+        """Return the axis angles of directions, without regard to the stops.
 
-        Adding a half-turn to the primary and taking the secondary from π gives the flipped ones.
+        The flipped solution has the primary angle plus π, and π minus the secondary angle.
 
         Parameters
         ----------
@@ -106,20 +106,20 @@ class Mount:
         Returns
         -------
         primary_rad, secondary_rad : ndarray, shape (...)
-            In [−π, π] and [−π/2, π/2].
+            Axis angles in [−π, π] and [−π/2, π/2].
         """
         x, y, z = np.tensordot(self.axes, direction, axes=1)
         return np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
 
     def secondary_for(self, direction: Array, primary_rad: Array) -> Array:
-        """Return the secondary angle, within its stops, that brings the beam closest.
+        """Return the secondary angle within its stops that brings the beam closest to a direction.
 
         Parameters
         ----------
         direction : ndarray, shape (3, ...)
             Unit vectors east, north, up.
         primary_rad : ndarray, shape (...)
-            Where the primary axis stands.
+            Angle of the primary axis.
 
         Returns
         -------
@@ -129,13 +129,13 @@ class Mount:
         x, y, z = np.tensordot(self.axes, direction, axes=1)
         free = np.arctan2(z, x * np.cos(primary_rad) + y * np.sin(primary_rad))
         low, high = self.secondary.lower_rad, self.secondary.upper_rad
-        # within the stops if at all possible, else at the stop that is nearer around the circle
+        # Wrap about the middle of the stops: beyond them the nearer stop on the circle is taken.
         middle = 0.5 * (low + high)
         around = middle + np.remainder(free - middle + pi, 2.0 * pi) - pi
         return np.asarray(np.clip(around, low, high))
 
     def direction(self, primary_rad: Array, secondary_rad: Array) -> Array:
-        """Return the unit vectors east, north, up in which the beam points, shape (3, ...).
+        """Return the unit vectors east, north, up of the beam, shape (3, ...).
 
         Parameters
         ----------
@@ -149,7 +149,7 @@ class Mount:
         return np.asarray(np.tensordot(np.transpose(self.axes), along, axes=1))
 
     def error(self, direction: Array, primary_rad: Array, secondary_rad: Array) -> Array:
-        """Return by how much the beam misses directions, rad, shape (...).
+        """Return the angle between the beam and given directions, rad, shape (...).
 
         Parameters
         ----------
@@ -167,55 +167,55 @@ def azimuth_elevation(
     tilt_rad: float = 0.0,
     tilt_towards_rad: float = 0.0,
 ) -> Mount:
-    """Return an azimuth-elevation mount; azimuth counts from north eastwards.
+    """Return an azimuth-elevation mount; azimuth is measured from north eastwards.
 
     Parameters
     ----------
     primary, secondary : AxisLimits
-        Of azimuth and elevation.
+        Limits of azimuth and elevation.
     tilt_rad, tilt_towards_rad : float
-        By how much the azimuth axis leans, and the azimuth towards which it does: a mount may be
-        tilted so that a pass through the zenith misses its keyhole.
+        Tilt of the azimuth axis, and azimuth of the tilt. A tilted mount has its keyhole away from
+        the zenith.
 
     Returns
     -------
     Mount
-        With its keyhole at the zenith, or at the tilted axis.
+        Mount with its keyhole at the zenith, or along the tilted axis.
     """
     c, s = cos(tilt_rad), sin(tilt_rad)
     ce, se = cos(tilt_towards_rad), sin(tilt_towards_rad)
     towards, aside = np.array([se, ce, 0.0]), np.array([ce, -se, 0.0])
     up = np.array([0.0, 0.0, 1.0])
-    # the level axis at a right angle to the lean stays; azimuth still counts as if from north
+    # The tilt is a rotation about the horizontal axis `aside`; azimuth 0 remains nearest to north.
     leaning, pole = c * towards - s * up, c * up + s * towards
     return Mount(np.array([ce * leaning - se * aside, se * leaning + ce * aside, pole]),
                  primary, secondary)  # fmt: skip
 
 
 def x_y(primary: AxisLimits, secondary: AxisLimits, axis_azimuth_rad: float = 0.0) -> Mount:
-    """Return an X/Y mount: the X axis lies level, and carries the Y axis.
+    """Return an X/Y mount: the X axis is horizontal and carries the Y axis.
 
-    Both angles are 0 at the zenith. X leans the beam to the right of the X axis's direction
-    (towards the east for an axis that points north), Y towards it.
+    Both angles are 0 at the zenith. A positive X moves the beam to the right of the X axis's
+    direction (eastwards if the axis points north), a positive Y towards that direction.
 
     Parameters
     ----------
     primary, secondary : AxisLimits
-        Of X and Y.
+        Limits of X and Y.
     axis_azimuth_rad : float
         Azimuth of the X axis.
 
     Returns
     -------
     Mount
-        With keyholes on the horizon, at both ends of the X axis.
+        Mount with keyholes on the horizon, at both ends of the X axis.
     """
     c, s = cos(axis_azimuth_rad), sin(axis_azimuth_rad)
     return Mount(np.array([[0.0, 0.0, 1.0], [c, -s, 0.0], [s, c, 0.0]]), primary, secondary)
 
 
 def mount_of(spec: MountSpec) -> Mount:
-    """Return the mount that a mission describes."""
+    """Return the mount that a Spec describes."""
     primary, secondary = _limits_of(spec.primary), _limits_of(spec.secondary)
     if spec.kind == "x_y":
         return x_y(primary, secondary, spec.axis_azimuth_rad)

@@ -1,12 +1,12 @@
-"""A pass as it was tracked, kept as a table: measured, predicted, commanded, and when.
+"""Pass log: table of the measured, commanded and predicted angles of a tracked pass.
 
-One line per measurement or command, in order of time, in degrees (here shortened)::
+The CSV file has one line per measurement or command, in order of time, in degrees (shortened)::
 
     utc,azimuth_deg,elevation_deg,sigma_deg,locked,commanded_…,commanded_…,predicted_…,predicted_…
     2027-06-01T12:30:00.000000,284.031369,5.048786,0.05,1,284.03,5.05,284.03,5.05
     2027-06-01T12:30:01.000000,,,,0,284.05,5.07,284.05,5.07
 
-What does not exist is left empty: angles without lock, commands of a station that only listens.
+Missing values are empty: angles without lock, commands of a station that only receives.
 """
 
 from __future__ import annotations
@@ -36,27 +36,28 @@ _COLUMNS = (
 
 @dataclass(frozen=True, eq=False)
 class PassLog:
-    """A pass as it was tracked.
+    """Log of a tracked pass.
 
     Parameters
     ----------
     epoch : Epoch
-        UTC, from which times count.
+        Origin of the times, UTC.
     times_s : ndarray, shape (K,)
-        Rising.
+        Times in increasing order.
     azimuth_rad, elevation_rad, sigma_rad : ndarray, shape (K,)
-        Measured angles and their standard deviation; NaN where there is none, but never with lock.
+        Measured angles and their standard deviation; finite wherever `locked` is true, else NaN if
+        nothing was measured.
     locked : ndarray of bool, shape (K,)
-        Whether the signal was tracked.
+        Whether the receiver had the signal.
     commanded_azimuth_rad, commanded_elevation_rad : ndarray, shape (K,)
-        Where its beam was sent; NaN where unknown.
+        Commanded direction of the beam; NaN if unknown.
     predicted_azimuth_rad, predicted_elevation_rad : ndarray, shape (K,)
-        Where the satellite was expected at that time; NaN where unknown.
+        Predicted direction of the satellite; NaN if unknown.
 
     Raises
     ------
     InputError
-        If the shapes differ, times do not rise, or a measurement with lock is not finite.
+        If the shapes differ, times do not increase, or a measurement with lock is not finite.
     """
 
     epoch: Epoch
@@ -78,9 +79,11 @@ class PassLog:
         )  # fmt: skip
         shapes = {np.shape(column) for column in columns}
         if len(shapes) != 1 or np.ndim(self.times_s) != 1:
-            raise InputError(f"the columns of a pass log must be alike, got {sorted(shapes)}")
+            raise InputError(
+                f"the columns of a pass log must have the same shape (K,), got {sorted(shapes)}"
+            )
         if not (np.isfinite(self.times_s).all() and np.all(np.diff(self.times_s) > 0.0)):
-            raise InputError("the times of a pass log must be finite and rise")
+            raise InputError("the times of a pass log must be finite and increase")
         tracked = np.array([self.azimuth_rad, self.elevation_rad, self.sigma_rad])[:, self.locked]
         if not (np.isfinite(tracked).all() and np.all(tracked[2] > 0.0)):
             raise InputError(
@@ -89,19 +92,19 @@ class PassLog:
 
 
 def write_pass_log(path: Path, log: PassLog) -> None:
-    """Write a pass log; the file is whole or not there.
+    """Write a pass log; the file appears complete or not at all.
 
     Parameters
     ----------
     path : Path
-        Its directory exists.
+        The file, in an existing directory.
     log : PassLog
-        Times are kept to 1 µs, angles to 1e-9°.
+        The log; times are written to 1 µs, angles to 1e-9°.
 
     Raises
     ------
     OSError
-        If it cannot be written.
+        If the file cannot be written.
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -129,17 +132,17 @@ def read_pass_log(path: Path) -> PassLog:
     Parameters
     ----------
     path : Path
-        File as `write_pass_log` makes it.
+        File written by `write_pass_log`.
 
     Returns
     -------
     PassLog
-        Its epoch is the first line's time.
+        Log whose epoch is the time of the first line.
 
     Raises
     ------
     InputError
-        If it cannot be read, or a line is not as it should be: with file and line.
+        If the file cannot be read, or a line is invalid; the message names file and line.
     """
     try:
         text = read_text(path)
@@ -148,7 +151,7 @@ def read_pass_log(path: Path) -> PassLog:
     try:
         lines = list(csv.reader(text.splitlines()))
     except csv.Error as error:
-        raise InputError(f"{path}: is no table of a pass log: {error}") from None
+        raise InputError(f"{path}: not the CSV table of a pass log: {error}") from None
     if not lines or tuple(lines[0]) != _COLUMNS:
         raise InputError(f"{path}:1: a pass log begins with the line {','.join(_COLUMNS)}")
     if len(lines) < 2:

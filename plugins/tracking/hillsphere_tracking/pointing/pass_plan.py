@@ -1,4 +1,4 @@
-"""The plan of a pass: turn, flips, rewinds and the ramps through keyholes, before it begins."""
+"""Plan of a pass before it begins: turn, flips, rewinds and ramps through keyholes."""
 
 from __future__ import annotations
 
@@ -18,29 +18,31 @@ from hillsphere_tracking.topocentric import direction_cosines
 __all__ = ["PassPlan", "plan_pass"]
 
 _KEPT = 0.98
-"""Fraction of rate and acceleration that plans use: the rest is for corrections to them."""
+"""Fraction of rate and acceleration that a plan uses. The rest lets the axes correct deviations
+from it: with 1 a lag would never be made up, with much less the error in the keyhole grows."""
 _WORTH = 0.98
-"""A longer ramp is taken if it lowers the largest error at least to this part of it."""
+"""A ramp of twice the margin is taken if it lowers the largest error at least to this fraction.
+Nearer to 1 the ramps get long for nothing; much below, useful lengths are refused."""
 
 
 @dataclass(frozen=True, eq=False)
 class PassPlan:
-    """What the axes shall do during a pass.
+    """Planned motion of the axes during a pass.
 
     Parameters
     ----------
     mount : Mount
-        For which it was made.
+        Mount of the plan.
     times_s : ndarray, shape (K,)
-        Evenly spaced.
+        Evenly spaced times.
     primary_rad, secondary_rad : ndarray, shape (K,)
-        Axis angles, within the stops.
+        Axis angles within the stops.
     flipped : ndarray of bool, shape (K,)
-        Where the target is followed over the top.
+        Where the mount is flipped (the beam goes over the top).
     ramp : ndarray of bool, shape (K,)
-        Where the primary axis keeps to the plan instead of following the target: keyholes, rewinds.
+        Where the primary axis follows the plan instead of the target: keyholes and rewinds.
     error_rad : ndarray, shape (K,)
-        By how much the beam will miss: large where a stop or a rewind is in the way.
+        Expected error of the beam, large during rewinds and beyond stops.
     """
 
     mount: Mount
@@ -52,22 +54,22 @@ class PassPlan:
     error_rad: Array
 
     def targets(self, at_s: Array, azimuth_rad: Array, elevation_rad: Array) -> tuple[Array, Array]:
-        """Return where the axes should be for newer predictions than those of the plan.
+        """Return the axis angles for updated predictions.
 
-        Turn and flip are the plan's, as is the primary's angle on ramps; the secondary always
-        makes the best of where the primary is.
+        The plan gives the turn, the flip and the primary angle on ramps. Elsewhere the primary
+        follows the prediction; the secondary always minimises the error.
 
         Parameters
         ----------
         at_s : ndarray, shape (N,)
-            Times; before and after the plan its ends hold.
+            Times; outside the plan its first and last values hold.
         azimuth_rad, elevation_rad : ndarray, shape (N,)
-            Predictions for them.
+            Predictions at these times.
 
         Returns
         -------
         primary_rad, secondary_rad : ndarray, shape (N,)
-            Axis angles, within the stops.
+            Axis angles within the stops.
         """
         direction = direction_cosines(azimuth_rad, elevation_rad)
         planned = np.interp(at_s, self.times_s, self.primary_rad)
@@ -75,6 +77,7 @@ class PassPlan:
         i = np.rint((np.asarray(at_s) - self.times_s[0]) / step).astype(np.int64)
         i = np.clip(i, 0, self.times_s.size - 1)
         plain, _ = self.mount.on_target(direction)
+        # on the side of the plan (flipped or not), on the turn nearest to the plan
         turned = plain + np.where(self.flipped[i], pi, 0.0)
         on_target = turned + 2.0 * pi * np.rint((planned - turned) / (2.0 * pi))
         limits = self.mount.primary
@@ -96,24 +99,24 @@ def plan_pass(
     Parameters
     ----------
     times_s : ndarray, shape (K,)
-        Evenly spaced, as close as the commands (0.1 s, say), K ≥ 8.
+        Evenly spaced times with the period of the commands (such as 0.1 s), K ≥ 8.
     azimuth_rad, elevation_rad : ndarray, shape (K,)
-        Where the satellite will be.
+        Predicted directions of the satellite.
     mount : Mount
-        Its axes and their limits.
+        Axes of the mount and their limits.
     start_rad : float, optional
-        Where the primary axis stands before the pass; it decides between turns that serve the pass
-        equally. The axis is taken to be where the plan begins in time.
+        Primary angle before the pass, which decides between turns of equal error. The axis is
+        assumed to reach the beginning of the plan in time.
 
     Returns
     -------
     PassPlan
-        Its `error_rad` says what the limits will cost.
+        Plan; `error_rad` is the error that the limits cause.
 
     Raises
     ------
     InputError
-        If the times are fewer than eight or not evenly spaced, or the shapes differ.
+        If there are fewer than eight times, they are not evenly spaced, or the shapes differ.
     """
     times = np.asarray(times_s, dtype=float)
     if (
@@ -131,17 +134,17 @@ def plan_pass(
     direction = direction_cosines(azimuth_rad, elevation_rad)
     if not np.isfinite(direction).all():
         raise InputError("a plan needs finite angles, got nan or inf")
-    plan = _planned(times, direction, mount, start_rad)
+    plan = _make_plan(times, direction, mount, start_rad)
     if plan.flipped.any():
-        # the route's loss is nearly, not quite, the largest error: see what going upright costs
+        # The loss of the route only approximates the largest error: compare with an upright plan.
         secondary = replace(mount.secondary, upper_rad=0.5 * pi)
-        upright = _planned(times, direction, replace(mount, secondary=secondary), start_rad)
+        upright = _make_plan(times, direction, replace(mount, secondary=secondary), start_rad)
         if upright.error_rad.max() <= plan.error_rad.max():
             return replace(upright, mount=mount)
     return plan
 
 
-def _planned(times: Array, direction: Array, mount: Mount, start_rad: float | None) -> PassPlan:
+def _make_plan(times: Array, direction: Array, mount: Mount, start_rad: float | None) -> PassPlan:
     limits = mount.primary
     route = coarse_route(times, direction, mount, start_rad)
     reference, flipped = on_target_angles(direction, mount, route)
@@ -157,7 +160,7 @@ def _planned(times: Array, direction: Array, mount: Mount, start_rad: float | No
 def _with_ramps(
     times: Array, reference: Array, distance: Array, limits: AxisLimits
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the primary's course, on target but for ramps, and where those are."""
+    """Return the course of the primary axis, on target except on ramps, and where the ramps are."""
     kept = AxisLimits(
         limits.lower_rad,
         limits.upper_rad,
@@ -165,27 +168,31 @@ def _with_ramps(
         _KEPT * limits.acceleration_rad_s2,
     )
     within = np.clip(reference, limits.lower_rad, limits.upper_rad)
-    spans = _excesses(within, times, kept)
+    spans = _fast_stretches(within, times, kept)
     ramps: list[tuple[int, slice, Array]] = []  # with the first index of the excess
     while spans:
         first, last = spans.pop(0)
-        part, found = _widest_worth(times, reference, distance, kept, first, last)
-        if spans and spans[0][0] < part.stop:  # too close to the next, or to the one before
+        part, ramp_found = _extend_ramp(times, reference, distance, kept, first, last)
+        # A ramp that overlaps the next stretch, or the previous ramp, is planned anew for both.
+        if spans and spans[0][0] < part.stop:
             spans[0] = (first, spans[0][1])
         elif ramps and part.start < ramps[-1][1].stop:
             spans.insert(0, (ramps.pop()[0], last))
         else:
-            ramps.append((first, part, found.primary_rad))
+            ramps.append((first, part, ramp_found.primary_rad))
     course, ramp = within, np.zeros(times.size, dtype=bool)
     for _, part, angles in ramps:
         course[part], ramp[part] = angles, True
     return course, ramp
 
 
-def _widest_worth(
+def _extend_ramp(
     times: Array, reference: Array, distance: Array, limits: AxisLimits, first: int, last: int
 ) -> tuple[slice, Ramp]:
-    """Return the ramp over an excess, begun earlier and ended later as long as that helps."""
+    """Return the ramp over a fast stretch, its margins doubled while that lowers the error.
+
+    The first margin is the time to accelerate plus half the time for the swing of the angle.
+    """
     step = float(times[1] - times[0])
     run = limits.rate_rad_s / limits.acceleration_rad_s2
     swing = float(np.ptp(reference[first : last + 1]))
@@ -194,30 +201,30 @@ def _widest_worth(
     while True:
         part = slice(max(first - margin, 0), min(last + margin + 1, times.size))
         whole = part.start == 0 and part.stop == times.size
-        found = best_ramp(
+        candidate = best_ramp(
             times[part],
             reference[part],
             distance[part],
             limits,
             (part.start > 0, part.stop < times.size),
         )
-        if found is not None:
-            if best is not None and found.error_rad > _WORTH * best[1].error_rad:
+        if candidate is not None:
+            if best is not None and candidate.error_rad > _WORTH * best[1].error_rad:
                 return best
-            best = part, found
+            best = part, candidate
         if whole:
             break
         margin *= 2
     if best is None:
         raise ConvergenceError(
-            f"no course of the primary axis was found around {times[first]:g} s; plan with a"
-            " shorter period, so that rate and acceleration can be told apart"
+            f"no course of the primary axis exists around {times[first]:g} s; plan with a shorter"
+            " period, which resolves the limits of rate and acceleration"
         )
     return best
 
 
-def _excesses(course: Array, times: Array, limits: AxisLimits) -> list[tuple[int, int]]:
-    """Return first and last index of each stretch that is too fast for the axis."""
+def _fast_stretches(course: Array, times: Array, limits: AxisLimits) -> list[tuple[int, int]]:
+    """Return the first and last index of each stretch that exceeds rate or acceleration."""
     step = float(times[1] - times[0])
     move = np.diff(course)
     fast = np.abs(move) > limits.rate_rad_s * step
@@ -229,6 +236,7 @@ def _excesses(course: Array, times: Array, limits: AxisLimits) -> list[tuple[int
     indices = np.flatnonzero(bad)
     if indices.size == 0:
         return []
+    # stretches closer than twice the time to reach full rate are one
     gap = 2 * limits.rate_rad_s / limits.acceleration_rad_s2 / step
     cuts = np.flatnonzero(np.diff(indices) > gap)
     firsts = np.concatenate([indices[:1], indices[cuts + 1]])

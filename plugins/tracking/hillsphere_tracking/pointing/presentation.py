@@ -1,14 +1,16 @@
-"""How the stage ``pointing`` shows its result: tables of errors and axis motions, figures."""
+"""Presentation of the stage ``pointing``: tables of errors and axis motions, figures."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
-from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.presentation import Figure, Metric, Presentation
+from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere.time import Epoch
 from hillsphere_tracking.pointing.figures import (
     draw_axes,
@@ -18,105 +20,49 @@ from hillsphere_tracking.pointing.figures import (
 )
 from hillsphere_tracking.pointing.products import Pointing
 
-__all__ = ["presented"]
-
-_PASS = (
-    Column("mount", "", "mount"),
-    Column("station", "", "station"),
-    Column("satellite", "", "satellite"),
-    Column("revolution", "-", "revolution"),
-)
-_ERRORS = (
-    *_PASS,
-    Column("elevation_max_deg", "deg", "highest elevation", 4),
-    Column("keyhole_distance_deg", "deg", "least distance from the keyhole", 4),
-    Column("error_max_deg", "deg", "largest error, planned", 3),
-    Column("error_max_unramped_deg", "deg", "largest error, only the turn planned", 3),
-    Column("error_max_naive_deg", "deg", "largest error, naive", 3),
-    Column("outside_s", "s", "beyond the lock angle, planned", 5),
-    Column("outside_unramped_s", "s", "beyond it, only the turn planned", 5),
-    Column("outside_naive_s", "s", "beyond it, naive", 5),
-    Column("followed", "", "kept within the lock angle"),
-)
-_AXES = (
-    *_PASS,
-    Column("begin", "", "begins, UTC"),
-    Column("primary_begin_deg", "deg", "primary at the beginning", 5),
-    Column("primary_end_deg", "deg", "primary at the end", 5),
-    Column("flipped", "", "over the top"),
-    Column("ramp_s", "s", "on ramps", 5),
-    Column("pre_slew_s", "s", "ramp begins before the keyhole", 5),
-    Column("primary_rate_on_target_deg_s", "deg/s", "primary's rate if on target", 4),
-    Column("primary_rate_max_deg_s", "deg/s", "primary's rate used", 4),
-    Column("primary_acceleration_max_deg_s2", "deg/s2", "its acceleration used", 3),
-    Column("secondary_rate_max_deg_s", "deg/s", "secondary's rate used", 4),
-    Column("secondary_acceleration_max_deg_s2", "deg/s2", "its acceleration used", 3),
-)
-_MOUNTS = (
-    Column("mount", "", "mount"),
-    Column("kind", "", "kind"),
-    *(
-        Column(f"{axis}_{name}_{unit.replace('/', '_')}", unit, f"{axis}: {label}", 5)
-        for axis in ("primary", "secondary")
-        for name, unit, label in (
-            ("lower", "deg", "lower stop"),
-            ("upper", "deg", "upper stop"),
-            ("rate_limit", "deg/s", "largest rate"),
-            ("acceleration_limit", "deg/s2", "largest acceleration"),
-        )
-    ),
-    Column("passes", "-", "passes"),
-    Column("followed", "-", "kept within the lock angle, planned"),
-    Column("followed_naive", "-", "kept within it, naive"),
-)
-_PREDICTIONS = (
-    *_PASS[1:],
-    Column("commands", "-", "commands"),
-    Column("sampling_error_deg", "deg", "course of the satellite, from half its samples", 2),
-    Column("interpolation_error_deg", "deg", "error between predictions", 2),
-    Column("interpolation_bound_deg", "deg", "its bound", 2),
-)
+__all__ = ["present_pointing"]
 
 
-def presented(product: Pointing, start: Epoch) -> Presentation:
-    """Return tables, figures and sentences of how mounts follow passes.
+def present_pointing(product: Pointing, start: Epoch) -> Presentation:
+    """Return tables, figures and verdict of mounts that follow passes.
 
     Parameters
     ----------
     product : Pointing
         Commands and errors.
     start : Epoch
-        From which its passes' times count.
+        Origin of the times of its passes.
 
     Returns
     -------
     Presentation
-        Metrics are of each mount's worst pass.
+        Presentation; the metrics describe the worst pass of each mount.
     """
     lock = np.degrees(product.lock_angle_rad)
     notes = (
-        f"Errors are angles on the sky between beam and satellite, at commands {product.period_s:g}"
-        f" s apart; the lock angle is {lock:g}°.",
-        "Planned: turn, flip, rewinds and the ramps through keyholes are chosen before the pass; a "
-        "ramp makes the largest error least, not the time beyond the lock angle. Only the turn "
-        "planned: begins on the same turn and follows each axis as fast as it can. Naive: begins "
-        "on the turn nearest to the middle of its stops, and rewinds where it meets one.",
-        "All begin at rest at the rise, on their first command.",
+        f"Errors are angles on the sky between beam and satellite, at commands every "
+        f"{product.period_s:g} s; the lock angle is {lock:g}°.",
+        "Planned: turn, flip, rewinds and ramps through keyholes are chosen before the pass. A "
+        "ramp minimises the largest error, not the time beyond the lock angle. Only the turn "
+        "planned: the axes begin on the turn of the plan and follow the target as fast as they "
+        "can. Naive: "
+        "the axes begin on the turn nearest to the middle of the stops, and rewind at a stop.",
+        "All axes begin at rest at the rise, on their first command.",
     )
     tables = {
-        "pointing_mounts": Table("Mounts", _MOUNTS, _mount_rows(product)),
-        "pointing_errors": Table("Errors of pointing", _ERRORS, _error_rows(product), notes),
-        "pointing_axes": Table(
+        "pointing_mounts": tabulate("Mounts", _mount_columns(product)),
+        "pointing_errors": tabulate("Errors of pointing", _error_columns(product), notes),
+        "pointing_axes": tabulate(
             "Motion of the axes, planned",
-            _AXES,
-            _axis_rows(product, start),
+            _axis_columns(product, start),
             (
-                "Accelerations include that from rest at the beginning. A ramp begins so long "
-                "before the nearest approach to the keyhole; rewinds count among the ramps.",
+                'Accelerations include the start from rest. The column "ramp begins before the '
+                'keyhole" counts from the beginning of the ramp to the nearest approach to the '
+                "keyhole. Rewinds are ramps, too.",
             ),
         ),
-        "pointing_predictions": Table(
-            "Predictions and what lies between them", _PREDICTIONS, _prediction_rows(product)
+        "pointing_predictions": tabulate(
+            "Predictions and what lies between them", _prediction_columns(product)
         ),
     }
     return Presentation(
@@ -128,144 +74,159 @@ def presented(product: Pointing, start: Epoch) -> Presentation:
 
 
 def _largest(error: Array, mount: int) -> Array:
-    """Return the largest error of each pass, deg, shape (P,)."""
+    """Return the largest error of each pass (deg), shape (P,)."""
     return np.asarray(np.degrees(np.nanmax(error[:, :, mount], axis=0)))
 
 
 def _outside(product: Pointing, error: Array, mount: int) -> Array:
-    """Return for how long each pass is out of the beam, s, shape (P,)."""
+    """Return the time for which the error of each pass exceeds the lock angle (s), shape (P,)."""
     beyond = np.count_nonzero(error[:, :, mount] > product.lock_angle_rad, axis=0)
     return np.asarray(product.period_s * beyond)
 
 
-def _pass_cells(product: Pointing, k: int) -> dict[str, Cell]:
-    return {
-        "station": product.stations[k],
-        "satellite": product.satellites[k],
-        "revolution": int(product.revolution[k]),
-    }
+def _each_mount(product: Pointing, values: Callable[[int], Array]) -> Array:
+    """Return values (P,) of each mount, one mount after the other."""
+    return np.concatenate([values(m) for m in range(len(product.mounts))])
 
 
-def _mount_rows(product: Pointing) -> list[dict[str, Cell]]:
-    rows: list[dict[str, Cell]] = []
-    for m, name in enumerate(product.mounts):
-        row: dict[str, Cell] = {"mount": name, "kind": product.kinds[m]}
-        for axis, limits in (
-            ("primary", product.primary_limits),
-            ("secondary", product.secondary_limits),
-        ):
-            for key, value in zip(
-                ("lower_deg", "upper_deg", "rate_limit_deg_s", "acceleration_limit_deg_s2"),
-                np.degrees(limits[:, m]).tolist(),
-                strict=True,
-            ):
-                row[f"{axis}_{key}"] = value
-        row["passes"] = int(product.count.size)
-        for key, error in (
-            ("followed", product.error_rad),
-            ("followed_naive", product.naive_error_rad),
-        ):
-            row[key] = int(np.count_nonzero(_outside(product, error, m) == 0.0))
-        rows.append(row)
-    return rows
+def _pass_columns(of: FieldColumns) -> list[FilledColumn]:
+    return [of("stations", "station"), of("satellites", "satellite"), of("revolution")]
 
 
-def _error_rows(product: Pointing) -> list[dict[str, Cell]]:
-    rows: list[dict[str, Cell]] = []
-    for m, name in enumerate(product.mounts):
-        distance = np.degrees(np.nanmin(product.keyhole_distance(m), axis=0))
-        planned, naive = (_largest(q, m) for q in (product.error_rad, product.naive_error_rad))
-        lost, lost_naive = (
-            _outside(product, q, m) for q in (product.error_rad, product.naive_error_rad)
-        )
-        rows += [
-            {
-                "mount": name,
-                **_pass_cells(product, k),
-                "elevation_max_deg": float(np.degrees(product.elevation_max_rad[k])),
-                "keyhole_distance_deg": float(distance[k]),
-                "error_max_deg": float(planned[k]),
-                "error_max_unramped_deg": float(np.degrees(product.unramped_error_max_rad[k, m])),
-                "error_max_naive_deg": float(naive[k]),
-                "outside_s": float(lost[k]),
-                "outside_unramped_s": float(product.unramped_outside_s[k, m]),
-                "outside_naive_s": float(lost_naive[k]),
-                "followed": bool(lost[k] == 0.0),
-            }
-            for k in range(product.count.size)
-        ]
-    return rows
+def _mount_columns(product: Pointing) -> list[FilledColumn]:
+    of, mounts = FieldColumns(product, "mounts"), range(len(product.mounts))
+    columns = [of("mounts", "mount"), of("kinds", "kind")]
+    for axis, limits in (
+        ("primary", product.primary_limits),
+        ("secondary", product.secondary_limits),
+    ):
+        columns += [
+            column(f"{axis}_lower_deg", limits[0], f"{axis}: lower stop", 5),
+            column(f"{axis}_upper_deg", limits[1], f"{axis}: upper stop", 5),
+            column(f"{axis}_rate_limit_deg_s", limits[2], f"{axis}: largest rate", 5),
+            column(
+                f"{axis}_acceleration_limit_deg_s2", limits[3], f"{axis}: largest acceleration", 5,
+                unit="deg/s2",
+            ),
+        ]  # fmt: skip
+    columns.append(column("passes", [int(product.count.size)] * len(mounts), "passes"))
+    for key, error, label in (
+        ("followed", product.error_rad, "kept within the lock angle, planned"),
+        ("followed_naive", product.naive_error_rad, "kept within it, naive"),
+    ):
+        kept = [int(np.count_nonzero(_outside(product, error, m) == 0.0)) for m in mounts]
+        columns.append(column(key, kept, label))
+    return columns
 
 
-def _axis_rows(product: Pointing, start: Epoch) -> list[dict[str, Cell]]:
-    begin = start.isot(product.rise_s, 1)
-    rows: list[dict[str, Cell]] = []
-    for m, name in enumerate(product.mounts):
-        distance = product.keyhole_distance(m)
-        for k, n in enumerate(product.count):
-            primary = product.primary_rad[:n, k, m]
-            ramp = product.ramp[:n, k, m]
-            rate, acceleration = _used(primary, product.period_s)
-            rate_2, acceleration_2 = _used(product.secondary_rad[:n, k, m], product.period_s)
-            lead = _lead(ramp, int(np.nanargmin(distance[:, k])))
-            rows.append(
-                {
-                    "mount": name,
-                    **_pass_cells(product, k),
-                    "begin": begin[k],
-                    "primary_begin_deg": float(np.degrees(primary[0])),
-                    "primary_end_deg": float(np.degrees(primary[-1])),
-                    "flipped": bool(product.flipped[:, k, m].any()),
-                    "ramp_s": product.period_s * int(np.count_nonzero(ramp)),
-                    "pre_slew_s": product.period_s * lead,
-                    "primary_rate_on_target_deg_s": float(
-                        np.degrees(product.primary_rate_on_target_rad_s[k, m])
-                    ),
-                    "primary_rate_max_deg_s": rate,
-                    "primary_acceleration_max_deg_s2": acceleration,
-                    "secondary_rate_max_deg_s": rate_2,
-                    "secondary_acceleration_max_deg_s2": acceleration_2,
-                }
-            )
-    return rows
+def _error_columns(product: Pointing) -> list[FilledColumn]:
+    of = FieldColumns(product, "mounts", "passes")
+    planned, naive = product.error_rad, product.naive_error_rad
+    distance = _each_mount(product, lambda m: np.nanmin(product.keyhole_distance(m), axis=0))
+    largest, largest_naive = (
+        _each_mount(product, lambda m, error=error: np.nanmax(error[:, :, m], axis=0))
+        for error in (planned, naive)
+    )
+    outside, outside_naive = (
+        _each_mount(product, lambda m, error=error: _outside(product, error, m))
+        for error in (planned, naive)
+    )
+    return [
+        of("mounts", "mount"),
+        *_pass_columns(of),
+        of("elevation_max_rad"),
+        column("keyhole_distance_deg", distance, "least distance from the keyhole", 4),
+        column("error_max_deg", largest, "largest error, planned", 3),
+        of("unramped_error_max_rad", "error_max_unramped_deg"),
+        column("error_max_naive_deg", largest_naive, "largest error, naive", 3),
+        column("outside_s", outside, "beyond the lock angle, planned", 5),
+        of("unramped_outside_s", "outside_unramped_s"),
+        column("outside_naive_s", outside_naive, "beyond it, naive", 5),
+        text_column("followed", outside == 0.0, "kept within the lock angle"),
+    ]
 
 
-def _used(angle: Array, period_s: float) -> tuple[float, float]:
-    """Return the largest rate, deg/s, and acceleration, deg/s², of commands from rest on."""
+def _axis_columns(product: Pointing, start: Epoch) -> list[FilledColumn]:
+    of = FieldColumns(product, "mounts", "passes")
+    mounts = range(len(product.mounts))
+    pairs = [(m, k, int(n)) for m in mounts for k, n in enumerate(product.count)]
+    nearest = [np.nanargmin(product.keyhole_distance(m), axis=0) for m in mounts]
+    begin = tuple(start.isot(product.rise_s, 1))
+    flipped = [product.flipped[:, k, m].any() for m, k, _ in pairs]
+    leads = [_lead(product.ramp[:n, k, m], int(nearest[m][k])) for m, k, n in pairs]
+    columns = [
+        of("mounts", "mount"),
+        *_pass_columns(of),
+        text_column("begin", of.spread(begin, "passes"), "begins, UTC"),
+        column(
+            "primary_begin_deg", [product.primary_rad[0, k, m] for m, k, _ in pairs],
+            "primary at the beginning", 5,
+        ),
+        column(
+            "primary_end_deg", [product.primary_rad[n - 1, k, m] for m, k, n in pairs],
+            "primary at the end", 5,
+        ),
+        text_column("flipped", flipped, "over the top"),
+        column(
+            "ramp_s",
+            [product.period_s * int(np.count_nonzero(product.ramp[:n, k, m])) for m, k, n in pairs],
+            "on ramps", 5,
+        ),
+        column(
+            "pre_slew_s", [product.period_s * lead for lead in leads],
+            "ramp begins before the keyhole", 5,
+        ),
+        of("primary_rate_on_target_rad_s"),
+    ]  # fmt: skip
+    for axis, angles in (("primary", product.primary_rad), ("secondary", product.secondary_rad)):
+        motion = [_peak_motion(angles[:n, k, m], product.period_s) for m, k, n in pairs]
+        columns += [
+            column(
+                f"{axis}_rate_max_deg_s", [rate for rate, _ in motion], f"{axis}'s rate used", 4,
+                is_si=False,
+            ),
+            column(
+                f"{axis}_acceleration_max_deg_s2", [most for _, most in motion],
+                "its acceleration used", 3, unit="deg/s2", is_si=False,
+            ),
+        ]  # fmt: skip
+    return columns
+
+
+def _peak_motion(angle: Array, period_s: float) -> tuple[float, float]:
+    """Return the largest rate (deg/s) and acceleration (deg/s²) of commands that start at rest."""
     rate = np.diff(np.degrees(angle), prepend=np.degrees(angle[0])) / period_s
     return float(np.abs(rate).max()), float(np.abs(np.diff(rate)).max()) / period_s
 
 
 def _lead(ramp: NDArray[np.bool_], nearest: int) -> int:
-    """Return how many commands before the nearest approach to the keyhole its ramp begins."""
+    """Return the number of commands from the beginning of a ramp to the nearest approach."""
     if not ramp[nearest]:
         return 0
     off = np.flatnonzero(~ramp[:nearest])
     return nearest - (int(off[-1]) + 1 if off.size else 0)
 
 
-def _prediction_rows(product: Pointing) -> list[dict[str, Cell]]:
+def _prediction_columns(product: Pointing) -> list[FilledColumn]:
+    of = FieldColumns(product, "passes")
     return [
-        {
-            **_pass_cells(product, k),
-            "commands": int(product.count[k]),
-            "sampling_error_deg": float(np.degrees(product.sampling_error_rad[k])),
-            "interpolation_error_deg": float(np.degrees(product.interpolation_error_rad[k])),
-            "interpolation_bound_deg": float(np.degrees(product.interpolation_bound_rad[k])),
-        }
-        for k in range(product.count.size)
+        *_pass_columns(of),
+        of("count", "commands"),
+        of("sampling_error_rad"),
+        of("interpolation_error_rad"),
+        of("interpolation_bound_rad"),
     ]
 
 
 def _metrics(product: Pointing) -> dict[str, Metric]:
-    found = {"pointing_passes": Metric(int(product.count.size))}
+    metrics = {"pointing_passes": Metric(int(product.count.size))}
     for m, name in enumerate(product.mounts):
         for suffix, error in (("", product.error_rad), ("_naive", product.naive_error_rad)):
             lost = _outside(product, error, m)
-            found[f"{name}_error_max{suffix}"] = Metric(float(_largest(error, m).max()), "deg")
-            found[f"{name}_outside_max{suffix}"] = Metric(float(lost.max()), "s")
-            found[f"{name}_followed{suffix}"] = Metric(int(np.count_nonzero(lost == 0.0)))
-    return found
+            metrics[f"{name}_error_max{suffix}"] = Metric(float(_largest(error, m).max()), "deg")
+            metrics[f"{name}_outside_max{suffix}"] = Metric(float(lost.max()), "s")
+            metrics[f"{name}_followed{suffix}"] = Metric(int(np.count_nonzero(lost == 0.0)))
+    return metrics
 
 
 def _figures(product: Pointing) -> dict[str, Figure]:
@@ -275,7 +236,7 @@ def _figures(product: Pointing) -> dict[str, Figure]:
             f"Axes of {name}",
             partial(draw_axes, product=product, mount=m, chosen=product.telling_pass(m)),
             "Angles and rates of both axes in the pass with the largest error, or with the largest "
-            "naive error if planning makes all small. Dotted: stops and largest rates.",
+            "naive error if all planned errors are small. Dotted: stops and largest rates.",
             size_in=(8.6, 5.6),
         )
         for m, name in enumerate(product.mounts)
@@ -283,21 +244,21 @@ def _figures(product: Pointing) -> dict[str, Figure]:
     figures["pointing_keyholes"] = Figure(
         "Satellite and beam near the keyhole",
         partial(draw_keyholes, product=product),
-        "In the same passes, around the direction of the primary axis; thin lines join satellite "
-        "and planned beam at the same instants.",
+        "The same passes, around the direction of the primary axis. Thin lines connect satellite "
+        "and planned beam at equal times.",
         size_in=(4.4 * min(2, mounts), 0.3 + 4.1 * -(-mounts // 2)),
     )
     figures["pointing_errors"] = Figure(
         "Errors during a pass",
         partial(draw_errors, product=product),
-        "In the same passes, the largest in each second; what is below 1e-4° is drawn there.",
+        "The same passes; the largest error of each second. Errors below 1e-4° are drawn at 1e-4°.",
         size_in=(7.5, 0.8 + 2.2 * mounts),
     )
     if product.count.size > 1:
         figures["pointing_errors_by_culmination"] = Figure(
             "Largest errors of all passes",
             partial(draw_errors_by_culmination, product=product),
-            "Filled: planned. Open: naive. What is below 1e-4° is drawn there.",
+            "Filled: planned. Open: naive. Errors below 1e-4° are drawn at 1e-4°.",
             size_in=(7.0, 4.2),
         )
     return figures
@@ -314,22 +275,22 @@ def _verdict(product: Pointing) -> list[str]:
         k = int(np.argmax(planned))
         kept, kept_naive = (int(np.count_nonzero(q <= lock)) for q in (planned, naive))
         said.append(
-            f"Mount {name} keeps {kept} of {count} pass{'' if count == 1 else 'es'} within "
-            f"{lock:g}° all the time, {kept_naive} without a plan; the worst is "
-            f"{product.stations[k]}, revolution {product.revolution[k]}: {planned[k]:.3g}° "
-            f"({naive[k]:.3g}° without a plan). It is outside for {lost.sum():.3g} s in all "
-            f"({lost_naive.sum():.3g} s without a plan), {lost.max():.3g} s at most in a pass "
-            f"({lost_naive.max():.3g} s)."
+            f"Mount {name}: the error stays within {lock:g}° in {kept} of {count} "
+            f"pass{'' if count == 1 else 'es'} with a plan, in {kept_naive} without. Largest "
+            f"error {planned[k]:.3g}° ({naive[k]:.3g}° without a plan) over "
+            f"{product.stations[k]}, revolution {product.revolution[k]}. Time beyond the lock "
+            f"angle: {lost.sum():.3g} s in total ({lost_naive.sum():.3g} s without a plan), "
+            f"{lost.max():.3g} s at most in one pass ({lost_naive.max():.3g} s)."
         )
     if product.short:
         said.append(
-            f"{product.short} pass{'' if product.short == 1 else 'es'} too short to be planned "
-            f"{'is' if product.short == 1 else 'are'} left out."
+            f"{product.short} pass{'' if product.short == 1 else 'es'} "
+            f"{'is' if product.short == 1 else 'are'} left out: too short for a plan."
         )
     doubtful = product.sampling_error_rad > 0.1 * product.lock_angle_rad
     if doubtful.any():
         said.append(
-            f"The courses of {int(np.count_nonzero(doubtful))} passes through their samples may "
-            "be off by more than a tenth of the lock angle."
+            f"In {int(np.count_nonzero(doubtful))} passes the interpolation between the samples "
+            "may be wrong by more than a tenth of the lock angle."
         )
     return said

@@ -1,8 +1,8 @@
-"""A logged pass played again to trackers: how well each would have pointed after a loss.
+"""Scores of trackers on a logged pass: errors of the prediction after a loss of signal.
 
-The measure is the one of assisted tracking: measurements for so long, then prediction to the end of
-the pass, against what was measured there. That is the encoder's own frame, biases and all: what
-counts for finding the signal again.
+A tracker receives the measurements up to a loss and then predicts to the end of the pass, as in
+assisted tracking [1]_ (eq. 26). The errors are relative to the measurements, in the frame of the
+encoders with all their biases: these decide whether the signal is found again.
 
 References
 ----------
@@ -30,20 +30,20 @@ __all__ = ["Score", "prediction_errors", "score"]
 
 @dataclass(frozen=True)
 class Score:
-    """How a tracker did after one loss.
+    """Score of a tracker after one loss.
 
     Parameters
     ----------
     tracker : str
-        Its name.
+        Name of the tracker.
     locked_s : float
-        For how long it had measurements.
+        Time from the first measurement to the loss.
     measurements, predictions : int
-        How many it had, and how many its predictions were compared to.
+        Number of measurements before the loss, and of compared predictions after it.
     largest_rad, rms_rad : float
-        Largest and root-mean-square error on the sky of the prediction to the end of the pass.
+        Largest and root-mean-square error on the sky, from the loss to the end of the pass.
     outside_s : float
-        For how long the prediction was out of the beam.
+        Time for which the prediction was outside the beam.
     """
 
     tracker: str
@@ -63,18 +63,18 @@ def prediction_errors(
     Parameters
     ----------
     tracker : Tracker
-        Any.
+        The tracker.
     state : Any
-        Its state before the pass, as its ``initial`` gives it, times counting from `log.epoch`.
+        State of the tracker before the pass, from its ``initial``, with times after `log.epoch`.
     log : PassLog
-        The pass; only its lines with lock count.
+        The pass; only lines with lock are used.
     locked_s : float
-        From the first measurement to the loss.
+        Time from the first measurement to the loss.
 
     Returns
     -------
     times_s, error_rad : ndarray, shape (M,)
-        After the loss.
+        Times after the loss, and errors at them.
 
     Raises
     ------
@@ -84,19 +84,20 @@ def prediction_errors(
     times = log.times_s[log.locked]
     azimuth, elevation = log.azimuth_rad[log.locked], log.elevation_rad[log.locked]
     sigma = log.sigma_rad[log.locked]
-    # a hair more, so that 60 s at 1 Hz are 60 measurements and rounding does not make it 61
+    # The margin of 1 µs makes 60 s at 1 Hz 60 measurements: rounding must not make them 61.
     had = int(np.searchsorted(times, times[0] + locked_s - 1e-6)) if times.size else 0
     if not 0 < had < times.size:
         raise InputError(
-            f"a loss {locked_s:g} s into a pass with {times.size} measurements leaves {had} before"
-            f" and {times.size - had} after it; choose it so that both exist"
+            f"a loss after {locked_s:g} s of a pass with {times.size} measurements has {had}"
+            f" before and {times.size - had} after it; choose a loss with measurements on both"
+            " sides"
         )
     for k in range(had):
         here = slice(k, k + 1)
         state = tracker.update(state, times[here], azimuth[here], elevation[here], sigma[here])
-    seen = tracker.predict(state, times[had:])
+    predicted = tracker.predict(state, times[had:])
     error = separation(
-        direction_cosines(np.reshape(seen[0], -1), np.reshape(seen[1], -1)),
+        direction_cosines(np.reshape(predicted[0], -1), np.reshape(predicted[1], -1)),
         direction_cosines(azimuth[had:], elevation[had:]),
     )
     return times[had:], error
@@ -117,14 +118,14 @@ def score(
     log : PassLog
         The pass.
     losses_s : iterable of float
-        Losses, each counted from the first measurement: one replay each.
+        Losses, in seconds after the first measurement; each is a separate replay.
     beam_rad : float
-        Radius of the beam: the lock angle.
+        Radius of the beam (the lock angle).
 
     Returns
     -------
     list of Score
-        By loss, then by tracker.
+        Scores in the order of the losses, then of the trackers.
 
     Raises
     ------

@@ -1,10 +1,10 @@
-r"""Where to look after a loss: a spiral on the sky about the prediction, sized by its covariance.
+r"""Search after a loss of signal: a spiral about the prediction, sized by its covariance.
 
-The error of a prediction lies within an ellipse on the sky, mostly long and thin along the track.
-It is searched along the curve that winds around the segment between the ellipse's inner centres:
-out along the major axis, then around at a distance that grows evenly by one pitch per circuit. All
-neighbouring tracks are one pitch apart, so nothing is searched twice and nothing left out; for a
-round covariance it is Archimedes' spiral, and for one narrower than the beam just a line.
+The error of a prediction lies in an ellipse on the sky, usually long and thin along the track. The
+search path winds around a segment of the major axis, whose half-length is the difference of the
+semi-axes: out along the major axis, then around the segment at a distance that grows by one pitch
+per circuit. Neighbouring tracks are one pitch apart, so that the ellipse is covered once. A round
+covariance gives Archimedes' spiral, a covariance narrower than the beam a line.
 
 References
 ----------
@@ -26,13 +26,15 @@ from hillsphere_tracking.pointing.mounts import Mount
 __all__ = ["Search", "plan_search", "search_now", "search_speed"]
 
 _FINENESS = 40.0
-"""Points of the path per beam radius."""
+"""Points of the path per radius of the beam: the chords then deviate from the bends by less than a
+thousandth of the beam. More cost memory and time in proportion."""
 _OUTGROWN = 1.5
-"""Growth of the error in any direction from which a search is planned anew: it covers no more than
-the 2σ of what it then is. A smaller factor would begin again and again, and never come to the end
-of the ellipse."""
+"""Growth of the error in any direction at which a search is planned again: the old 3σ path then
+covers only 2σ. With a smaller factor the search would restart again and again, and never reach the
+edge of the ellipse."""
 _LEAST_LEVEL = 0.1
-"""Least cosine of the secondary angle: nearer to its keyhole no mount searches on circles."""
+"""Least cosine of the secondary angle in the speed of a search. Nearer to the keyhole the primary
+axis could not search at any useful speed, and a speed of zero would never end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,20 +44,20 @@ class Search:
     Parameters
     ----------
     begin_s : float
-        When it begins.
+        Time at which the search begins.
     path_rad : ndarray, shape (2, M)
-        Arcs towards growing azimuth and towards the zenith, from the prediction, M ≥ 1; it begins
-        at the prediction itself.
+        Arcs from the prediction towards growing azimuth and towards the zenith, M ≥ 1; the path
+        begins at the prediction.
     along_rad : ndarray, shape (M,)
-        Length of the path so far.
+        Length of the path up to each point.
     speed_rad_s : float
-        Along the path.
+        Speed along the path.
     beam_rad, dwell_s : float
-        Radius within which the signal is found, and how long it must be there.
+        Radius of the beam, and time for which the signal must be in it to be found.
     covariance_rad2 : ndarray, shape (2, 2)
-        For which it was planned.
+        Covariance for which the search was planned.
     sigmas : float
-        Size of its ellipse.
+        Size of the ellipse in standard deviations.
     """
 
     begin_s: float
@@ -69,28 +71,29 @@ class Search:
 
     @property
     def duration_s(self) -> float:
-        """How long one search takes; 0 if the beam covers all from the prediction."""
+        """Duration of one search; 0 if the beam at the prediction covers the ellipse."""
         return float(self.along_rad[-1]) / self.speed_rad_s
 
     def at(self, times_s: Array, turned_rad: Array | float = 0.0) -> tuple[Array, Array]:
-        """Return where to look, beside the prediction.
+        """Return the offsets of the beam from the prediction.
 
-        At its end the search runs back the same way, and so on; before its beginning it is at the
-        prediction.
+        Before its beginning the search is at the prediction. At the end of the path it runs back,
+        and so on.
 
         Parameters
         ----------
         times_s : ndarray, shape (N,)
-            When.
+            Times.
         turned_rad : ndarray, shape (N,), or float
-            By how much right and up have turned on the sky since the search was planned, as
-            `sky.turning` tells: the path keeps its place on the sky.
+            Rotation of the axes "right" and "up" on the sky since the search was planned, from
+            `sky.parallel_transport`; the path keeps its orientation on the sky.
 
         Returns
         -------
         right_rad, up_rad : ndarray, shape (N,)
             Arcs towards growing azimuth and towards the zenith.
         """
+        # triangle wave along the path, back and forth
         gone = np.maximum(np.asarray(times_s, dtype=float) - self.begin_s, 0.0) * self.speed_rad_s
         length = float(self.along_rad[-1])
         if length == 0.0:
@@ -112,29 +115,29 @@ def plan_search(
     sigmas: float = 3.0,
     overlap: float = 1.0 - sqrt(0.5),
 ) -> Search:
-    """Return a search that passes within the beam of every point of an error ellipse.
+    """Plan a search whose beam covers every point of an error ellipse.
 
-    Tracks are 2b(1 − overlap) apart. A point half-way between two of them stays in the beam along a
-    chord; the speed is held down until that takes `dwell_s`. (On the outside of a bend the chord is
-    a little shorter: some 0.2 % of the errors may slip through.) The default overlap makes area per
-    time largest when it is the dwell that limits the speed.
+    Tracks are 2b(1 − overlap) apart. A point half-way between two tracks is in the beam along a
+    chord; the speed is limited so that the beam needs `dwell_s` for the chord. On the outside of a
+    bend the chord is slightly shorter, so that about 0.2 % of the errors may be missed. The default
+    overlap maximises the searched area per time if the dwell limits the speed.
 
     Parameters
     ----------
     covariance_rad2 : ndarray, shape (2, 2)
-        Of the prediction's error on the sky, rad²: cross-elevation and elevation, as a tracker's
-        ``predict`` gives it.
+        Covariance of the prediction's error on the sky (cross-elevation and elevation), rad², from
+        a tracker's ``predict``.
     beam_rad : float
-        b, radius within which the signal is found: the lock angle.
+        Radius b of the beam (the lock angle).
     speed_rad_s : float
-        Largest speed on the sky that the mount allows; in the bends of the path, of about half a
-        beam's width, it should not ask more than its acceleration.
+        Largest speed of the mount on the sky; its acceleration must suffice for bends with a radius
+        of about half the beam.
     begin_s : float
-        When the search begins.
+        Time at which the search begins.
     dwell_s : float
-        How long the receiver needs to find the signal.
+        Time that the receiver needs to find the signal.
     sigmas : float
-        Size of the ellipse.
+        Size of the ellipse in standard deviations.
     overlap : float
         Fraction of the beam's width that neighbouring tracks share, in (0, 1).
 
@@ -146,7 +149,7 @@ def plan_search(
     Raises
     ------
     InputError
-        If a number is out of its range, or the covariance is not one.
+        If a number is out of range, or the matrix is not a covariance.
     """
     for what, number in (("beam", beam_rad), ("speed", speed_rad_s), ("sigmas", sigmas)):
         if not (isfinite(number) and number > 0.0):
@@ -158,9 +161,10 @@ def plan_search(
     minor, major, along = _ellipse(covariance_rad2)
     pitch = 2.0 * beam_rad * (1.0 - overlap)
     path = _spiral(sigmas * (major - minor), sigmas * minor, pitch, beam_rad / _FINENESS)
-    # major axis along the first coordinate, so far
+    # the spiral has its major axis along the first coordinate: rotate it onto the ellipse's
     turned = np.array([[along[0], -along[1]], [along[1], along[0]]]) @ path
     lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(turned, axis=1)))])
+    # chord of the beam at half a pitch from the track
     chord = 2.0 * sqrt(beam_rad**2 - 0.25 * pitch**2)
     speed = min(speed_rad_s, chord / dwell_s) if dwell_s > 0.0 else speed_rad_s
     covariance = np.asarray(covariance_rad2, dtype=float)
@@ -179,25 +183,25 @@ def search_now(
     sigmas: float = 3.0,
     turned_rad: float = 0.0,
 ) -> Search | None:
-    """Return the search for a signal that is lost, as its covariance changes.
+    """Continue, restart or end the search for a lost signal as the covariance grows.
 
-    An ellipse within the beam needs none. A search under way goes on until the error has outgrown
-    it by half in some direction; errors far within the beam do not count there. Then one begins
-    anew, from the prediction; of an ellipse that is too large for the time left its likelier, inner
-    part is searched.
+    No search is needed if the beam covers the ellipse. A running search continues until the error
+    has grown by half in some direction (errors far inside the beam do not count). It then restarts
+    from the prediction. If the ellipse is too large for the remaining time, a smaller one with the
+    most probable errors is searched.
 
     Parameters
     ----------
     search : Search or None
-        That under way.
+        The running search.
     covariance_rad2, beam_rad, speed_rad_s, dwell_s, sigmas
         As for `plan_search`.
     now_s : float
-        When a new one begins.
+        Present time, at which a new search begins.
     within_s : float
-        About how long it may take.
+        Time that is left, about.
     turned_rad : float
-        See `Search.at`: of the search under way.
+        Rotation since the running search was planned, see `Search.at`.
 
     Returns
     -------
@@ -213,6 +217,8 @@ def search_now(
     if sigmas * major <= beam_rad:
         return None
     if search is not None:
+        # Largest generalised eigenvalue of new against planned covariance. The beam's own size is
+        # added to both, so that growth of an error far inside the beam does not count.
         least = (beam_rad / sigmas) ** 2 * np.eye(2)
         c, s = cos(turned_rad), sin(turned_rad)
         turn = np.array([[c, -s], [s, c]])
@@ -231,8 +237,8 @@ def search_now(
 
 
 def _part(minor: float, major: float, pitch: float, length: float) -> float:
-    """Return to what part an ellipse shrinks whose search is to have a length, about."""
-    # square: its area over the distance of tracks; linear: out along its axis, and the last circuit
+    """Return the factor by which an ellipse shrinks so that its search has about a given length."""
+    # length(f) = square f² + linear f: area over pitch, plus the way out and the last circuit
     half = major - minor
     square = (pi * minor + 4.0 * half) * minor / pitch
     linear = 3.0 * half + pi * minor
@@ -242,23 +248,23 @@ def _part(minor: float, major: float, pitch: float, length: float) -> float:
 def search_speed(mount: Mount, secondary_rad: float, beam_rad: float) -> float:
     """Return the speed on the sky at which a mount can search, rad/s.
 
-    Half of what its axes can do is left for following the satellite. The primary axis moves the
-    beam by the cosine of the secondary angle only; the tightest bends of a search have a radius of
-    some half a beam.
+    Half of the axes' capability is reserved for following the satellite. The primary axis moves the
+    beam in proportion to the cosine of the secondary angle. The tightest bends of a search have a
+    radius of about half the beam, which limits the speed by √(acceleration · radius).
 
     Parameters
     ----------
     mount : Mount
-        With rates and accelerations.
+        The mount, with rates and accelerations of its axes.
     secondary_rad : float
-        About where the secondary axis stands.
+        Approximate angle of the secondary axis.
     beam_rad : float
         Radius of the beam.
 
     Returns
     -------
     float
-        Speed > 0.
+        Speed > 0, rad/s.
     """
     level = max(abs(cos(secondary_rad)), _LEAST_LEVEL)
     rate = min(level * mount.primary.rate_rad_s, mount.secondary.rate_rad_s)
@@ -269,7 +275,7 @@ def search_speed(mount: Mount, secondary_rad: float, beam_rad: float) -> float:
 
 
 def _ellipse(covariance: Array) -> tuple[float, float, Array]:
-    """Return both standard deviations and the major axis's direction."""
+    """Return minor and major standard deviation of a covariance, and the major axis."""
     matrix = np.asarray(covariance, dtype=float)
     if matrix.shape != (2, 2) or not np.isfinite(matrix).all():
         raise InputError(f"a search needs a finite covariance (2, 2), got {matrix.tolist()}")
@@ -281,13 +287,13 @@ def _ellipse(covariance: Array) -> tuple[float, float, Array]:
 
 
 def _spiral(half: float, radius: float, pitch: float, fine: float) -> Array:
-    """Return the path (2, M) around a segment ±half that leaves nothing within radius of it."""
-    # A point is found from half a pitch away: so much of the outermost distance can be left out.
+    """Return a path (2, M) around the segment ±half that covers all points within radius of it."""
+    # The beam covers half a pitch on both sides, by which the outermost circuit can be smaller.
     outermost = max(radius - 0.5 * pitch, 0.0)
     if half + radius <= 0.5 * pitch:
         return np.zeros((2, 1))
     if outermost == 0.0:
-        # A line is enough. Its end covers all that lies beyond it, up to ±radius aside.
+        # A line suffices. At its end the beam covers the rest of the ellipse, up to ±radius aside.
         reach = half + radius - sqrt(0.25 * pitch**2 - radius**2)
         count = max(ceil(reach / fine), 1)
         out = np.linspace(0.0, reach, count + 1)
@@ -301,6 +307,7 @@ def _spiral(half: float, radius: float, pitch: float, fine: float) -> Array:
     per_circuit = ceil((2.0 * straight + 2.0 * pi * (outermost + pitch)) / fine)
     turn = np.linspace(0.0, circuits + 1.0, ceil(per_circuit * (circuits + 1.0)) + 1)
     phase = np.remainder(turn, 1.0)
+    # each point: foot on the segment, direction of its normal, and distance along the normal
     foot = np.interp(phase, shares, [half, -half, -half, half, half])
     normal = np.interp(phase, shares, [0.5 * pi, 0.5 * pi, 1.5 * pi, 1.5 * pi, 2.5 * pi])
     distance = np.minimum(pitch * turn, outermost)  # the last circuit closes at the outermost

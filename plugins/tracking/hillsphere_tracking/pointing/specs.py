@@ -1,8 +1,8 @@
-"""Specs of antenna mounts and of the stage ``pointing``: what a mission may write."""
+"""Specs of antenna mounts and of the stage ``pointing``."""
 
 from __future__ import annotations
 
-from math import degrees, pi
+from math import degrees, pi, radians
 from typing import Literal, Self
 
 from pydantic import model_validator
@@ -11,12 +11,14 @@ from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, rule
 
 __all__ = ["AxisSpec", "MountSpec", "PointingNeeds", "PointingSpec"]
 
-_DEGREE = 0.017453292519943295
+_DEGREE = radians(1.0)
 _ROUNDING = 1e-9
+"""Angle (rad) that limits given in degrees may miss ±90° and 180° by: rounding of the conversion,
+and no angle that an axis could resolve."""
 
 
 class AxisSpec(Spec):
-    """Where an axis of a mount can go, and how it can move."""
+    """Stops, largest rate and largest acceleration of an axis of a mount."""
 
     examples = (
         {"lower_deg": -270, "upper_deg": 270, "rate_deg_s": 5, "acceleration_deg_s2": 5},
@@ -47,7 +49,7 @@ class AxisSpec(Spec):
 
 
 class MountSpec(Spec):
-    """A two-axis antenna mount; its primary axis stands on the ground and carries the secondary."""
+    """A two-axis antenna mount; the primary axis, fixed to the ground, carries the secondary."""
 
     examples = (
         {"name": "dish", "primary": AxisSpec.examples[0], "secondary": AxisSpec.examples[1]},
@@ -60,7 +62,7 @@ class MountSpec(Spec):
         },
     )
 
-    name: str = option("of the mount, for tables and figures", pattern=r"^[a-z][a-z0-9_]{0,29}$")
+    name: str = option("name of the mount in tables and figures", pattern=r"^[a-z][a-z0-9_]{0,29}$")
     kind: Literal["azimuth_elevation", "x_y"] = option(
         "azimuth over an upright axis and elevation, or X about a level axis and Y",
         default="azimuth_elevation",
@@ -71,14 +73,14 @@ class MountSpec(Spec):
     )
     tilt_rad: float = quantity(
         "angle",
-        "by how much the azimuth axis leans, so that its keyhole is not at the zenith",
+        "tilt of the azimuth axis, which moves its keyhole away from the zenith",
         default=0.0,
         ge=0,
         lt=pi / 2,
     )
-    tilt_towards_rad: float = quantity("angle", "azimuth towards which it leans", default=0.0)
+    tilt_towards_rad: float = quantity("angle", "azimuth of the tilt", default=0.0)
     axis_azimuth_rad: float = quantity(
-        "angle", "azimuth in which the X axis points; the keyholes are at its ends", default=0.0
+        "angle", "azimuth of the X axis; the keyholes are at its ends", default=0.0
     )
 
     @model_validator(mode="after")
@@ -108,7 +110,7 @@ class PointingNeeds(Spec):
 
 
 class PointingSpec(StageSpec):
-    """How antenna mounts follow passes, with a plan of each pass and without."""
+    """Antenna mounts that follow passes, with a plan of each pass and without."""
 
     produces = "hillsphere_tracking.pointing.products:Pointing"
     examples = (
@@ -126,26 +128,26 @@ class PointingSpec(StageSpec):
         "mounts, all of which follow every pass", min_length=1, max_length=6
     )
     stations: tuple[str, ...] = option(
-        "stations whose passes are followed; left out: all", default=(), max_length=100
+        "stations whose passes are followed; default: all", default=(), max_length=100
     )
     revolutions: tuple[int, ...] = option(
-        "revolutions whose passes are followed; left out: all", default=(), max_length=400, ge=1
+        "revolutions whose passes are followed; default: all", default=(), max_length=400, ge=1
     )
     culmination_min_rad: float = quantity(
-        "angle", "passes that do not rise so high are left out", default=0.0, ge=0, lt=pi / 2
+        "angle", "least culmination of the passes that are followed", default=0.0, ge=0, lt=pi / 2
     )
     lock_angle_rad: float = quantity(
         "angle",
-        "error of pointing up to which the receiver keeps its lock: the beam's half-width",
+        "largest pointing error at which the receiver keeps lock: the half-width of the beam",
         default=_DEGREE,
         gt=0,
         lt=pi / 2,
     )
     prediction_period_s: float = quantity(
-        "time", "between the predictions that the antenna is given", default=1.0, gt=0, le=60
+        "time", "interval between predictions for the antenna", default=1.0, gt=0, le=60
     )
     command_period_s: float = quantity(
-        "time", "between commands to the axes", default=0.1, ge=0.01, le=10
+        "time", "interval between commands to the axes", default=0.1, ge=0.01, le=10
     )
 
     @model_validator(mode="after")

@@ -1,8 +1,8 @@
-"""Trackers: where to point an antenna, from a nominal orbit and the angles measured so far.
+"""Trackers: orbit estimators that predict pointing angles from a nominal orbit and measured angles.
 
-- `table`: the nominal orbit, never updated; the baseline of every comparison.
-- `circular`, `average`: arithmetic means of the node and the anomaly that each measurement yields.
+- `table`: the nominal orbit without updates; the baseline of every comparison.
+- `average`: running means of the node and the anomaly (trackers ``circular`` and ``average``).
 - `least_squares`: recursive least squares on two, three or all elements, with biases.
-- `nominal`: the mean elements that they begin with, from any orbit.
-- `streaming`: one antenna, measurement by measurement, over the same functions.
+- `nominal`: initial mean elements of a tracker, from any orbit.
+- `streaming`: a tracker of one antenna that takes single measurements.
 """

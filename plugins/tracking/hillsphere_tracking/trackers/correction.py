@@ -1,17 +1,17 @@
-r"""One measurement of two angles taken into a Gaussian estimate, N cases at once.
+r"""Kalman update of a Gaussian estimate with one measurement of two angles, N cases at once.
 
-With the prior covariance P, the slopes H, the innovation ν and the noise R of a measurement on the
-sky,
+With the prior covariance P, the measurement matrix H, the innovation ν and the noise covariance R
+of a measurement on the sky,
 
 .. math::
 
     S = H P H^T + R, \quad K = P H^T S^{-1}, \quad δ = K ν, \quad
     P^+ = (1 - K H) P (1 - K H)^T + K R K^T,
 
-the last in Joseph's form [1]_, which stays positive where K is not exact. A measurement with
-w = ν·S⁻¹ν / gate² > 1 is an outlier: R grows by w − 1 times the diagonal of S. So S grows by about
-w, and the outlier, then at the gate, counts the less the farther it is off, be it the measurement
-or the prior that makes S.
+the last equation in Joseph's form [1]_, which stays positive definite even if K is not exact. A
+measurement with w = ν·S⁻¹ν / gate² > 1 is an outlier: R is increased by w − 1 times the diagonal of
+S. S then grows by about w, and the outlier lies at the gate. Its weight decreases with its
+distance, whether the measurement or the prior dominates S.
 
 References
 ----------
@@ -32,23 +32,23 @@ from hillsphere.dynamics import ArrayFunction
 from hillsphere.interfaces import Array
 from hillsphere.symbolic import Expr
 
-__all__ = ["Correction", "chosen", "corrected"]
+__all__ = ["Correction", "correct_estimate", "select_correction"]
 
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """What one linearisation makes of a measurement; m quantities are estimated.
+    """Update of m estimated quantities by one measurement, for one linearisation.
 
     Parameters
     ----------
     step : ndarray, shape (m, N)
-        From the state before the measurement.
+        Correction δ of the prior estimate.
     weight : ndarray, shape (N,)
-        By how much the diagonal of S has grown: above 1 for outliers.
+        Factor by which the diagonal of S has grown: above 1 for outliers.
     shift : ndarray, shape (N,)
-        How far, rad, the step leads from where H was taken.
+        Change of the predicted direction, rad, from the point of linearisation to the result.
     covariance : ndarray, shape (m, m, N)
-        After the measurement.
+        Covariance P⁺ after the measurement.
     """
 
     step: Array
@@ -57,7 +57,7 @@ class Correction:
     covariance: Array
 
 
-def corrected(
+def correct_estimate(
     prior: Array,
     slopes: Array,
     off: Array,
@@ -65,31 +65,31 @@ def corrected(
     gate: float,
     known: tuple[Array, Array] | None = None,
 ) -> Correction:
-    """Return the correction that a measurement makes.
+    """Correct an estimate by a measurement (see the module's equations).
 
     Parameters
     ----------
     prior : ndarray, shape (m, m, N)
-        Covariance before.
+        Covariance P before the measurement.
     slopes : ndarray, shape (2, m, N)
-        What a unit of each quantity changes in what is measured.
+        Measurement matrix H: derivatives of the measured angles on the sky by the quantities.
     off : ndarray, shape (2, N)
-        What is expected less what is measured, where the slopes were taken.
+        −ν: predicted minus measured angles at the point of linearisation, rad.
     variances : ndarray, shape (2, N)
-        Of the measurement's noise.
+        Diagonal of R, rad².
     gate : float
-        Standard deviations beyond which it is an outlier.
+        Number of standard deviations beyond which a measurement is an outlier.
     known : tuple of ndarray, optional
-        If the slopes were not taken at the state before: the step (m, N) from there, and the
-        weight (N,) found there.
+        For a linearisation at another point than the prior estimate: the step (m, N) from the
+        prior to that point, and the weight (N,) of the first linearisation.
 
     Returns
     -------
     Correction
-        For all cases.
+        Corrections of all cases.
     """
     m, cases = slopes.shape[1:]
-    function, upper, full = _compiled(m)
+    function, upper, full = _compile_correction(m)
     n = upper.size
     given = np.empty((n + 3 * m + 6, cases))
     given[:n] = prior.reshape(m * m, cases)[upper]
@@ -98,23 +98,24 @@ def corrected(
     given[n + 2 * m + 2 : n + 2 * m + 4] = variances
     given[-2 - m : -2], given[-2] = (0.0, 0.0) if known is None else known
     given[-1] = gate
-    made = function(given)
-    return Correction(made[:m], made[m], made[m + 1], made[m + 2 :][full])
+    outputs = function(given)
+    return Correction(outputs[:m], outputs[m], outputs[m + 1], outputs[m + 2 :][full])
 
 
-def chosen(choice: NDArray[np.bool_], new: Correction, old: Correction) -> Correction:
-    """Return the new correction in the cases chosen (N,), else the old."""
+def select_correction(choice: NDArray[np.bool_], new: Correction, old: Correction) -> Correction:
+    """Return the `new` correction where `choice` (N,) is true, and the `old` one elsewhere."""
     both = zip(vars(new).values(), vars(old).values(), strict=True)
     return Correction(*(np.where(choice, a, b) for a, b in both))
 
 
 @lru_cache(maxsize=16)
-def _compiled(m: int) -> tuple[ArrayFunction, NDArray[np.intp], NDArray[np.intp]]:
-    """Return the correction of m quantities as a function, and how it packs covariances.
+def _compile_correction(m: int) -> tuple[ArrayFunction, NDArray[np.intp], NDArray[np.intp]]:
+    """Compile the correction of m quantities; return it with the packing of symmetric matrices.
 
-    From the upper triangle of P, H, −ν where H was taken, R, the known step and weight (0: to be
-    found) and the gate: step, weight, shift, and the upper triangle of P⁺. The two index arrays
-    take the triangle from a flat matrix, and a matrix from the triangle.
+    The function takes the upper triangle of P, H, −ν at the point of linearisation, R, the known
+    step, the weight (0: to be computed) and the gate. It returns step, weight, shift and the upper
+    triangle of P⁺. The two index arrays take the triangle from a flat matrix, and a matrix from the
+    triangle.
     """
     rows, columns = np.triu_indices(m)
     full = np.empty((m, m), dtype=np.intp)
@@ -124,19 +125,23 @@ def _compiled(m: int) -> tuple[ArrayFunction, NDArray[np.intp], NDArray[np.intp]
     off, noise = sy.variables("off0", "off1"), sy.variables("noise0", "noise1")
     known, given, gate = sy.variables(*(f"step{k}" for k in range(m))), *sy.variables("w", "gate")
     prior, slopes = [[packed[k] for k in row] for row in full], (flat[:m], flat[m:])
-    # what the state before would have left, to this linearisation
+    # Innovation at the prior estimate in this linearisation: ν + H · (known step).
     left = [sy.dot(h, known) - q for h, q in zip(slopes, off, strict=True)]
     crossed = [[sy.dot(row, h) for h in slopes] for row in prior]
     expected = [[sy.dot(h, [row[k] for row in crossed]) for k in range(2)] for h in slopes]
+    # S = H P Hᵀ + R (R is diagonal) and the squared Mahalanobis distance of the innovation
     total = [expected[k][k] + noise[k] for k in range(2)]
     p, q, r = _inverse(total[0], expected[0][1], total[1])
+    # squared Mahalanobis distance νᵀ S⁻¹ ν
     distance = p * left[0] * left[0] + 2.0 * q * left[0] * left[1] + r * left[1] * left[1]
-    found = sy.maximum(distance / (gate * gate), 1.0)
-    weight = sy.select(sy.less(given, 0.5), found, given)
+    own_weight = sy.maximum(distance / (gate * gate), 1.0)
+    weight = sy.select(sy.less(given, 0.5), own_weight, given)
     grown = [v + (weight - 1.0) * s for v, s in zip(noise, total, strict=True)]
     p, q, r = _inverse(expected[0][0] + grown[0], expected[0][1], expected[1][1] + grown[1])
+    # K = P Hᵀ S⁻¹ with the increased R
     gain = [(p * x + q * y, q * x + r * y) for x, y in crossed]
     step = [sy.dot(row, left) for row in gain]
+    # change of the predicted direction from the point of linearisation, the larger component
     moved = [a - b for a, b in zip(step, known, strict=True)]
     shift = sy.maximum(*(sy.absolute(sy.dot(h, moved)) for h in slopes))
     rest = [[prior[i][j] - sy.dot(gain[i], crossed[j]) for j in range(m)] for i in range(m)]
@@ -151,6 +156,6 @@ def _compiled(m: int) -> tuple[ArrayFunction, NDArray[np.intp], NDArray[np.intp]
 
 
 def _inverse(p: Expr, q: Expr, r: Expr) -> tuple[Expr, Expr, Expr]:
-    """Return the inverse of the symmetric matrix p, q; q, r."""
+    """Return the inverse of the symmetric matrix [[p, q], [q, r]], packed likewise."""
     determinant = p * r - q * q
     return r / determinant, -q / determinant, p / determinant

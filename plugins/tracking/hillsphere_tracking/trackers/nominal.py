@@ -1,4 +1,4 @@
-"""Nominal mean elements for a tracker, from any orbit: TLE, OMM, a flight."""
+"""Nominal mean elements of a tracker, from any orbit (TLE, OMM, numerical flight)."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ def nominal_elements(
     field: ZonalField = EARTH_FIELD,
     orientation: EarthOrientation = UT1_IS_UTC,
 ) -> Array:
-    """Return the mean elements that pass through an orbit's states.
+    """Return the mean elements whose osculating states equal the states of an orbit.
 
-    Taken at the beginning of a pass they follow the orbit over it: an SGP4 orbit of the
+    Elements at the beginning of a pass reproduce the orbit during the pass: an SGP4 orbit of the
     International Space Station to 11 m in 15 minutes.
 
     Parameters
     ----------
     orbit : Orbit
-        In any frame.
+        Orbit in any frame.
     t_s : ndarray, shape (N,)
-        Times after the orbit's epoch.
+        Times of the elements after the orbit's epoch.
     field : ZonalField
-        As the tracker has it.
+        Gravity field that the tracker uses.
     orientation : EarthOrientation
-        For an orbit in the frame ``gcrs``: as the tracker has it.
+        Orientation that the tracker uses; needed for an orbit in the frame ``gcrs``.
 
     Returns
     -------
@@ -44,9 +44,9 @@ def nominal_elements(
     Raises
     ------
     PropagationError
-        If the orbit has no state there.
+        If the orbit has no state at one of the times.
     InputError, ConvergenceError
-        If a state is on no ellipse, or on one beyond the theory.
+        If a state is not on an ellipse, or the orbit is outside the range of the theory.
     """
     t_s = np.atleast_1d(np.asarray(t_s, dtype=float))
     x = orbit.states(t_s)

@@ -1,7 +1,8 @@
-"""What an antenna sees of a satellite on mean elements: directions and their exact derivatives.
+"""Measurement model: direction from an antenna to a satellite on mean elements, with derivatives.
 
-Directions are unit vectors in the antenna's east, north and up. They and their derivatives are
-regular everywhere, at the zenith as for circular and equatorial orbits; azimuth is not.
+Directions are unit vectors in the antenna's east, north and up axes. They and their derivatives are
+regular at the zenith and for circular and equatorial orbits, whereas azimuth is singular at the
+zenith.
 """
 
 from __future__ import annotations
@@ -33,31 +34,33 @@ from hillsphere_tracking.mean_elements import RETROGRADE
 __all__ = [
     "Site",
     "angles",
-    "carried",
-    "compared",
+    "compare_directions",
     "cotangent",
     "derivatives",
     "directions",
-    "folded",
+    "fold_over_zenith",
+    "propagate_and_compare",
     "site_of",
     "tangents",
 ]
 
 _RATE = ROTATION_RATES_RAD_S["teme"]
 _LOWEST = 2.0 * pi / 180.0
+"""Elevation (rad) below which cot h is held constant: it is unbounded at the horizon, where
+antennas do not measure."""
 
 
 @dataclass(frozen=True)
 class Site:
-    """Antennas on the turning Earth, fixed to its axis and prime meridian.
+    """Antennas on the rotating Earth, in axes fixed to its rotation axis and prime meridian.
 
     Parameters
     ----------
     place : ndarray, shape (12, N) or (12, 1)
         Position, m, then the axes east, north and up, row by row.
     angle_rad : float
-        Angle by which the Earth has turned in the frame of the elements when t_s = 0; from there
-        it turns evenly.
+        Rotation angle of the Earth at t_s = 0 in the frame of the elements; it grows at a constant
+        rate.
     """
 
     place: Array
@@ -65,18 +68,19 @@ class Site:
 
 
 def site_of(stations: Sequence[Station], epoch: Epoch, orientation: EarthOrientation) -> Site:
-    """Return the antennas as trackers see them.
+    """Return the antennas in the axes of the trackers.
 
-    UT1 and polar motion are those of the epoch: within a day they change by less than 1e-8 rad.
+    UT1 and polar motion are held at their values of the epoch: within a day they change by less
+    than 1e-8 rad.
 
     Parameters
     ----------
     stations : sequence of Station
-        One for all cases, or one each.
+        One station for all cases, or one per case.
     epoch : Epoch
-        From which times count.
+        Origin of the times.
     orientation : EarthOrientation
-        Gives UT1 and polar motion.
+        UT1 and polar motion of the Earth.
 
     Returns
     -------
@@ -86,6 +90,7 @@ def site_of(stations: Sequence[Station], epoch: Epoch, orientation: EarthOrienta
     if not stations:
         raise InputError("a tracker needs a station: one for all cases, or one for each")
     angle = float(earth_angle("teme", epoch, np.zeros(1), orientation)[0])
+    # The rotation to Earth-fixed axes is polar motion after the rotation by `angle`: divide it out.
     c, s = np.cos(angle), np.sin(angle)
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     pole = earth_fixed("teme", epoch, np.zeros(1), orientation)[:, :, 0] @ turn.T
@@ -94,7 +99,7 @@ def site_of(stations: Sequence[Station], epoch: Epoch, orientation: EarthOrienta
 
 
 def angles(direction: Array) -> tuple[Array, Array]:
-    """Return azimuth in [0, 2π), from north over east, and elevation of directions (3, ...)."""
+    """Return azimuth in [0, 2π) from north eastwards, and elevation, of vectors (3, ...)."""
     east, north, up = direction
     return (
         np.remainder(np.arctan2(east, north), 2.0 * pi),
@@ -102,10 +107,10 @@ def angles(direction: Array) -> tuple[Array, Array]:
     )
 
 
-def folded(azimuth_rad: Array, elevation_rad: Array) -> tuple[Array, Array]:
-    """Return the same directions with azimuth in [0, 2π) and elevation in [−π/2, π/2].
+def fold_over_zenith(azimuth_rad: Array, elevation_rad: Array) -> tuple[Array, Array]:
+    """Return equal directions with azimuth in [0, 2π) and elevation in [−π/2, π/2].
 
-    An elevation that a bias carries beyond the zenith is on the other side of it.
+    An elevation h > π/2, which a bias can cause, becomes π − h at the opposite azimuth.
     """
     over = np.abs(elevation_rad) > 0.5 * pi
     elevation = np.where(over, np.copysign(pi, elevation_rad) - elevation_rad, elevation_rad)
@@ -120,34 +125,35 @@ def tangents(azimuth_rad: Array, elevation_rad: Array) -> Array:
 
 
 def cotangent(elevation_rad: Array) -> Array:
-    """Return cot h, below 2° as at 2°: antennas do not measure there."""
+    """Return cot h, held constant below h = 2°."""
     return np.asarray(1.0 / np.tan(np.maximum(elevation_rad, _LOWEST)))
 
 
 def directions(
     elements: Array, dt_s: Array, t_s: Array, site: Site, field: ZonalField, *, short_period: bool
 ) -> Array:
-    """Return where satellites are seen.
+    """Return the directions from antennas to satellites.
 
     Parameters
     ----------
     elements : ndarray, shape (6, N)
-        Mean elements a, e, i, Ω, ω, M a time `dt_s` before they are looked at.
+        Mean elements a, e, i, Ω, ω, M at the times ``t_s − dt_s``.
     dt_s, t_s : ndarray, shape (N,)
-        That time, and the instant at which they are looked at, after the epoch of the site.
+        Interval from the elements to the observation, and time of the observation after the epoch
+        of the site.
     site : Site
         The antennas.
     field : ZonalField
-        Of the planet.
+        Gravity field of the planet.
     short_period : bool
-        Whether the short-period terms are added.
+        Add the short-period terms of J2.
 
     Returns
     -------
     ndarray, shape (3, N)
-        Unit vectors in east, north, up; the Earth is transparent.
+        Unit vectors in east, north, up, also below the horizon.
     """
-    return _seen(field, short_period, False)(_columns(elements, dt_s, t_s, site))
+    return _compile_directions(field, short_period, False)(_columns(elements, dt_s, t_s, site))
 
 
 def derivatives(
@@ -155,98 +161,98 @@ def derivatives(
 ) -> tuple[Array, Array]:
     """Return `directions` (3, N) and their derivatives (3, 7, N).
 
-    By the six elements (at the earlier time) and by the time of looking, in this order.
+    The derivatives are by the six earlier elements, then by the time of the observation.
     """
-    made = _seen(field, short_period, True)(_columns(elements, dt_s, t_s, site))
-    return made[:3], made[3:].reshape(3, 7, -1)
+    outputs = _compile_directions(field, short_period, True)(_columns(elements, dt_s, t_s, site))
+    return outputs[:3], outputs[3:].reshape(3, 7, -1)
 
 
-def compared(
+def compare_directions(
     elements: Array,
     dt_s: Array,
     t_s: Array,
     site: Site,
-    shown: Array,
+    measured: Array,
     field: ZonalField,
     *,
     short_period: bool,
 ) -> tuple[Array, Array, Array]:
-    """Return how far directions lie from measured ones, on the sky.
+    """Return the residuals of measured directions on the sky, with their derivatives.
 
     Parameters
     ----------
     elements, dt_s, t_s, site, field, short_period
         As for `directions`.
-    shown : ndarray, shape (5, N)
-        Azimuth and elevation as measured, their biases, and the factor of cot h in the elevation's
-        bias, all rad: measured minus true.
+    measured : ndarray, shape (5, N)
+        Measured azimuth and elevation, their biases, and the horizon bias (factor of cot h in the
+        bias of the elevation), all rad; biases are measured minus true.
 
     Returns
     -------
     off : ndarray, shape (2, N)
-        Components of the directions along rising azimuth and rising elevation at those measured,
-        freed of the biases.
+        Components of the predicted directions along rising azimuth and rising elevation at the
+        measured directions, with the biases removed: −ν of `least_squares`.
     level2 : ndarray, shape (N,)
-        Square of the cosine of the elevation, freed of its biases.
+        cos² h of the measured elevation, with the biases removed.
     slopes : ndarray, shape (2, 10, N)
-        Derivatives of what is measured, on the sky, by the six elements, by the biases of azimuth
-        and elevation, by the time of looking, and by the factor of cot h.
+        Derivatives of the angles on the sky by the six elements, the biases of azimuth and
+        elevation, the time of the observation, and the horizon bias.
     """
     columns = np.empty((25, elements.shape[1]))
     columns[:6] = elements
     columns[6] = dt_s
     columns[7] = site.angle_rad + _RATE * t_s
     columns[8:20] = site.place
-    columns[20:] = shown
-    return _split(_compared(field, short_period)(columns))
+    columns[20:] = measured
+    return _split(_compile_comparison(field, short_period)(columns))
 
 
-def carried(
+def propagate_and_compare(
     elements: Array,
     dt_s: Array,
     clock_s: Array,
     t_s: Array,
     site: Site,
-    shown: Array,
+    measured: Array,
     field: ZonalField,
     *,
     short_period: bool,
 ) -> tuple[Array, Array, tuple[Array, Array, Array]]:
-    """Return mean elements a time later, and how far what is then seen lies from a measurement.
+    """Propagate mean elements to a measurement and return its residuals.
 
-    In one call what else takes two, for antennas measurement by measurement.
+    One call instead of two saves time if an antenna takes measurements one at a time.
 
     Parameters
     ----------
     elements, dt_s
-        Elements (6, N) and how much later a measurement is made.
+        Elements (6, N), and interval from them to the time tag of the measurement.
     clock_s : ndarray, shape (N,)
-        By how much later than it says.
-    t_s, site, shown, field, short_period
-        As for `compared`, of the measurement.
+        Time bias: true time minus time tag.
+    t_s, site, measured, field, short_period
+        As for `compare_directions`, at the true time of the measurement.
 
     Returns
     -------
     after : ndarray, shape (6, N)
-        Elements at the time that the measurement says.
-    moved : ndarray, shape (3, 3, N)
+        Elements at the time tag.
+    slopes : ndarray, shape (3, 3, N)
         Derivatives of the later Ω, ω, M by a, e, i.
-    seen : tuple of ndarray
-        What `compared` returns, the derivatives by the later elements.
+    comparison : tuple of ndarray
+        Result of `compare_directions`, with derivatives by the later elements.
     """
     columns = np.empty((26, elements.shape[1]))
     columns[:6] = elements
     columns[6] = clock_s
     columns[7] = site.angle_rad + _RATE * t_s
     columns[8:20] = site.place
-    columns[20:25] = shown
+    columns[20:25] = measured
     columns[25] = dt_s
-    made = _carried(field, short_period)(columns)
-    return made[:6], made[6:15].reshape(3, 3, -1), _split(made[15:])
+    outputs = _compile_propagation(field, short_period)(columns)
+    return outputs[:6], outputs[6:15].reshape(3, 3, -1), _split(outputs[15:])
 
 
-def _split(made: Array) -> tuple[Array, Array, Array]:
-    return made[:2], made[2], made[3:].reshape(2, 10, -1)
+def _split(outputs: Array) -> tuple[Array, Array, Array]:
+    return outputs[:2], outputs[2], outputs[3:].reshape(2, 10, -1)
 
 
 def _columns(elements: Array, dt_s: Array, t_s: Array, site: Site) -> Array:
@@ -259,7 +265,7 @@ def _columns(elements: Array, dt_s: Array, t_s: Array, site: Site) -> Array:
 
 
 @lru_cache(maxsize=32)
-def _seen(field: ZonalField, short_period: bool, slopes: bool) -> ArrayFunction:
+def _compile_directions(field: ZonalField, short_period: bool, slopes: bool) -> ArrayFunction:
     inputs, shift, direction = _direction(field, short_period)
     outputs = list(direction)
     if slopes:
@@ -269,55 +275,59 @@ def _seen(field: ZonalField, short_period: bool, slopes: bool) -> ArrayFunction:
 
 
 @lru_cache(maxsize=32)
-def _compared(field: ZonalField, short_period: bool) -> ArrayFunction:
+def _compile_comparison(field: ZonalField, short_period: bool) -> ArrayFunction:
     outputs, inputs = _comparison(field, short_period)
     return ArrayFunction(outputs, inputs)
 
 
 @lru_cache(maxsize=16)
-def _carried(field: ZonalField, short_period: bool) -> ArrayFunction:
+def _compile_propagation(field: ZonalField, short_period: bool) -> ArrayFunction:
     outputs, inputs = _comparison(field, short_period)
     elements, dt = inputs[:6], sy.variable("interval")
     later = at_time(elements, dt, field)
     slopes = [slope for row in sy.jacobian(later[3:], elements[:3]) for slope in row]
-    seen = sy.substitute(outputs, dict(zip(elements[3:], later[3:], strict=True)))
-    return ArrayFunction([*later, *slopes, *seen], (*inputs, dt))
+    compared = sy.substitute(outputs, dict(zip(elements[3:], later[3:], strict=True)))
+    return ArrayFunction([*later, *slopes, *compared], (*inputs, dt))
 
 
 def _comparison(field: ZonalField, short_period: bool) -> tuple[tuple[Expr, ...], tuple[Expr, ...]]:
-    """Return the outputs of `compared`, row by row, and its inputs."""
+    """Return the outputs of `compare_directions`, row by row, and its inputs, as expressions."""
     inputs, shift, (east, north, up) = _direction(field, short_period)
     azimuth, elevation = sy.variables("azimuth", "elevation")
     ca, sa, ce, se = sy.cos(azimuth), sy.sin(azimuth), sy.cos(elevation), sy.sin(elevation)
+    # a·u and b·u of `least_squares`
     off = (ca * east - sa * north, ce * up - se * (sa * east + ca * north))
     slopes = sy.jacobian(off, (*inputs[:6], shift))
-    shown = sy.variables("shown0", "shown1", "bias0", "bias1", "horizon")
-    risen = shown[1] - shown[3]
-    # cot h of the predicted elevation: that of a measured one would tie its noise, and what is not
-    # known of the biases, to the factor; what the orbit's error does to cot h is left out
+    measured = sy.variables("shown0", "shown1", "bias0", "bias1", "horizon")
+    risen = measured[1] - measured[3]
+    # cot h is taken at the predicted elevation: at the measured one, noise and unknown biases would
+    # correlate with the horizon bias. Its dependence on the orbit's error is neglected.
     fall = sy.sqrt(east * east + north * north) / sy.maximum(up, sin(_LOWEST))
     none = sy.constant(0.0)
+    # rows of H: elements, biases of azimuth and elevation, time, horizon bias
     outputs: list[Expr] = [*off, ce * ce]
     for row, (biases, last) in zip(
         slopes, (((ce, none), none), ((none, sy.constant(1.0)), fall)), strict=True
     ):
         outputs.extend([*row[:6], *biases, row[6], last])
-    freed = {azimuth: shown[0] - shown[2], elevation: risen - shown[4] * fall}
-    return sy.substitute(sy.substitute(outputs, freed), {shift: 0.0}), (*inputs, *shown)
+    # the tangent directions a, b belong to the measured direction with the biases removed
+    freed = {azimuth: measured[0] - measured[2], elevation: risen - measured[4] * fall}
+    return sy.substitute(sy.substitute(outputs, freed), {shift: 0.0}), (*inputs, *measured)
 
 
 def _direction(
     field: ZonalField, short_period: bool
 ) -> tuple[tuple[Expr, ...], Expr, tuple[Expr, Expr, Expr]]:
-    """Return the 20 inputs, the shift of the time of looking, and the direction."""
+    """Return the 20 inputs, the shift of the observation's time, and the predicted direction."""
     names = ("a", "e", "i", "node", "perigee", "mean", "dt", "angle")
     inputs = sy.variables(*names, *(f"site{k}" for k in range(12)))
     elements, (dt, angle), site = inputs[:6], inputs[6:8], inputs[8:]
     sense = sy.select(sy.less(sy.cos(elements[2]), RETROGRADE), -1.0, 1.0)
-    # a shift of the time of looking moves the satellite and turns the Earth
+    # A shift of the observation's time moves the satellite and rotates the Earth.
     shift = sy.variable("shift")
     now = at_time(elements, dt + shift, field)
     orbit = osculating_equinoctial(now, sense, field, short_period=short_period)
+    # to Earth-fixed axes, relative to the antenna, and to east, north, up
     x, y, z = position(orbit, sense)
     turn = angle + _RATE * shift
     c, s = sy.cos(turn), sy.sin(turn)

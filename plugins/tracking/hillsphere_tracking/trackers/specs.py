@@ -1,7 +1,8 @@
-"""Specs of the trackers: what a mission may write in ``[tracker.NAME]``."""
+"""Specs of the trackers, tables ``[tracker.NAME]`` of a mission."""
 
 from __future__ import annotations
 
+from math import radians
 from typing import Literal
 
 from hillsphere.base.ranges import PLANET_GM_M3_S2, PLANET_RADIUS_M
@@ -9,18 +10,21 @@ from hillsphere.spec import Spec, option, quantity
 
 __all__ = ["AverageSpec", "LeastSquaresSpec", "TableSpec", "TrackerSpec"]
 
-_DEGREE = 0.017453292519943295
+_DEGREE = radians(1.0)
 
 
 class TrackerSpec(Spec):
-    """What all trackers need: the planet's field and how well the nominal elements are known."""
+    """Common parameters of all trackers: gravity field, and accuracy of the nominal elements."""
 
     gm_m3_s2: float = quantity(
-        "gravitational_parameter", "of the planet", default=398600.4418e9, **PLANET_GM_M3_S2
+        "gravitational_parameter",
+        "gravitational parameter of the planet",
+        default=398600.4418e9,
+        **PLANET_GM_M3_S2,
     )
     equatorial_radius_m: float = quantity(
         "length",
-        "equatorial radius to which J2 and J4 belong",
+        "equatorial radius to which J2 and J4 refer",
         default=6378137.0,
         **PLANET_RADIUS_M,
     )
@@ -31,8 +35,8 @@ class TrackerSpec(Spec):
     )
     mean_anomaly_sigma_rad: float = quantity(
         "angle",
-        "standard deviation of the nominal mean anomaly: the error along the track; 1° is 16 s of "
-        "an orbit of 98 minutes",
+        "standard deviation of the nominal mean anomaly (along-track error; 1° is 16 s for a "
+        "period of 98 minutes)",
         default=2.0 * _DEGREE,
         gt=0,
     )
@@ -85,33 +89,33 @@ class LeastSquaresSpec(TrackerSpec):
         "whether constant biases of azimuth and elevation are estimated", default=True
     )
     horizon_bias: bool = option(
-        "whether a part of the elevation's bias is estimated that goes with the cotangent of the "
-        "elevation, as refraction that is left over or a sagging dish make it",
+        "whether an elevation bias proportional to the cotangent of the elevation is estimated, as "
+        "caused by residual refraction or a sagging dish",
         default=True,
     )
     time_bias: bool = option(
-        "whether a constant offset of the measurements' times is estimated; only the Earth's "
-        "rotation tells it from an error along the track",
+        "whether a constant offset of the measurements' times is estimated; only the rotation of "
+        "the Earth separates it from an along-track error",
         default=False,
     )
     short_period: bool = option(
         "whether the short-period terms of J2 are part of measurement and prediction", default=True
     )
     gate: float = option(
-        "a measurement farther off than this many standard deviations counts as an outlier and "
-        "loses weight with the square of its distance",
+        "number of standard deviations beyond which a measurement is an outlier, whose weight "
+        "decreases with the square of its distance",
         default=5.0,
         gt=0,
     )
     drift_m: float = quantity(
         "length",
-        "standard deviation of the random walk that each estimated element takes in one hour, as a "
+        "standard deviation of the random walk of each estimated element in one hour, as a "
         "displacement of the satellite",
         default=30.0,
         ge=0,
     )
     relinearisations: int = option(
-        "how often at most a measurement is linearised again where its correction is large",
+        "largest number of relinearisations of a measurement with a large correction",
         default=4,
         ge=0,
         le=20,

@@ -1,4 +1,4 @@
-"""What trackers have in common: the orbit as known now, and what an antenna will see of it."""
+"""Common parts of the trackers: orbit state, checks of measurements, predicted angles."""
 
 from __future__ import annotations
 
@@ -13,35 +13,35 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
 from hillsphere_tracking.dynamics_brouwer import ZonalField
-from hillsphere_tracking.kepler import checked
+from hillsphere_tracking.kepler import validate_elements
 from hillsphere_tracking.trackers.observation import (
     Site,
     angles,
     cotangent,
     derivatives,
-    folded,
+    fold_over_zenith,
     site_of,
     tangents,
 )
 from hillsphere_tracking.trackers.specs import TrackerSpec
 
-__all__ = ["OrbitState", "field_of", "measured", "seen_covariance", "start"]
+__all__ = ["OrbitState", "field_of", "predict_angles", "start", "validate_measurement"]
 
 
 @dataclass(frozen=True)
 class OrbitState:
-    """An orbit as a tracker knows it, N cases.
+    """Estimated orbit of a tracker, N cases.
 
     Parameters
     ----------
     site : Site
         The antennas.
     t_s : ndarray, shape (N,)
-        Times to which the elements belong, after the epoch given at the start.
+        Times of the elements after the epoch given at the start.
     elements : ndarray, shape (6, N)
         Mean elements a, e, i, Ω, ω, M (m, rad), TEME.
     biases_rad : ndarray, shape (2, N)
-        Azimuth and elevation as measured minus true; predictions contain them.
+        Biases of azimuth and elevation, measured minus true; predictions contain them.
     count : ndarray, shape (N,)
         Number of measurements taken.
     """
@@ -54,7 +54,7 @@ class OrbitState:
 
 
 def field_of(spec: TrackerSpec) -> ZonalField:
-    """Return the planet's field as a Spec gives it."""
+    """Return the gravity field that a Spec describes."""
     return ZonalField(spec.gm_m3_s2, spec.equatorial_radius_m, spec.j2, spec.j4)
 
 
@@ -65,9 +65,9 @@ def start(
     epoch: Epoch,
     orientation: EarthOrientation,
 ) -> OrbitState:
-    """Return the state before the first measurement; raises `InputError` for what does not fit."""
-    found = checked(elements)
-    cases = found.shape[1]
+    """Return the state before the first measurement; raise `InputError` if shapes do not match."""
+    mean = validate_elements(elements)
+    cases = mean.shape[1]
     times = np.atleast_1d(np.asarray(t_s, dtype=float))
     if times.size not in (1, cases) or not np.isfinite(times).all():
         raise InputError(f"times of the elements must be finite, one or {cases}, got {times.shape}")
@@ -76,36 +76,37 @@ def start(
     site = site_of(stations, epoch, orientation)
     count = np.zeros(cases)
     return OrbitState(
-        site, np.broadcast_to(times, (cases,)).copy(), found.copy(), np.zeros((2, cases)), count
+        site, np.broadcast_to(times, (cases,)).copy(), mean.copy(), np.zeros((2, cases)), count
     )
 
 
-def measured(
+def validate_measurement(
     state: OrbitState, t_s: Array, azimuth_rad: Array, elevation_rad: Array
 ) -> tuple[Array, Array, Array]:
-    """Return a measurement's times and angles (N,), as floats.
+    """Check the times and angles of a measurement and return them as floats, shape (N,).
+
+    A case with angles that are not finite has no measurement.
 
     Raises
     ------
     InputError
-        If a shape does not fit or a time is not finite. Angles that are not finite mean that the
-        case has no measurement.
+        If a shape does not match or a time is not finite.
     """
     cases = state.t_s.shape
-    made = []
+    arrays = []
     for name, given in (("t_s", t_s), ("az_rad", azimuth_rad), ("el_rad", elevation_rad)):
         value = np.array(given, dtype=float)  # a state keeps the times: not the caller's array
         if value.shape != cases:
             if value.size not in (1, cases[0]) or value.ndim > 1:
                 raise InputError(f"{name} must be one number or ({cases[0]},), got {value.shape}")
             value = np.broadcast_to(value, cases)
-        made.append(value)
-    if not np.isfinite(made[0]).all():
+        arrays.append(value)
+    if not np.isfinite(arrays[0]).all():
         raise InputError("times of measurements must be finite, got nan or inf")
-    return made[0], made[1], made[2]
+    return arrays[0], arrays[1], arrays[2]
 
 
-def seen_covariance(
+def predict_angles(
     state: OrbitState,
     times_s: Array,
     field: ZonalField,
@@ -118,38 +119,41 @@ def seen_covariance(
     clock_s: Array | None = None,
     horizon_rad: Array | None = None,
 ) -> tuple[Array, Array, Array]:
-    """Return the angles that the antenna will show and their covariance on the sky.
+    """Predict the angles that an antenna will measure, and their covariance on the sky.
+
+    The covariance is J P Jᵀ with the Jacobian J of the sky components by all estimated quantities,
+    plus the growth of the random walk since the last measurement.
 
     Parameters
     ----------
     state : OrbitState
         N cases.
     times_s : ndarray, shape (K,) or (K, N)
-        When, by the station's clock if `biased`, else true.
+        Times of the station's clock if `biased`, else true times.
     field : ZonalField
-        Of the planet.
+        Gravity field of the planet.
     columns : ndarray, shape (N, 6, n)
-        What the n estimated quantities change in the elements.
+        Derivatives of the elements by the n estimated quantities.
     covariance : ndarray, shape (N, m, m)
-        Of the n quantities and, if m > n, of the two angle biases, the time bias and the horizon
-        bias that follow them; a bias that is not estimated has zeros.
+        Covariance of the n quantities and, if m > n, of the two angle biases, the time bias and
+        the horizon bias that follow them; the rows of a bias that is not estimated are zero.
     walk : ndarray, shape (N, n)
-        Growth of the variances of the n quantities with time, 1/s.
+        Growth rates of the variances of the n quantities, per second.
     short_period : bool
-        Whether the short-period terms are added.
+        Add the short-period terms of J2.
     biased : bool
-        Whether the biases are part of the angles and of the covariance.
+        Include the biases in the angles and in the covariance.
     clock_s : ndarray, shape (N,), optional
-        True time minus that of the station's clock; none by default.
+        Time bias: true time minus time of the station's clock; zero by default.
     horizon_rad : ndarray, shape (N,), optional
-        Factor of cot h in the elevation's bias; none by default.
+        Horizon bias: factor of cot h in the bias of the elevation; zero by default.
 
     Returns
     -------
     azimuth, elevation : ndarray, shape (K, N)
-        Azimuth in [0, 2π); elevation at most π/2: beyond the zenith the other side is shown.
+        Azimuth in [0, 2π), elevation at most π/2 (see `fold_over_zenith`).
     covariance : ndarray, shape (2, 2, K, N)
-        Of cross-elevation (azimuth times cos h) and elevation, rad².
+        Covariance of cross-elevation (azimuth times cos h) and elevation, rad².
     """
     cases = state.t_s.size
     true = _grid(state, times_s)
@@ -158,6 +162,7 @@ def seen_covariance(
     u, slopes = derivatives(*_spread(state, true), field, short_period=short_period)
     u, slopes = u.reshape(3, -1, cases), slopes.reshape(3, 7, -1, cases)
     azimuth, elevation = angles(u)
+    # Derivatives along rising azimuth and elevation, (K, N, 2, 7): regular at the zenith.
     axes = tangents(azimuth, elevation)
     by_all = np.einsum("dckn,cekn->knde", axes, slopes)
     by_estimated = by_all[..., :6] @ columns
@@ -168,6 +173,7 @@ def seen_covariance(
         -1, -2
     )
     if biased and covariance.shape[1] > n:
+        # Biases on the sky: cos h for azimuth, 1 for elevation, the motion for time, cot h.
         to_sky = np.zeros((*u.shape[1:], 2, 4))
         to_sky[..., 0, 0] = np.hypot(u[0], u[1])
         to_sky[..., 1, 1] = 1.0
@@ -179,8 +185,10 @@ def seen_covariance(
     if biased:
         if horizon_rad is not None:
             elevation = elevation + horizon_rad * cotangent(elevation)
-        # both axes of the sky turn with the side of the zenith: the covariance stays
-        azimuth, elevation = folded(azimuth + state.biases_rad[0], elevation + state.biases_rad[1])
+        # Beyond the zenith both axes of the sky change sign, which leaves the covariance unchanged.
+        azimuth, elevation = fold_over_zenith(
+            azimuth + state.biases_rad[0], elevation + state.biases_rad[1]
+        )
     return azimuth, elevation, total.transpose(2, 3, 0, 1)
 
 
@@ -195,7 +203,7 @@ def _grid(state: OrbitState, times_s: Array) -> Array:
 
 
 def _spread(state: OrbitState, grid: Array) -> tuple[Array, Array, Array, Site]:
-    """Return K·N columns of elements, times since them, times (K, N), and sites."""
+    """Return the K·N columns of elements, intervals since them, times, and sites."""
     elements = np.tile(state.elements, grid.shape[0])
     since = (grid - state.t_s).ravel()
     place = state.site.place

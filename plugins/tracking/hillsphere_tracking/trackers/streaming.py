@@ -1,4 +1,4 @@
-"""One antenna, measurement by measurement."""
+"""Tracker of one satellite by one antenna, which takes measurements one at a time."""
 
 from __future__ import annotations
 
@@ -18,35 +18,36 @@ from hillsphere_tracking.trackers.least_squares import LeastSquaresState
 __all__ = ["StreamingTracker"]
 
 _RECENT = 20
-"""Measurements of which the share of outliers is told."""
+"""Number of the last measurements of which the share of outliers is computed: 20 s at one per
+second. More would report a side lobe late, fewer would report chance."""
 
 
 class StreamingTracker:
-    """A tracker of one satellite by one antenna, over the same functions as for many cases.
+    """A tracker of one satellite by one antenna; it applies a `Tracker` to a single case.
 
     Parameters
     ----------
     tracker : Tracker
-        How measurements are used.
+        Tracking method.
     elements : ndarray, shape (6,)
         Nominal mean elements a, e, i, Ω, ω, M (m, rad), TEME.
     t_s : float
-        Time to which they belong, after the epoch.
+        Time of the elements after the epoch.
     station : Station
-        Of the antenna.
+        Location of the antenna.
     epoch : Epoch
-        From which times count.
+        Origin of the times.
     orientation : EarthOrientation
-        Gives UT1 and polar motion.
+        UT1 and polar motion of the Earth.
     sigma_rad : float
-        Standard deviation of both angles, where a measurement brings none.
+        Standard deviation of both angles for measurements without one; the default is 0.1°.
 
     Attributes
     ----------
     state : object
-        The tracker's, one case.
+        State of the tracker, one case.
     is_locked : bool
-        Whether measurements are those of the satellite.
+        Whether the receiver has the signal, so that measurements are of the satellite.
     """
 
     def __init__(
@@ -74,11 +75,11 @@ class StreamingTracker:
         self._recent: deque[bool] = deque(maxlen=_RECENT)
 
     @property
-    def outlying(self) -> float:
-        """Share of outliers among the last twenty measurements; 0 as long as they are fewer.
+    def outlier_share(self) -> float:
+        """Share of outliers among the last 20 measurements; 0 while there are fewer.
 
-        Many mean that the sigmas are too small for what the antenna measures, or that it measures
-        something else, as on a side lobe. 0 of trackers that know of no outliers.
+        A large share means that the standard deviations are too small, or that the antenna is on a
+        side lobe. It is 0 for trackers that do not detect outliers.
         """
         return sum(self._recent) / _RECENT if len(self._recent) == _RECENT else 0.0
 
@@ -89,7 +90,7 @@ class StreamingTracker:
         el_rad: float,
         sigma_rad: float | Sequence[float] | None = None,
     ) -> bool:
-        """Take a measurement.
+        """Update the estimate with a measurement.
 
         Parameters
         ----------
@@ -101,8 +102,8 @@ class StreamingTracker:
         Returns
         -------
         bool
-            Whether it was taken: while the signal is lost the antenna's angles say nothing of the
-            satellite, and are passed over.
+            Whether the measurement was used. While the signal is lost the angles of the antenna are
+            not measurements of the satellite, and are ignored.
         """
         if not self.is_locked:
             return False
@@ -118,28 +119,28 @@ class StreamingTracker:
             self._recent.append(bool(self.state.outliers[0] > before.outliers[0]))
         return True
 
-    def lost(self) -> None:
-        """Say that the signal is lost."""
+    def mark_lost(self) -> None:
+        """Record that the signal is lost: measurements are ignored from now on."""
         self.is_locked = False
 
-    def locked(self) -> None:
-        """Say that the signal is there again."""
+    def mark_locked(self) -> None:
+        """Record that the signal is received again: measurements are used from now on."""
         self.is_locked = True
 
     def predict(self, times_s: Array) -> tuple[Array, Array, Array]:
-        """Return what the antenna will show.
+        """Predict the angles that the antenna will measure.
 
         Parameters
         ----------
         times_s : ndarray, shape (K,)
-            When, by the clock that dates the measurements.
+            Times of the clock that dates the measurements.
 
         Returns
         -------
         azimuth_rad, elevation_rad : ndarray, shape (K,)
-            With the biases; azimuth in [0, 2π).
+            Angles including the biases; azimuth in [0, 2π).
         covariance : ndarray, shape (2, 2, K)
-            Of cross-elevation (azimuth times cos h) and elevation, rad².
+            Covariance of cross-elevation (azimuth times cos h) and elevation, rad².
         """
         azimuth, elevation, covariance = self.tracker.predict(self.state, times_s)
         return azimuth[:, 0], elevation[:, 0], covariance[..., 0]

@@ -1,4 +1,4 @@
-"""A stored table of pointing angles, never updated: the baseline of every comparison."""
+"""Tracker without updates, a stored table of pointing angles: the baseline of comparisons."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from hillsphere_tracking.trackers.specs import TableSpec
 from hillsphere_tracking.trackers.state import (
     OrbitState,
     field_of,
-    measured,
-    seen_covariance,
+    predict_angles,
     start,
+    validate_measurement,
 )
 
 __all__ = ["Table"]
 
 
 class Table:
-    """The nominal orbit by its secular rates, whatever is measured.
+    """Tracker that predicts from the nominal orbit alone and ignores all measurements.
 
     Parameters
     ----------
     spec : TableSpec
-        Its parameters.
+        Parameters from the mission.
     """
 
     def __init__(self, spec: TableSpec) -> None:
@@ -51,8 +51,8 @@ class Table:
     def update(
         self, state: OrbitState, t_s: Array, az_rad: Array, el_rad: Array, sigma_rad: Array
     ) -> OrbitState:
-        """Count the measurement, and learn nothing from it."""
-        _, azimuth, elevation = measured(state, t_s, az_rad, el_rad)
+        """Count the measurement without using it."""
+        _, azimuth, elevation = validate_measurement(state, t_s, az_rad, el_rad)
         return replace(state, count=state.count + np.isfinite(azimuth + elevation))
 
     def predict(
@@ -64,7 +64,7 @@ class Table:
         columns[:, 3, 0] = columns[:, 5, 1] = 1.0
         variances = [self.spec.node_sigma_rad**2, self.spec.mean_anomaly_sigma_rad**2]
         covariance = np.broadcast_to(np.diag(variances), (cases, 2, 2))
-        return seen_covariance(
+        return predict_angles(
             state, times_s, self._field, columns, covariance, np.zeros((cases, 2)),
             short_period=self.short_period, biased=biased,
         )  # fmt: skip

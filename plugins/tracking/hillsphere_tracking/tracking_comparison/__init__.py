@@ -1,1 +1,1 @@
-"""Strategies of assisted tracking compared over the cases of a campaign."""
+"""Comparison of trackers over the cases of a campaign of assisted tracking."""

@@ -1,4 +1,4 @@
-"""Trackers at the points of a sweep, such as over the age of the elements."""
+"""Comparison of trackers at the points of a sweep, such as over the age of the elements."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from hillsphere.interfaces import Array, Integers
 from hillsphere.products import CaseTable
 from hillsphere_tracking.tracking_comparison.products import AgeComparison
 from hillsphere_tracking.tracking_comparison.statistics import (
-    measured,
+    bootstrap_means,
     medians,
     outages_of,
     reacquisitions,
-    resampled_means,
+    values_of,
 )
 
 __all__ = ["age_comparison", "no_sweep"]
@@ -25,10 +25,10 @@ _IN_WORDS = {
 
 
 def no_sweep(campaign: str) -> str:
-    """Say that a campaign cannot tell errors by the age of elements."""
+    """Return the message that a campaign is not a sweep over a number."""
     return (
-        f"campaign {campaign!r} is no sweep over a number; name one that is, or leave needs.ages "
-        "out"
+        f"campaign {campaign!r} is not a sweep over a number; name such a sweep, or leave "
+        "needs.ages out"
     )
 
 
@@ -48,56 +48,57 @@ def age_comparison(
     table : CaseTable
         The sweep.
     name : str
-        Its name, for messages.
+        Name of the campaign, used in messages.
     measure : str
-        Error that is compared.
+        Name of the error that is compared.
     baseline : str
-        Tracker that the others are compared with.
+        Tracker to which the others are compared.
     resamples : int
-        How often the cases are drawn anew for the intervals.
+        Number of bootstrap resamples for the intervals.
     level : float
         Confidence level of the intervals.
     rng : numpy.random.Generator
-        Draws the cases.
+        Random generator that draws the resamples.
 
     Returns
     -------
     AgeComparison
-        Over the first swept quantity that is a number with a unit, or else a number.
+        Comparison over the first swept number with a unit, or else over the first swept number.
 
     Raises
     ------
     InputError
-        If it is no sweep over a number, no sweep of assisted tracking, or has no such baseline.
+        If the campaign is not a sweep over a number, is not of assisted tracking, or has no such
+        baseline.
     """
-    found = outages_of(table, name)
+    outages = outages_of(table, name)
     numbers = [d for d, unit in enumerate(table.swept_units) if unit]
     if table.points is None or not numbers:
         raise InputError(no_sweep(name))
-    if baseline not in found.trackers:
+    if baseline not in outages.trackers:
         raise InputError(
-            f"campaign {name!r} has no tracker {baseline!r}, the baseline; let it have "
-            f"{', '.join(found.trackers)} and {baseline}"
+            f"campaign {name!r} has no tracker {baseline!r}, the baseline; give it the trackers "
+            f"{', '.join(outages.trackers)} and {baseline}"
         )
     x = next((d for d in numbers if table.swept_units[d] != "-"), numbers[0])
     points = table.points.shape[1]
-    values = measured(found, measure, name)
-    first, trackers = found.trackers.index(baseline), len(found.trackers)
-    middle = np.full((trackers, len(found.keys), points), np.nan)
+    values = values_of(outages, measure, name)
+    first, trackers = outages.trackers.index(baseline), len(outages.trackers)
+    middle = np.full((trackers, len(outages.keys), points), np.nan)
     interval = np.full((2, trackers, points), np.nan)
     shares = np.full((3, trackers, points), np.nan)
     times = np.full((2, trackers, points), np.nan)
     count = np.zeros(points, dtype=np.int64)
     tail = 0.5 * (1.0 - level)
     for p in range(points):
-        here = (table.point == p) & found.ended
+        here = (table.point == p) & outages.ended
         count[p] = np.count_nonzero(here)
         if not here.any():
             continue
         middle[:, :, p] = medians(values[:, :, here], (0.5,))[0]
-        means = resampled_means(values[:, :, here], resamples, rng)
+        means = bootstrap_means(values[:, :, here], resamples, rng)
         interval[:, :, p] = medians(means, (tail, 1.0 - tail))
-        shares[:, :, p], times[:, :, p] = reacquisitions(found, here)
+        shares[:, :, p], times[:, :, p] = reacquisitions(outages, here)
     ratio, where = _worst_ratios(middle, first)
     return AgeComparison(
         stage=table.stage,
@@ -106,9 +107,9 @@ def age_comparison(
         value=np.array(table.points[x]),
         group=_groups(table, x),
         baseline=baseline,
-        passes=tuple(key[0] for key in found.keys),
-        outages=tuple(key[1] for key in found.keys),
-        trackers=found.trackers,
+        passes=tuple(key[0] for key in outages.keys),
+        outages=tuple(key[1] for key in outages.keys),
+        trackers=outages.trackers,
         count=count,
         mean_median_rad=np.mean(middle, axis=1),
         mean_interval_rad=interval,
@@ -121,14 +122,14 @@ def age_comparison(
 
 
 def _worst_ratios(middle: Array, first: int) -> tuple[Array, Integers]:
-    """Return the largest ratio (T, P) of medians (T, L, P) to the baseline's, and its outage."""
+    """Return the largest ratio (T, P) of medians (T, L, P) to the baseline, and its outage."""
     ratio = middle / middle[first]
     where = np.argmax(np.where(np.isfinite(ratio), ratio, -np.inf), axis=1)
     return np.take_along_axis(ratio, where[:, None], axis=1)[:, 0], where
 
 
 def _groups(table: CaseTable, x: int) -> tuple[str, ...]:
-    """Return what stands in each point's label beside the quantity x, without its path."""
+    """Return the swept quantities of each point other than number x, in words."""
     if len(table.swept) == 1:
         return ("",) * len(table.point_labels)
     parts = [label.split(", ") for label in table.point_labels]
@@ -138,7 +139,7 @@ def _groups(table: CaseTable, x: int) -> tuple[str, ...]:
 
 
 def _in_words(label: str) -> str:
-    """Return ``"period = 3 s"`` of ``"stage.hover.period = 3 s"``."""
+    """Shorten ``"stage.hover.period = 3 s"`` to ``"period = 3 s"``."""
     name, equals, value = label.partition(" = ")
     short = name.rpartition(".")[2] + equals + value
     return _IN_WORDS.get(short, short.replace("_", " "))

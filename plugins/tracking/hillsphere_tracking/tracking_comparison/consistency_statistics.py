@@ -1,4 +1,4 @@
-"""Whether trackers know how good they are: normalised errors squared (NEES) of a campaign."""
+"""Consistency of trackers: normalised estimation errors squared (NEES) of a campaign."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from hillsphere.errors import InputError
 from hillsphere.products import CaseTable
 from hillsphere_tracking.tracking_comparison.products import Consistency
 from hillsphere_tracking.tracking_comparison.statistics import (
-    measured,
+    bootstrap_means,
     medians,
     outages_of,
-    resampled_means,
+    values_of,
 )
 
 __all__ = ["nees_consistency"]
@@ -28,59 +28,62 @@ def nees_consistency(
     level: float,
     rng: np.random.Generator,
 ) -> Consistency:
-    """Judge whether trackers know how good they are.
+    """Test whether the covariances of trackers are consistent with their errors, by the NEES.
+
+    For a consistent tracker the sum of N independent values of the NEES, with two degrees of
+    freedom each, follows χ² with 2N degrees of freedom.
 
     Parameters
     ----------
     table : CaseTable
         A campaign of assisted tracking.
     name : str
-        Its name, for messages.
+        Name of the campaign, used in messages.
     consistent : tuple of str
-        Trackers that expect errors as they truly are; ``()`` for all.
+        Trackers whose assumed errors equal the true ones; ``()`` for all.
     measure : str
-        Error that is compared.
+        Name of the error that is compared.
     resamples : int
-        How often the cases are drawn anew for the intervals.
+        Number of bootstrap resamples for the intervals.
     level : float
         Confidence level of all intervals.
     rng : numpy.random.Generator
-        Draws the cases.
+        Random generator that draws the resamples.
 
     Returns
     -------
     Consistency
-        Mean NEES of each outage and tracker, with the band of χ².
+        Mean NEES of each outage and tracker, with the band from χ².
 
     Raises
     ------
     InputError
-        If it has no NEES, or no such tracker.
+        If the campaign has no NEES, or no such tracker.
     """
-    found = outages_of(table, name)
+    outages = outages_of(table, name)
     for tracker in consistent:
-        if tracker not in found.trackers:
-            hint = did_you_mean(tracker, found.trackers, otherwise="there are")
+        if tracker not in outages.trackers:
+            hint = did_you_mean(tracker, outages.trackers, otherwise="there are")
             raise InputError(f"consistent: campaign {name!r} has no tracker {tracker!r}{hint}")
-    values = measured(found, "nees", name)
-    errors = measured(found, measure, name)[:, :, found.ended]
+    values = values_of(outages, "nees", name)
+    errors = values_of(outages, measure, name)[:, :, outages.ended]
     count = np.sum(np.isfinite(values), axis=-1)
     some = np.maximum(count, 1)
     mean = np.where(count > 0, np.nansum(values, axis=-1) / some, np.nan)
     tail = 0.5 * (1.0 - level)
     interval = np.array([chi2.ppf(q, 2 * some) / some for q in (tail, 1.0 - tail)])
-    # Outages of one case have errors in common: its mean over them is drawn anew, as a whole.
-    cases = np.mean(values[:, :, found.ended], axis=1, keepdims=True)
-    overall = resampled_means(cases, resamples, rng, np.nanmean)
-    right = consistent or found.trackers
-    first = found.trackers.index(right[0])
+    # The outages of a case have common errors: the bootstrap draws whole cases.
+    cases = np.mean(values[:, :, outages.ended], axis=1, keepdims=True)
+    overall = bootstrap_means(cases, resamples, rng, np.nanmean)
+    right = consistent or outages.trackers
+    first = outages.trackers.index(right[0])
     middle = np.mean(medians(errors, (0.5,))[0], axis=-1)
-    drawn = resampled_means(errors, resamples, rng)
+    drawn = bootstrap_means(errors, resamples, rng)
     return Consistency(
         stage=table.stage,
-        passes=tuple(key[0] for key in found.keys),
-        outages=tuple(key[1] for key in found.keys),
-        trackers=found.trackers,
+        passes=tuple(key[0] for key in outages.keys),
+        outages=tuple(key[1] for key in outages.keys),
+        trackers=outages.trackers,
         consistent=right,
         count=count,
         mean=mean,

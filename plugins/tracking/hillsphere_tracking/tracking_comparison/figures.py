@@ -1,4 +1,4 @@
-"""Figures of the comparison of trackers: outages, ages, consistency, bands over time."""
+"""Figures of the comparison of trackers: outages, sweep, consistency, errors over time."""
 
 from __future__ import annotations
 
@@ -25,12 +25,14 @@ __all__ = ["draw_ages", "draw_bands", "draw_consistency", "draw_outages"]
 _MARKS = ("o", "s", "^", "D", "v", "P", "X")
 _AGE_LINES = ("-", "--", ":", "-.")
 _FLOOR_DEG = 1e-3
+"""Errors below this are drawn here, so that a logarithmic axis keeps its room for those that
+matter: no antenna of this study measures a thousandth of a degree."""
 
 
 def draw_outages(
     figure: Figure, product: TrackingComparison, published: Mapping[tuple[str, str], float]
 ) -> None:
-    """Draw median and 5–95 % of the error for each outage and tracker, and published values."""
+    """Draw median and 5–95 % of the error of each outage and tracker, with published values."""
     axes = figure.add_subplot()
     m = product.measures.index(product.measure)
     places = np.arange(len(product.outages), dtype=float)
@@ -42,9 +44,9 @@ def draw_outages(
         axes.vlines(x, low[t], high[t], color=colour, lw=1.6, alpha=0.7)
         axes.plot(x, middle[t], _MARKS[t % len(_MARKS)], color=colour, ms=4, label=name)
     keys = list(zip(product.passes, product.outages, strict=True))
-    found = np.array([published.get(key, np.nan) for key in keys])
-    if np.isfinite(found).any():
-        axes.plot(places, found, "_", color=PALETTE["black"], ms=22, mew=1.6, label="published")
+    reference = np.array([published.get(key, np.nan) for key in keys])
+    if np.isfinite(reference).any():
+        axes.plot(places, reference, "_", color=PALETTE["black"], ms=22, mew=1.6, label="published")
     for place in places[1:]:
         axes.axvline(place - 0.5, color="#dddddd", lw=0.6)
     axes.axhline(np.degrees(product.lock_angle_rad), color=PALETTE["black"], ls="--", lw=0.9,
@@ -63,9 +65,9 @@ def draw_outages(
 
 
 def draw_ages(figure: Figure, product: AgeComparison, styles: Sequence[str], label: str) -> None:
-    """Draw the mean of the medians of each tracker over what was swept, and the time to reacquire.
+    """Draw the mean of the medians of each tracker, and the time to reacquire, over a swept number.
 
-    `styles` are the trackers by the order of their colours, `label` names the axis.
+    `styles` are the trackers in the order of their colours; `label` is the label of the axis.
     """
     searched = bool(np.isfinite(product.reacquire_s).any())
     cells = figure.subplots(1 + searched, squeeze=False, sharex=True)[:, 0].tolist()
@@ -87,7 +89,7 @@ def draw_ages(figure: Figure, product: AgeComparison, styles: Sequence[str], lab
     axes = cells[-1]
     positive = product.value[product.value > 0.0]
     if positive.size and product.value.min() >= 0.0 and positive.max() > 10.0 * positive.min():
-        # Linear about zero, which a logarithmic axis cannot show.
+        # a logarithmic axis cannot show zero: linear up to the smallest positive value
         axes.set_xscale("symlog", linthresh=float(positive.min()))
         ticks = np.unique(product.value)
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
@@ -102,7 +104,7 @@ def draw_ages(figure: Figure, product: AgeComparison, styles: Sequence[str], lab
 
 
 def draw_consistency(figure: Figure, product: Consistency, level: float) -> None:
-    """Draw the mean NEES of each outage and tracker, and the band in which it should lie."""
+    """Draw the mean NEES of each outage and tracker, with the band of a consistent tracker."""
     axes = figure.add_subplot()
     places = np.arange(len(product.outages), dtype=float)
     count = len(product.trackers)
@@ -134,7 +136,7 @@ def draw_bands(
 ) -> None:
     """Draw quantiles of errors over time.
 
-    Each panel is a title, when the signal is lost (s), and tracker → row of the bands.
+    Each panel consists of a title, the time of the loss (s), and the rows of the bands by tracker.
     """
     columns = min(3, len(panels))
     rows = -(-len(panels) // columns)

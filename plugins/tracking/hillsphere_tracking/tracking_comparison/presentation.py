@@ -1,4 +1,4 @@
-"""What the comparison of trackers shows."""
+"""Presentation of the comparison of trackers."""
 
 from __future__ import annotations
 
@@ -29,28 +29,30 @@ from hillsphere_tracking.tracking_comparison.verdict import (
 __all__ = ["present_tracking"]
 
 _PANELS = 18
+"""Outages in the figure over time at most, six rows of three: its caption says how many there
+are."""
 
 
 def present_tracking(
     product: TrackingComparison, reference: ReferenceTable | None, bands: Bands | None
 ) -> Presentation:
-    """Show the comparison.
+    """Return tables, figures, metrics and verdict of the comparison.
 
     Parameters
     ----------
     product : TrackingComparison
-        What is shown.
+        The comparison.
     reference : ReferenceTable or None
-        Published values: columns ``pass``, ``outage``, ``error_max_deg``, perhaps
+        Published values with the columns ``pass``, ``outage``, ``error_max_deg``, and optionally
         ``determination_s``, ``prediction_s`` and ``note``.
     bands : Bands or None
-        Quantiles over time of the campaign.
+        Quantiles of the campaign over time.
 
     Returns
     -------
     Presentation
-        Tables ``tracking_outages``, ``tracking_trackers``, perhaps ``tracking_ages``,
-        ``tracking_nees`` and ``tracking_consistency``, and figures of like names.
+        Tables ``tracking_outages``, ``tracking_trackers``, optionally ``tracking_ages``,
+        ``tracking_nees`` and ``tracking_consistency``, and figures with the same names.
     """
     twins = twins_of(product, reference)
     tables = {
@@ -66,8 +68,8 @@ def present_tracking(
                 draw_outages, product=product,
                 published=published if product.measure == "error_max" else {},
             ),
-            f"Medians and 5 to 95 % of {product.ended} cases; dashed: the beam."
-            + (" Black: published values, one draw each." if published else ""),
+            f"Medians and 5 % to 95 % of {product.ended} cases. Dashed: half-width of the beam."
+            + (" Black: published values, one random draw each." if published else ""),
             size_in=(max(6.0, 1.6 + 0.62 * len(product.outages)), 5.0),
         )
     }  # fmt: skip
@@ -81,9 +83,9 @@ def present_tracking(
         figures["tracking_ages"] = Figure(
             f"Trackers over {product.ages.name.replace('_', ' ')}",
             partial(draw_ages, product=product.ages, styles=styles, label=label),
-            "Mean over the outages of the medians over the cases at each point."
+            "Mean over the outages of the median over the cases, at each point."
             + (
-                " Below: time to reacquire of those that are found, median and up to 95 %."
+                " Below: time to reacquire in cases that are found, from the median to 95 %."
                 if searched
                 else ""
             ),
@@ -94,10 +96,10 @@ def present_tracking(
         tables["tracking_nees"] = nees_table(product.consistency, product.level)
         tables["tracking_consistency"] = knowing_table(product.consistency, product.level)
         figures["tracking_consistency"] = Figure(
-            "Whether trackers know how good they are",
+            "Consistency of the trackers",
             partial(draw_consistency, product=product.consistency, level=product.level),
-            "Normalised errors squared of predictions: above the band the tracker thinks itself "
-            "better than it is, below it worse.",
+            "Normalised estimation error squared (NEES) of predictions. Above the band the tracker "
+            "is overconfident, below the band it is too cautious.",
             size_in=(max(6.0, 1.6 + 0.5 * len(product.consistency.outages)), 4.4),
         )
         said += knowing_verdict(product.consistency, product.level)
@@ -143,8 +145,8 @@ def _band_figures(product: TrackingComparison, bands: Bands | None) -> dict[str,
                 draw_bands, bands=bands, panels=shown, styles=product.trackers,
                 lock_angle_rad=product.lock_angle_rad,
             ),
-            f"Median and {low:g} to {high:g} % at each time, not the course of a case. Shaded: "
-            f"the signal is there. Dashed: the beam.{left}",
+            f"Median and {low:g} % to {high:g} % of the cases at each time. Shaded: the signal is "
+            f"received. Dashed: half-width of the beam.{left}",
             size_in=(1.0 + 3.3 * min(3, len(shown)), 0.9 + 2.3 * -(-len(shown) // 3)),
         )
     }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Spec of the stage ``tracking_comparison``: what a mission may write."""
+"""Spec of the stage ``tracking_comparison``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["TrackingComparisonNeeds", "TrackingComparisonSpec"]
 
 
 class TrackingComparisonNeeds(Spec):
-    """The campaigns that are judged, and the stage that they repeat."""
+    """The campaigns that are compared, and the stage that they repeat."""
 
     examples = (
         {"tracking": "track", "campaign": "verify"},
@@ -22,7 +22,7 @@ class TrackingComparisonNeeds(Spec):
         "stage that the campaign repeats",
     )
     campaign: Ref = need(
-        "hillsphere.products:CaseTable", "many cases of it, by monte_carlo: compares the trackers"
+        "hillsphere.products:CaseTable", "cases of this stage, by monte_carlo, for the comparison"
     )
     ages: Ref | None = need(
         "hillsphere.products:CaseTable",
@@ -31,36 +31,36 @@ class TrackingComparisonNeeds(Spec):
     )
     consistency: Ref | None = need(
         "hillsphere.products:CaseTable",
-        "many cases, by monte_carlo, of such a stage whose truth is what a tracker expects: tells "
-        "whether the trackers know how good they are",
+        "cases, by monte_carlo, of such a stage whose true errors are the assumed errors of a "
+        "tracker: tests the consistency of the trackers",
         default=None,
     )
 
 
 class TrackingComparisonSpec(StageSpec):
-    """Trackers compared over the outages of a campaign, against a baseline and published values."""
+    """Comparison of trackers over a campaign, with a baseline and published values."""
 
     produces = "hillsphere_tracking.tracking_comparison.products:TrackingComparison"
     examples = ({"needs": TrackingComparisonNeeds.examples[0]},)
 
     needs: TrackingComparisonNeeds = option("products of earlier stages")
     baseline: str = option(
-        "tracker that the others are compared with", default="table", min_length=1, max_length=60
+        "tracker to which the others are compared", default="table", min_length=1, max_length=60
     )
     consistent: tuple[str, ...] = option(
-        "trackers of the campaign needs.consistency that expect errors as they truly are there; "
-        "the others are said to expect others; left out: all",
+        "trackers of the campaign needs.consistency whose assumed error statistics are the true "
+        "ones; default: all",
         default=(),
         max_length=60,
     )
     measure: Literal["error_max", "sky_error_max", "encoder_error_max"] = option(
-        "largest error of a prediction that is compared: √(ΔA² + Δh²) against the true place, the "
-        "arc on the sky, or √(ΔA² + Δh²) against the encoders",
+        "largest error of a prediction that is compared: √(ΔA² + Δh²) of the true direction, the "
+        "arc on the sky, or √(ΔA² + Δh²) at the encoders",
         default="error_max",
     )
-    confidence: float = option("of all intervals", default=0.95, gt=0.5, lt=1)
+    confidence: float = option("confidence level of all intervals", default=0.95, gt=0.5, lt=1)
     resamples: int = option(
-        "how often the cases are drawn anew for the intervals of means and ratios (bootstrap)",
+        "number of bootstrap resamples for the intervals of means and ratios",
         default=1000,
         ge=100,
         le=100_000,

@@ -1,4 +1,4 @@
-"""The stage ``tracking_comparison``: trackers over the outages of many cases."""
+"""The stage ``tracking_comparison``: comparison of trackers over the outages of many cases."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from hillsphere_tracking.tracking_comparison.specs import TrackingComparisonSpec
 from hillsphere_tracking.tracking_comparison.statistics import (
     Outages,
     beyond_covariance,
-    locked_share,
+    bootstrap_means,
+    lock_share,
     medians,
     outages_of,
     reacquisitions,
-    resampled_means,
 )
 
 __all__ = ["TrackingComparisonStage"]
@@ -36,12 +36,12 @@ _REQUIRED = ("pass", "outage", "error_max_deg")
 
 
 class TrackingComparisonStage:
-    """Compare trackers.
+    """Comparison of trackers over a campaign of assisted tracking.
 
     Parameters
     ----------
     spec : TrackingComparisonSpec
-        With its references bound.
+        Spec of the stage, its references bound.
 
     Raises
     ------
@@ -61,7 +61,7 @@ class TrackingComparisonStage:
                 )
 
     def check_needs(self, tracking: object, campaign: object, **others: object) -> None:
-        """Refuse a baseline that is none of the trackers, and a campaign of another kind."""
+        """Refuse a baseline that is not among the trackers, and a campaign of another kind."""
         of = getattr(campaign, "spec", None)
         if isinstance(of, CampaignSpec):
             self._check_campaign(of.repeat.name, swept=isinstance(of, SweepSpec))
@@ -79,20 +79,20 @@ class TrackingComparisonStage:
         ages: CaseTable | None = None,
         consistency: CaseTable | None = None,
     ) -> TrackingComparison:
-        """Compare them.
+        """Compare the trackers.
 
         Parameters
         ----------
         ctx : Context
-            Gives the random numbers of the bootstrap.
+            Provides the random numbers of the bootstrap.
         tracking : AssistedTracking
-            One case of the stage that the campaign repeated.
+            One case of the repeated stage.
         campaign : CaseTable
-            Many cases of it.
+            Cases of the repeated stage.
         ages : CaseTable, optional
-            A sweep of such a stage.
+            Sweep of a stage of assisted tracking.
         consistency : CaseTable, optional
-            Many cases of such a stage where the truth is what a tracker expects.
+            Cases of a stage whose true errors are the assumed errors of a tracker.
 
         Returns
         -------
@@ -102,29 +102,29 @@ class TrackingComparisonStage:
         Raises
         ------
         InputError
-            If a campaign is not what it should be, or there is no such baseline.
+            If a campaign is of the wrong kind, or the baseline does not exist.
         """
-        found = self._cases(tracking, campaign)
+        outages = self._sort_outages(tracking, campaign)
         needs, spec = self.spec.needs, self.spec
-        shape = (len(MEASURES), len(found.trackers), len(found.keys))
+        shape = (len(MEASURES), len(outages.trackers), len(outages.keys))
         quantiles, count = np.full((3, *shape), np.nan), np.zeros(shape, dtype=np.int64)
         pooled = np.full((3, *shape[:2]), np.nan)
-        for m, values in ((m, found.values.get(name)) for m, name in enumerate(MEASURES)):
+        for m, values in ((m, outages.values.get(name)) for m, name in enumerate(MEASURES)):
             if values is not None:
                 quantiles[:, m], count[m] = medians(values), np.sum(np.isfinite(values), axis=-1)
                 pooled[:, m] = medians(values.reshape(values.shape[0], -1))
         middle = quantiles[1, [list(MEASURES).index(name) for name in FRAMES]]
         mean = np.mean(middle, axis=-1)
-        first, f = found.trackers.index(spec.baseline), FRAMES.index(spec.measure)
+        first, f = outages.trackers.index(spec.baseline), FRAMES.index(spec.measure)
         keys = [(tracking.passes[p], name) for p, name in
                 zip(tracking.outage_pass, tracking.outage_names, strict=True)]  # fmt: skip
-        order = [keys.index(key) for key in found.keys]
+        order = [keys.index(key) for key in outages.keys]
         loss = tracking.outage_s[order]
-        drawn = self._drawn_anew(found, ctx)
+        drawn = self._bootstrap(outages, ctx)
         tail = 0.5 * (1.0 - spec.confidence)
         between = (tail, 1.0 - tail)
-        shares, times = reacquisitions(found, found.ended)
-        limit, uncovered = beyond_covariance(found, COVERED)
+        shares, times = reacquisitions(outages, outages.ended)
+        limit, uncovered = beyond_covariance(outages, COVERED)
         rng = ctx.rng("bootstrap of ages and consistency")
         return TrackingComparison(
             satellite=tracking.satellite,
@@ -134,17 +134,17 @@ class TrackingComparisonStage:
             level=spec.confidence,
             lock_angle_rad=tracking.lock_angle_rad,
             cases=int(campaign.case.size),
-            ended=int(np.count_nonzero(found.ended)),
-            passes=tuple(key[0] for key in found.keys),
-            outages=tuple(key[1] for key in found.keys),
+            ended=int(np.count_nonzero(outages.ended)),
+            passes=tuple(key[0] for key in outages.keys),
+            outages=tuple(key[1] for key in outages.keys),
             loss_s=loss,
             prediction_s=tracking.duration_s[tracking.outage_pass[order]] - loss,
-            trackers=found.trackers,
+            trackers=outages.trackers,
             measures=tuple(MEASURES),
             units=tuple(MEASURES.values()),
             quantiles=quantiles,
             count=count,
-            locked=locked_share(found, tracking.lock_angle_rad),
+            locked=lock_share(outages, tracking.lock_angle_rad),
             pooled=pooled,
             mean_median_rad=mean,
             mean_interval_rad=medians(drawn, between),
@@ -170,15 +170,15 @@ class TrackingComparisonStage:
             ),
         )  # fmt: skip
 
-    def _drawn_anew(self, found: Outages, ctx: Context) -> Array:
-        """Return the means of medians in each frame, of cases drawn anew, (3, T, R)."""
-        means = np.full((len(FRAMES), len(found.trackers), self.spec.resamples), np.nan)
+    def _bootstrap(self, outages: Outages, ctx: Context) -> Array:
+        """Return the bootstrap means (3, T, R) of the medians, for each of `FRAMES`."""
+        means = np.full((len(FRAMES), len(outages.trackers), self.spec.resamples), np.nan)
         for f, frame in enumerate(FRAMES):
-            if frame in found.values:
-                # the same cases in each frame
+            if frame in outages.values:
+                # a new generator with the same seed: the same cases for each error
                 rng = ctx.rng("bootstrap")
-                ended = found.values[frame][:, :, found.ended]
-                means[f] = resampled_means(ended, self.spec.resamples, rng)
+                ended = outages.values[frame][:, :, outages.ended]
+                means[f] = bootstrap_means(ended, self.spec.resamples, rng)
         return means
 
     def present(
@@ -189,23 +189,23 @@ class TrackingComparisonStage:
         ages: CaseTable | None = None,
         consistency: CaseTable | None = None,
     ) -> Presentation:
-        """Show the comparison."""
+        """Present the comparison."""
         return present_tracking(product, self.reference, campaign.bands)
 
-    def _cases(self, tracking: AssistedTracking, campaign: CaseTable) -> Outages:
-        """Return the campaign's metrics, sorted, once it is sure that they are those meant."""
+    def _sort_outages(self, tracking: AssistedTracking, campaign: CaseTable) -> Outages:
+        """Check that a campaign repeats the stage, and sort its metrics by outage."""
         needs, name = self.spec.needs, self.spec.needs.campaign.name
         self._check_campaign(campaign.stage, swept=bool(campaign.swept))
-        found = outages_of(campaign, name)
+        outages = outages_of(campaign, name)
         keys = {(tracking.passes[p], o) for p, o in
                 zip(tracking.outage_pass, tracking.outage_names, strict=True)}  # fmt: skip
-        if set(found.keys) != keys or set(found.trackers) != set(tracking.trackers):
+        if set(outages.keys) != keys or set(outages.trackers) != set(tracking.trackers):
             raise InputError(
                 f"campaign {name!r} has other outages or trackers than stage "
                 f"{needs.tracking.name!r}; run both anew"
             )
-        self._check_baseline(found.trackers)
-        return found
+        self._check_baseline(outages.trackers)
+        return outages
 
     def _check_campaign(self, repeated: str, *, swept: bool) -> None:
         needs, name = self.spec.needs, self.spec.needs.campaign.name

@@ -1,4 +1,4 @@
-"""Statistics of campaigns of assisted tracking, outage by outage."""
+"""Statistics of campaigns of assisted tracking, by outage and tracker."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from hillsphere.cases.case_classes import ended
+from hillsphere.cases.case_classes import has_ended
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.products import CaseTable
@@ -21,16 +21,16 @@ from hillsphere_tracking.tracking_comparison.products import FRAMES, LEVELS
 __all__ = [
     "Outages",
     "beyond_covariance",
-    "locked_share",
-    "measured",
+    "bootstrap_means",
+    "lock_share",
     "medians",
     "outages_of",
     "reacquisitions",
-    "resampled_means",
+    "values_of",
 ]
 
 _ROOM = 1 << 22
-"""Numbers that a bootstrap draws at once."""
+"""Numbers that a bootstrap draws at once: 32 MB. Fewer cost time in the loop, more cost memory."""
 
 
 @dataclass(frozen=True)
@@ -44,9 +44,9 @@ class Outages:
     trackers : tuple of str
         Names of the T trackers.
     values : mapping
-        Measure → ndarray (T, L, N); NaN where a case did not come to its end or has no value.
+        Arrays (T, L, N) by measure; NaN if a case was not completed or has no value.
     ended : ndarray of bool, shape (N,)
-        Cases that came to their end, for at least one tracker.
+        Cases that were completed for at least one tracker.
     """
 
     keys: tuple[tuple[str, str], ...]
@@ -56,32 +56,32 @@ class Outages:
 
 
 def outages_of(table: CaseTable, name: str) -> Outages:
-    """Sort the metrics of a campaign.
+    """Sort the metrics of a campaign by measure, tracker and outage.
 
     Parameters
     ----------
     table : CaseTable
         The campaign.
     name : str
-        Its name, for messages.
+        Name of the campaign, used in messages.
 
     Returns
     -------
     Outages
-        In the order of the metrics.
+        Values in the order of the metrics.
 
     Raises
     ------
     InputError
-        If it has no metric of assisted tracking, or no case that came to its end.
+        If the campaign has no metric of assisted tracking, or no completed case.
     """
     parsed = [MetricName.parse(metric) for metric in table.metrics]
     known = [(row, p) for row, p in enumerate(parsed) if p is not None and p.measure in MEASURES]
-    # A case is lost as a whole if one tracker diverges; the others' values are as good as any.
-    done = np.asarray(ended(table) | (table.status == "diverged"))
+    # A case counts as diverged if one tracker diverges; the values of the others remain valid.
+    done = np.asarray(has_ended(table) | (table.status == "diverged"))
     if not np.any(done):
         raise InputError(
-            f"campaign {name!r}: none of its {table.case.size} cases came to its end; see its "
+            f"campaign {name!r}: none of its {table.case.size} cases was completed; see its "
             "failures"
         )
     if not known:
@@ -100,41 +100,42 @@ def outages_of(table: CaseTable, name: str) -> Outages:
     for row, p in known:
         place = trackers.index(p.tracker), keys.index((p.pass_, p.outage))
         values[p.measure][place] = np.where(done, table.values[row], np.nan)
-    for made in values.values():
-        made[~np.isfinite(made)] = np.nan
+    for column in values.values():
+        column[~np.isfinite(column)] = np.nan
     return Outages(keys, trackers, values, done)
 
 
 def medians(values: Array, levels: tuple[float, ...] = LEVELS) -> Array:
-    """Return quantiles (l, ...) over the last axis, without what is NaN; NaN where all is."""
+    """Return quantiles (l, ...) over the last axis that ignore NaN; NaN if all values are NaN."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "All-NaN slice", RuntimeWarning)
         return np.asarray(np.nanquantile(values, levels, axis=-1))
 
 
-def resampled_means(
+def bootstrap_means(
     values: Array,
     resamples: int,
     rng: np.random.Generator,
     statistic: Callable[..., Any] = np.nanmedian,
 ) -> Array:
-    """Return means over the outages of a statistic over the cases, of cases drawn anew.
+    """Bootstrap the mean over the outages of a statistic over the cases [1]_.
 
     Parameters
     ----------
     values : ndarray, shape (T, L, N)
-        Of T trackers in L outages and N cases; NaN where there is none.
+        Values of T trackers in L outages and N cases; NaN for missing values.
     resamples : int
-        How often the cases are drawn anew, with the same cases for all trackers and outages.
+        Number of bootstrap resamples; each uses the same cases for all trackers and outages.
     rng : numpy.random.Generator
-        Draws them.
+        Random generator that draws the resamples.
     statistic : callable
-        Numpy's ``nanmedian`` or ``nanmean``.
+        ``numpy.nanmedian`` or ``numpy.nanmean``.
 
     Returns
     -------
     ndarray, shape (T, R)
-        Their quantiles, and those of ratios of two trackers, are percentile intervals [1]_.
+        Means of R resamples. Their quantiles are percentile intervals, also of ratios of two
+        trackers, which use the same cases.
 
     References
     ----------
@@ -155,51 +156,50 @@ def resampled_means(
     return means
 
 
-def measured(found: Outages, measure: str, name: str) -> Array:
-    """Return the values (T, L, N) of a measure; refuse a campaign that has none."""
-    if measure not in found.values:
-        raise InputError(f"campaign {name!r} has no metric {measure!r}; it has {[*found.values]}")
-    return found.values[measure]
+def values_of(outages: Outages, measure: str, name: str) -> Array:
+    """Return the values (T, L, N) of a measure; raise `InputError` if the campaign lacks it."""
+    if measure not in outages.values:
+        raise InputError(f"campaign {name!r} has no metric {measure!r}; it has {[*outages.values]}")
+    return outages.values[measure]
 
 
-def locked_share(found: Outages, lock_angle_rad: float) -> Array:
-    """Return the share (3, T, L) of cases within the lock angle, of those that have a value."""
-    shape = (len(FRAMES), len(found.trackers), len(found.keys))
+def lock_share(outages: Outages, lock_angle_rad: float) -> Array:
+    """Return the share (3, T, L) of the cases with a value whose error is within the lock angle."""
+    shape = (len(FRAMES), len(outages.trackers), len(outages.keys))
     share = np.full(shape, np.nan)
     for f, frame in enumerate(FRAMES):
-        if frame in found.values:
-            values = found.values[frame]
+        if frame in outages.values:
+            values = outages.values[frame]
             count = np.sum(np.isfinite(values), axis=-1)
             within = np.sum(values <= lock_angle_rad, axis=-1)
             share[f] = np.where(count > 0, within / np.maximum(count, 1), np.nan)
     return share
 
 
-def reacquisitions(found: Outages, cases: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Return what came of the searches of some cases, all outages together.
+def reacquisitions(outages: Outages, cases: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return the results of the searches in selected cases, over all outages together.
 
     Parameters
     ----------
-    found : Outages
+    outages : Outages
         The campaign.
     cases : ndarray of bool, shape (N,)
-        Which cases.
+        Selected cases.
 
     Returns
     -------
     shares : ndarray, shape (3, T)
-        Shares that are found at once, found by a search, and not found before the set; NaN without
-        a search.
+        Shares found at once, found by a search, and not found before the set; NaN without a search.
     times_s : ndarray, shape (2, T)
-        Median and 95 % of the time to reacquire of those that are found; NaN if none is.
+        Median and 95 % quantile of the time to reacquire, of cases that are found; NaN if none is.
     """
-    shares = np.full((3, len(found.trackers)), np.nan)
-    times = np.full((2, len(found.trackers)), np.nan)
-    if "found" not in found.values:
+    shares = np.full((3, len(outages.trackers)), np.nan)
+    times = np.full((2, len(outages.trackers)), np.nan)
+    if "found" not in outages.values:
         return shares, times
-    for t in range(len(found.trackers)):
+    for t in range(len(outages.trackers)):
         again, at_once, time = (
-            found.values[name][t][:, cases].ravel()
+            outages.values[name][t][:, cases].ravel()
             for name in ("found", "found_at_once", "time_to_reacquire")
         )
         known = np.isfinite(again)
@@ -211,28 +211,28 @@ def reacquisitions(found: Outages, cases: NDArray[np.bool_]) -> tuple[Array, Arr
     return shares, times
 
 
-def beyond_covariance(found: Outages, probability: float) -> tuple[float, Array]:
-    """Return how often errors are larger than a tracker's covariance lets expect.
+def beyond_covariance(outages: Outages, probability: float) -> tuple[float, Array]:
+    """Return the share of errors beyond the covariance of a tracker.
 
     Parameters
     ----------
-    found : Outages
+    outages : Outages
         The campaign.
     probability : float
-        Of normal errors with that covariance to lie within the ellipse.
+        Probability of normal errors with this covariance to lie within the ellipse.
 
     Returns
     -------
     limit : float
-        NEES on that ellipse: quantile of χ² with two degrees of freedom.
+        NEES on the ellipse: quantile of χ² with two degrees of freedom.
     share : ndarray, shape (T, L)
-        Share of the cases with a larger NEES; NaN without any.
+        Share of the cases with a larger NEES; NaN without cases.
     """
     limit = float(chi2.ppf(probability, 2))
-    shape = (len(found.trackers), len(found.keys))
-    if "nees" not in found.values:
+    shape = (len(outages.trackers), len(outages.keys))
+    if "nees" not in outages.values:
         return limit, np.full(shape, np.nan)
-    values = found.values["nees"]
+    values = outages.values["nees"]
     count = np.sum(np.isfinite(values), axis=-1)
     share = np.sum(values > limit, axis=-1) / np.maximum(count, 1)
     return limit, np.where(count > 0, share, np.nan)

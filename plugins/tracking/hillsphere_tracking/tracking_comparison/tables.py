@@ -1,67 +1,31 @@
-"""Tables of the comparison of trackers: published values beside bands, trackers side by side."""
+"""Tables of the comparison of trackers: by outage beside published values, and by tracker."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
 
-from hillsphere.presentation import Cell, Column, Printed, Table
+from hillsphere.interfaces import Array
+from hillsphere.presentation import Printed, Table
 from hillsphere.show.reference import ReferenceTable
+from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_tracking.tracking_comparison.products import COVERED, TrackingComparison
 
-__all__ = ["Twins", "number", "outage_table", "tracker_table", "twins_of"]
+__all__ = [
+    "Twins", "blank_infinite", "outage_table", "reacquisition_columns", "tracker_table", "twins_of",
+]  # fmt: skip
 
 Twins: TypeAlias = Mapping[tuple[str, str], Mapping[str, Printed | str | None]]
-"""Pass and outage → the published row."""
+"""Published rows by pass and outage."""
 
 _FRAMES = (("true", "true"), ("sky", "sky"), ("encoder", "encoders"))
-_WHO = (
-    Column("pass", "", "pass"),
-    Column("outage", "", "outage"),
-    Column("determination_s", "s", "signal lost after", 5),
-    Column("prediction_s", "s", "prediction", 5),
-)
-_BETWEEN = (
-    Column("error_max_p05_deg", "deg", "5 %", 4),
-    Column("error_max_deg", "deg", "median largest √(ΔA² + Δh²)", 4),
-    Column("error_max_p95_deg", "deg", "95 %", 4),
-    Column("sky_error_max_p05_deg", "deg", "5 %", 4),
-    Column("sky_error_max_deg", "deg", "median largest √((ΔA cos h)² + Δh²)", 4),
-    Column("sky_error_max_p95_deg", "deg", "95 %", 4),
-    Column("nees", "-", "median NEES", 4),
-    Column("uncovered", "-", "P(error not covered)", 4),
-)
-_TRACKERS = (
-    Column("tracker", "", "tracker"),
-    *(
-        Column(f"{which}_{frame}_deg", "deg", f"{word}{label}", 4)
-        for frame, label in _FRAMES
-        for which, word in (
-            ("mean", "mean of medians, "), ("mean_low", "at least, "), ("mean_high", "at most, "),
-            ("worst", "worst median, "),
-        )
-    ),
-    *(Column(f"locked_{frame}", "-", f"P(ε < lock), {label}", 4) for frame, label in _FRAMES),
-    Column("outside_s", "s", "time outside the beam, median", 4),
-    Column("outside_p95_s", "s", "95 %", 4),
-    Column("found_at_once", "-", "found at once", 4),
-    Column("found_by_search", "-", "by the search", 4),
-    Column("not_found", "-", "not found", 4),
-    Column("reacquire_s", "s", "time to reacquire if found, median", 4),
-    Column("reacquire_p95_s", "s", "95 %", 4),
-    Column("uncovered", "-", "P(error not covered)", 4),
-    Column("uncovered_outages", "-", "outages whose median is not covered"),
-    Column("ratio", "-", "error over the baseline's", 4),
-    Column("ratio_low", "-", "at least", 4),
-    Column("ratio_high", "-", "at most", 4),
-)  # fmt: skip
 
 
-def number(value: float) -> float | None:
-    """Return a number, None for what is not finite."""
-    return float(value) if np.isfinite(value) else None
+def blank_infinite(values: Array) -> Array:
+    """Return values with NaN, a blank cell, in place of infinite ones."""
+    return np.where(np.isfinite(values), values, np.nan)
 
 
 def twins_of(product: TrackingComparison, reference: ReferenceTable | None) -> Twins:
@@ -75,108 +39,137 @@ def twins_of(product: TrackingComparison, reference: ReferenceTable | None) -> T
 def outage_table(
     product: TrackingComparison, reference: ReferenceTable | None, twins: Twins
 ) -> Table:
-    """Return the trackers outage by outage, beside published values if there are any."""
-    columns: list[Column] = []
-    for column in (*_WHO, Column("tracker", "", "tracker"), *_BETWEEN):
-        columns.append(column)
-        if column.name == "error_max_deg" and twins:
-            columns.append(Column("error_max_deg_paper", "deg"))
-            columns.append(Column("paper_inside", "", "paper within 5–95 %"))
-        elif column.name == "prediction_s" and any("prediction_s" in row for row in twins.values()):
-            columns.append(Column("prediction_s_paper", "s"))
-    if any(row.get("note") for row in twins.values()):
-        columns.append(Column("note", "", "note"))
-    names = {column.name for column in columns}
-    rows: list[dict[str, Cell]] = []
-    for k, key in enumerate(zip(product.passes, product.outages, strict=True)):
-        twin = twins.get(key, {})
-        printed = twin.get("error_max_deg")
-        for t, tracker in enumerate(product.trackers):
-            row: dict[str, Cell] = {
-                "pass": key[0],
-                "outage": key[1],
-                "determination_s": float(product.loss_s[k]),
-                "prediction_s": float(product.prediction_s[k]),
-                "prediction_s_paper": twin.get("prediction_s"),
-                "tracker": tracker,
-                "note": twin.get("note"),
-            }
-            for measure in ("error_max", "sky_error_max"):
-                low, middle, high = np.degrees(
-                    product.quantiles[:, product.measures.index(measure), t, k]
-                )
-                row[f"{measure}_p05_deg"] = number(low)
-                row[f"{measure}_deg"] = number(middle)
-                row[f"{measure}_p95_deg"] = number(high)
-                if measure == "error_max" and isinstance(printed, Printed):
-                    row["error_max_deg_paper"] = printed
-                    row["paper_inside"] = bool(low <= printed <= high)
-            row["nees"] = number(product.quantiles[1, product.measures.index("nees"), t, k])
-            row["uncovered"] = number(product.uncovered[t, k])
-            rows.append({name: cell for name, cell in row.items() if name in names})
+    """Return the table of the trackers by outage, beside published values if there are any."""
+    of = FieldColumns(product, "outages", "trackers")
+    rows = [twins.get(key, {}) for key in zip(product.passes, product.outages, strict=True)]
+
+    def published(name: str) -> list[Printed | str | None]:
+        return of.spread(tuple(row.get(name) for row in rows), "outages").tolist()
+
+    def quantile(measure: str, level: int) -> Array:
+        values = product.quantiles[level, product.measures.index(measure)]
+        return of.spread(blank_infinite(values), "trackers", "outages")
+
+    filled = [of("passes", "pass"), of("outages", "outage"), of("loss_s", "determination_s")]
+    filled.append(of("prediction_s"))
+    if any("prediction_s" in row for row in rows):
+        filled.append(
+            column("prediction_s_paper", published("prediction_s"), unit="s", is_si=False)
+        )
+    filled.append(of("trackers", "tracker"))
+    for measure, words in (
+        ("error_max", "√(ΔA² + Δh²)"),
+        ("sky_error_max", "√((ΔA cos h)² + Δh²)"),
+    ):
+        filled.append(column(f"{measure}_p05_deg", quantile(measure, 0), "5 %", 4))
+        filled.append(column(f"{measure}_deg", quantile(measure, 1), f"median largest {words}", 4))
+        if measure == "error_max" and twins:
+            printed = [q if isinstance(q, Printed) else None for q in published("error_max_deg")]
+            filled.append(column("error_max_deg_paper", printed, unit="deg", is_si=False))
+            filled.append(_inside_column(of, product, printed))
+        filled.append(column(f"{measure}_p95_deg", quantile(measure, 2), "95 %", 4))
+    filled.append(column("nees", quantile("nees", 1), "median NEES", 4))
+    uncovered = of.spread(blank_infinite(product.uncovered), "trackers", "outages")
+    filled.append(column("uncovered", uncovered, "P(error not covered)", 4))
+    if any(row.get("note") for row in rows):
+        filled.append(text_column("note", published("note"), "note"))
     notes = [
-        f"Over the {product.ended} of {product.cases} cases that came to their end: median, 5 % "
-        "and 95 % of the largest error of the prediction.",
+        f"Median, 5 % and 95 % quantile of the largest error of the prediction, over "
+        f"{product.ended} completed of {product.cases} cases.",
         _cover_note(product),
     ]
     if reference is not None and twins:
         notes.append(
-            f"Paper: {reference.source}. Its values are one draw of the errors each, by its own "
-            "tracker; they stand beside every tracker. A difference of a median from one draw is "
-            "no disagreement: see whether the draw lies within 5–95 %."
+            f"Paper: {reference.source}. Each of its values is one random draw with its own "
+            "tracker; it is repeated beside every tracker. The draw should lie within 5–95 %; it "
+            "need not equal the median."
         )
-    return Table("Trackers, outage by outage", columns, rows, notes)
+    return tabulate("Trackers, outage by outage", filled, notes)
+
+
+def _inside_column(
+    of: FieldColumns, product: TrackingComparison, printed: Sequence[Printed | None]
+) -> FilledColumn:
+    """Return whether each published error lies between the 5 % and the 95 % quantile."""
+    quantiles = np.degrees(product.quantiles[[0, 2], product.measures.index("error_max")])
+    low, high = (of.spread(q, "trackers", "outages") for q in quantiles)
+    inside = [
+        None if value is None else bool(a <= value <= b)
+        for a, value, b in zip(low, printed, high, strict=True)
+    ]
+    return text_column("paper_inside", inside, "paper within 5–95 %")
 
 
 def _cover_note(product: TrackingComparison) -> str:
     return (
-        f"An error is not covered if its NEES is beyond {product.nees_limit:.3g}, in "
-        f"{100 * (1 - COVERED):.2g} % of cases if the covariance were right."
+        f"An error is not covered if its NEES exceeds {product.nees_limit:.3g}; with a correct "
+        f"covariance this happens in {100 * (1 - COVERED):.2g} % of the cases."
     )
 
 
 def tracker_table(product: TrackingComparison) -> Table:
-    """Return the trackers side by side, over all outages."""
+    """Return the table of the trackers over all outages."""
+    of = FieldColumns(product, "trackers")
     outside = product.pooled[:, product.measures.index("time_outside")]
     nees = product.quantiles[1, product.measures.index("nees")]
-    rows: list[dict[str, Cell]] = []
-    for t, tracker in enumerate(product.trackers):
-        row: dict[str, Cell] = {"tracker": tracker}
-        for k, (frame, _) in enumerate(_FRAMES):
-            row[f"mean_{frame}_deg"] = number(np.degrees(product.mean_median_rad[k, t]))
-            row[f"mean_low_{frame}_deg"] = number(np.degrees(product.mean_interval_rad[0, k, t]))
-            row[f"mean_high_{frame}_deg"] = number(np.degrees(product.mean_interval_rad[1, k, t]))
-            row[f"worst_{frame}_deg"] = number(np.degrees(product.worst_median_rad[k, t]))
-            row[f"locked_{frame}"] = number(float(np.mean(product.locked[k, t])))
-        row |= {
-            "outside_s": number(outside[1, t]),
-            "outside_p95_s": number(outside[2, t]),
-            "found_at_once": number(product.reacquired[0, t]),
-            "found_by_search": number(product.reacquired[1, t]),
-            "not_found": number(product.reacquired[2, t]),
-            "reacquire_s": number(product.reacquire_s[0, t]),
-            "reacquire_p95_s": number(product.reacquire_s[1, t]),
-            "uncovered": number(float(np.mean(product.uncovered[t]))),
-            "uncovered_outages": int(np.sum(nees[t] > product.nees_limit))
-            if np.isfinite(nees[t]).any()
-            else None,
-            "ratio": number(product.ratio[t]),
-            "ratio_low": number(product.ratio_interval[0, t]),
-            "ratio_high": number(product.ratio_interval[1, t]),
-        }
-        rows.append(row)
-    columns = [c for c in _TRACKERS if any(row[c.name] is not None for row in rows)]
-    names = {c.name for c in columns}
-    rows = [{name: cell for name, cell in row.items() if name in names} for row in rows]
+    filled = [of("trackers", "tracker")]
+    for k, (frame, label) in enumerate(_FRAMES):
+        low, high = product.mean_interval_rad[:, k]
+        for which, word, values in (
+            ("mean", "mean of medians, ", product.mean_median_rad[k]),
+            ("mean_low", "at least, ", low),
+            ("mean_high", "at most, ", high),
+            ("worst", "worst median, ", product.worst_median_rad[k]),
+        ):
+            name = f"{which}_{frame}_deg"
+            filled.append(column(name, blank_infinite(values), f"{word}{label}", 4))
+    for k, (frame, label) in enumerate(_FRAMES):
+        share = blank_infinite(np.array([np.mean(q) for q in product.locked[k]]))
+        filled.append(column(f"locked_{frame}", share, f"P(ε < lock), {label}", 4))
+    filled += [
+        column("outside_s", blank_infinite(outside[1]), "time outside the beam, median", 4),
+        column("outside_p95_s", blank_infinite(outside[2]), "95 %", 4),
+        *reacquisition_columns(product.reacquired, product.reacquire_s),
+        column(
+            "uncovered", blank_infinite(np.array([np.mean(q) for q in product.uncovered])),
+            "P(error not covered)", 4,
+        ),
+        column(
+            "uncovered_outages",
+            [
+                int(np.sum(q > product.nees_limit)) if np.isfinite(q).any() else None
+                for q in nees
+            ],
+            "outages whose median is not covered",
+        ),
+        column("ratio", blank_infinite(product.ratio), "error over the baseline's", 4),
+        column("ratio_low", blank_infinite(product.ratio_interval[0]), "at least", 4),
+        column("ratio_high", blank_infinite(product.ratio_interval[1]), "at most", 4),
+    ]  # fmt: skip
+    filled = [c for c in filled if any(cell is not None for cell in c.cells)]
     notes = [
-        f"Over {len(product.outages)} outages and {product.ended} cases. Errors √(ΔA² + Δh²) "
-        "against where the satellite truly is; on the sky, √((ΔA cos h)² + Δh²) for small ones; "
-        "and √(ΔA² + Δh²) against what the encoders would show, which is what reacquisition needs. "
-        f"P: share of cases whose largest error is within the beam of "
-        f"{np.degrees(product.lock_angle_rad):g}°, mean over the outages. Times and shares found "
-        "over all cases and outages together; the time to reacquire is that of those found.",
-        f"At least, at most: {100 * product.level:g} % intervals by bootstrap over the cases. "
-        f"Ratios: of the mean of the medians to that of {product.baseline}.",
+        f"Over {len(product.outages)} outages and {product.ended} cases. True: errors "
+        "√(ΔA² + Δh²) of the true direction. Sky: arcs, √((ΔA cos h)² + Δh²) for small errors. "
+        "Encoders: errors √(ΔA² + Δh²) of the angles at the encoders, which decide about the "
+        "reacquisition. P: share of cases whose largest error is within the beam of "
+        f"{np.degrees(product.lock_angle_rad):g}°, mean over the outages. Times and shares are "
+        "over all cases and outages together; the time to reacquire is of cases that are found.",
+        f"At least, at most: {100 * product.level:g} % bootstrap intervals over the cases. Error "
+        f"over the baseline's: ratio of the mean of the medians to the value of "
+        f"{product.baseline}.",
         _cover_note(product),
     ]
-    return Table("Trackers", columns, rows, notes)
+    return tabulate("Trackers", filled, notes)
+
+
+def reacquisition_columns(shares: Array, times_s: Array) -> list[FilledColumn]:
+    """Return the columns of reacquisition: shares (3, K) and times (2, K), one row per item."""
+    at_once, by_search, not_found = blank_infinite(shares)
+    median, most = blank_infinite(times_s)
+    return [
+        column("found_at_once", at_once, "found at once", 4),
+        column("found_by_search", by_search, "by the search", 4),
+        column("not_found", not_found, "not found", 4),
+        column("reacquire_s", median, "time to reacquire if found, median", 4),
+        column("reacquire_p95_s", most, "95 %", 4),
+    ]

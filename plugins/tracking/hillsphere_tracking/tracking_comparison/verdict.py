@@ -1,4 +1,4 @@
-"""What the comparison of trackers says in words; nothing is said that the numbers do not."""
+"""Verdict of the comparison of trackers, in sentences that follow from its numbers."""
 
 from __future__ import annotations
 
@@ -26,9 +26,12 @@ __all__ = [
 ]
 
 
-def inside_band(found: Consistency) -> NDArray[np.bool_]:
+def inside_band(consistency: Consistency) -> NDArray[np.bool_]:
     """Return whether each mean NEES lies in its band, (T, L)."""
-    return np.asarray((found.mean >= found.interval[0]) & (found.mean <= found.interval[1]))
+    return np.asarray(
+        (consistency.mean >= consistency.interval[0])
+        & (consistency.mean <= consistency.interval[1])
+    )
 
 
 def comparison_verdict(
@@ -36,38 +39,38 @@ def comparison_verdict(
     reference: ReferenceTable | None,
     published: Mapping[tuple[str, str], float],
 ) -> list[str]:
-    """Say which trackers are better than the baseline, and how published values compare."""
+    """Compare each tracker with the baseline, and with published values."""
     f = FRAMES.index(product.measure)
     mean = np.degrees(product.mean_median_rad[f])
     base = product.trackers.index(product.baseline)
     said = []
     if product.ended < product.cases:
         said.append(
-            f"{product.cases - product.ended} of {product.cases} cases did not come to their end "
-            "and are left out."
+            f"{product.cases - product.ended} of {product.cases} cases were not completed and are "
+            "left out."
         )
     for t, tracker in enumerate(product.trackers):
         low, high = product.ratio_interval[:, t]
         if t == base or not np.isfinite(product.ratio[t]):
             continue
         interval = f"{low:.3g} to {high:.3g}, {100 * product.level:g} % interval"
-        numbers = f"{mean[t]:.3g}° against {mean[base]:.3g}°, {product.ratio[t]:.3g} times as "
-        numbers += f"much ({interval})"
+        numbers = f"mean error {mean[t]:.3g}° against {mean[base]:.3g}°, ratio "
+        numbers += f"{product.ratio[t]:.3g} ({interval})"
         if high < 1.0:
             said.append(f"{tracker} is better than {product.baseline}: {numbers}.")
         else:
-            place = "In the conditions of the published values," if published else "Here"
-            word = "better than" if low > 1.0 else "as good as"
-            said.append(f"{place} the baseline {product.baseline} is {word} {tracker}: {numbers}.")
+            where = ", under the conditions of the published values" if published else ""
+            word = "worse than" if low > 1.0 else "not distinguishable from"
+            said.append(f"{tracker} is {word} the baseline {product.baseline}{where}: {numbers}.")
     if published and product.measure == "error_max":
-        said.append(_published_verdict(product, published))
+        said.append(_reference_verdict(product, published))
         notes = sum(1 for row in (reference.rows if reference else ()) if row.get("note"))
         if notes:
-            said.append(f"{notes} of the published rows come with a note: see the table.")
+            said.append(f"{notes} published rows have a note in the table.")
     return said
 
 
-def _published_verdict(
+def _reference_verdict(
     product: TrackingComparison, published: Mapping[tuple[str, str], float]
 ) -> str:
     keys = list(zip(product.passes, product.outages, strict=True))
@@ -78,7 +81,7 @@ def _published_verdict(
     inside = np.sum((low <= values) & (values <= high), axis=1)
     between = [""] * len(product.trackers)
     if len(places) == len(keys):
-        # the interval is that of the mean over all outages
+        # the interval belongs to the mean over all outages
         ends = np.degrees(product.mean_interval_rad[:, FRAMES.index("error_max")])
         between = [f"{low:.3f} to {high:.3f}, " for low, high in ends.T]
     parts = ", ".join(
@@ -87,13 +90,13 @@ def _published_verdict(
     )
     interval = f" with their {100 * product.level:g} % intervals" if any(between) else ""
     return (
-        f"Mean of the {values.size} published errors {np.degrees(np.mean(values)):.3f}°; means of "
-        f"the medians{interval}, and how many published values lie within 5–95 %: {parts}."
+        f"Mean of the {values.size} published errors: {np.degrees(np.mean(values)):.3f}°. Means of "
+        f"the medians{interval}, and numbers of published values within 5–95 %: {parts}."
     )
 
 
 def age_verdict(ages: AgeComparison) -> list[str]:
-    """Say how each tracker compares with the baseline over the sweep, and in single outages."""
+    """Compare each tracker with the baseline over the sweep, and in single outages."""
     ratio = ages.mean_median_rad / ages.mean_median_rad[ages.trackers.index(ages.baseline)]
     said = []
     for t, tracker in enumerate(ages.trackers):
@@ -102,16 +105,16 @@ def age_verdict(ages: AgeComparison) -> list[str]:
             continue
         best, worst = known[np.argmin(ratio[t, known])], known[np.argmax(ratio[t, known])]
         said.append(
-            f"Over {ages.name.replace('_', ' ')}, {tracker} errs {ratio[t, worst]:.3g} times as "
-            f"much as {ages.baseline} at worst ({_point(ages, int(worst))}) and "
-            f"{ratio[t, best]:.3g} times at best ({_point(ages, int(best))}), as a mean over the "
-            f"outages. In the outage where it does worst: {_worst_outages(ages, t)}."
+            f"Sweep of {ages.name.replace('_', ' ')}, ratio of the mean error of {tracker} to "
+            f"{ages.baseline}: {ratio[t, best]:.3g} at best ({_point(ages, int(best))}), "
+            f"{ratio[t, worst]:.3g} at worst ({_point(ages, int(worst))}). Largest ratio in a "
+            f"single outage: {_worst_outages(ages, t)}."
         )
     return said
 
 
 def _worst_outages(ages: AgeComparison, t: int) -> str:
-    """Return the worst ratio of a tracker at each point, and where."""
+    """Return the largest ratio of a tracker at each point, with its outage."""
     parts = []
     for group in dict.fromkeys(ages.group):
         here = [p for p, one in enumerate(ages.group) if one == group]
@@ -133,48 +136,47 @@ def _point(ages: AgeComparison, p: int) -> str:
     return _value(ages, p) + (f", {ages.group[p]}" if ages.group[p] else "")
 
 
-def knowing_verdict(found: Consistency, level: float) -> list[str]:
-    """Say whether each tracker knows how good it is, and what another prior costs."""
-    inside, percent = inside_band(found), f"{100 * level:g} %"
+def knowing_verdict(consistency: Consistency, level: float) -> list[str]:
+    """State whether each tracker is consistent, and the change of error by wrong assumptions."""
+    inside, percent = inside_band(consistency), f"{100 * level:g} %"
     said = []
-    for t, tracker in enumerate(found.trackers):
-        low, high = found.overall_interval[:, t]
-        right = tracker in found.consistent
-        expects = "which expects errors as they truly are" if right else (
-            "which expects other errors than there are"
-        )  # fmt: skip
-        word = "knows how good it is" if low <= 2.0 <= high else (
+    for t, tracker in enumerate(consistency.trackers):
+        low, high = consistency.overall_interval[:, t]
+        right = tracker in consistency.consistent
+        expects = f"with {'the true' if right else 'other than the true'} error statistics"
+        word = "is consistent" if low <= 2.0 <= high else (
             "is overconfident" if low > 2.0 else "is too cautious"
         )  # fmt: skip
         sentence = (
-            f"{tracker}, {expects}, {word}: the mean NEES is {found.overall[t]:.3g} ({low:.3g} to "
-            f"{high:.3g}, {percent} interval; 2 expected), within the {percent} band of χ² in "
-            f"{int(inside[t].sum())} of {len(found.outages)} outages."
+            f"{tracker}, {expects}, {word}: the mean NEES is {consistency.overall[t]:.3g} "
+            f"({low:.3g} to {high:.3g}, {percent} interval; 2 expected), within the {percent} band "
+            f"of χ² in {int(inside[t].sum())} of {len(consistency.outages)} outages."
         )
         if not right:
-            sentence += _error_change(found, t)
+            sentence += _error_change(consistency, t)
         said.append(sentence)
     return said
 
 
-def _error_change(found: Consistency, t: int) -> str:
-    low, high = found.error_ratio_interval[:, t]
-    if not np.isfinite(found.error_ratio[t]):
+def _error_change(consistency: Consistency, t: int) -> str:
+    low, high = consistency.error_ratio_interval[:, t]
+    if not np.isfinite(consistency.error_ratio[t]):
         return ""
     word = "larger" if low > 1.0 else "smaller" if high < 1.0 else "not changed"
+    first = consistency.consistent[0]
     return (
-        f" Its error is {word}: {found.error_ratio[t]:.3g} times that of {found.consistent[0]} "
+        f" Its error is {word}: {consistency.error_ratio[t]:.3g} times the error of {first} "
         f"({low:.3g} to {high:.3g})."
     )
 
 
 def cover_verdict(product: TrackingComparison) -> list[str]:
-    """Say which trackers' covariances do not cover their errors."""
+    """State which trackers' covariances do not cover their errors."""
     share = np.mean(product.uncovered, axis=-1)
     middle = product.quantiles[1, product.measures.index("nees")]
     outages = np.sum(middle > product.nees_limit, axis=-1)
     expected = 1.0 - COVERED
-    # ten times what is expected is no accident of some hundred cases
+    # ten times the expected share is not chance in a campaign of some hundred cases
     parts = [
         f"{name} {100 * share[t]:.3g} % (median in {outages[t]}, NEES up to "
         f"{np.max(middle[t]):.3g})"
@@ -186,22 +188,22 @@ def cover_verdict(product: TrackingComparison) -> list[str]:
     why = ""
     if product.station_error_m > 0.0:
         why = (
-            f" Stations are told up to {1e-3 * product.station_error_m:.3g} km off their places, "
-            "which no tracker expects."
+            " The trackers assume locations of the stations with errors of up to "
+            f"{1e-3 * product.station_error_m:.3g} km, which their covariances do not contain."
         )
     return [
-        f"The covariances do not cover the errors: their NEES is beyond {product.nees_limit:.3g}, "
-        f"the {100 * COVERED:g} % quantile, in this share of cases, mean over "
-        f"{len(product.outages)} outages: {', '.join(parts)}.{why} A search is made as large as "
-        "the covariance says, so it may be too small."
+        "The covariances do not cover the errors. Share of cases whose NEES exceeds "
+        f"{product.nees_limit:.3g}, the {100 * COVERED:g} % quantile, mean over "
+        f"{len(product.outages)} outages: {', '.join(parts)}.{why} A search sized by such a "
+        "covariance may be too small."
     ]
 
 
 def reacquisition_verdict(product: TrackingComparison) -> list[str]:
-    """Say what share is not found by the search."""
+    """State the share of cases that the search does not find."""
     lost = product.reacquired[2]
     known = np.flatnonzero(np.isfinite(lost))
     if not known.size:
         return []
     parts = ", ".join(f"{product.trackers[t]} {100 * lost[t]:.3g} %" for t in known)
-    return [f"Share that the search does not find before the set: {parts}."]
+    return [f"Share of cases that the search does not find before the set: {parts}."]

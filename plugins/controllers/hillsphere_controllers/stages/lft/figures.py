@@ -12,7 +12,7 @@ from hillsphere_controllers.analysis.frequency import largest_gains
 from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.frequencies import frequencies
 from hillsphere_controllers.stages.lft.products import FittedModels
-from hillsphere_controllers.stages.uncertain import lft_of
+from hillsphere_controllers.stages.uncertain import to_lft
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 __all__ = ["draw_errors", "draw_responses", "draw_sizes"]
 
 _FLOOR = 1e-17
+"""Smallest error drawn: a logarithmic axis has no zero, and errors below rounding look alike."""
 _DRAWN = 6
+"""Models drawn, and legend entries, at most; more curves could not be told apart."""
 
 
 def draw_errors(figure: Figure, product: FittedModels) -> None:
@@ -67,7 +69,7 @@ def draw_responses(figure: Figure, product: FittedModels, models: LinearModels) 
     colours = list(PALETTE.values())
     for place, k in enumerate(chosen):
         model = product.models[int(product.group[k])]
-        lft = lft_of(model)
+        lft = to_lft(model)
         values = {
             name: float(models.values[models.parameters.index(name), k])
             for name in model.names
@@ -75,7 +77,7 @@ def draw_responses(figure: Figure, product: FittedModels, models: LinearModels) 
         }
         system = models.systems[int(k)]
         axes.loglog(
-            omega, largest_gains(_kept(system, lft.nominal).response(omega)),
+            omega, largest_gains(_drop_closed_channels(system, lft.nominal).response(omega)),
             color=colours[place % len(colours)], lw=3.0, alpha=0.7, label=models.labels[int(k)],
         )  # fmt: skip
         gains = largest_gains(lft.response(omega, values)[0])
@@ -85,7 +87,7 @@ def draw_responses(figure: Figure, product: FittedModels, models: LinearModels) 
     axes.legend(fontsize=8)
 
 
-def _kept(system: LtiSystem, like: LtiSystem) -> LtiSystem:
+def _drop_closed_channels(system: LtiSystem, like: LtiSystem) -> LtiSystem:
     """Return the outputs and inputs that no block of the uncertain model closes."""
     if not like.outputs:
         return system

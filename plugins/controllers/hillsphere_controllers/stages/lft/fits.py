@@ -1,4 +1,4 @@
-"""From matrices of models over their parameters to an uncertain matrix, by one way or the other."""
+"""Fits of linear models over their parameters: polynomial or affine, as uncertain models."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from hillsphere.interfaces import Array, Integers
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.lft.affine import affine_fit, affine_lft
 from hillsphere_controllers.lft.algebra import state_space
-from hillsphere_controllers.lft.fitting import PolynomialFit, fitted
-from hillsphere_controllers.lft.reduction import Reduced, reduced
+from hillsphere_controllers.lft.fitting import PolynomialFit, fit_polynomial
+from hillsphere_controllers.lft.reduction import ReducedLft, reduce_lft
 from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import Uncertainty
 from hillsphere_controllers.stages.lft.specs import LftSpec
 
-__all__ = ["Fit", "by_affine", "by_polynomial", "certain"]
+__all__ = ["Fit", "certain_lft", "fit_by_affine", "fit_by_polynomials"]
 
 _AFFINE = 1e-9
 """Error of an entry, relative to its range, up to which models are affine in their parameters."""
@@ -25,18 +25,19 @@ _AFFINE = 1e-9
 
 @dataclass(frozen=True)
 class Fit:
-    """One uncertain model.
+    """One uncertain model and the cost of its reduction.
 
     Parameters
     ----------
     lft : Lft
         The model.
     polynomial : PolynomialFit or None
-        What it was made of, if that is a polynomial.
+        The polynomial that it realises; None for an affine fit.
     before, after : ndarray of int, shape (k,)
-        Copies of each parameter before and after what was left out.
+        Copies of each parameter before and after the reduction.
     bound, sampled : float
-        What that costs, relative to the largest change of the matrix.
+        Error of the reduction, relative to the largest change of the matrix: proved, and found at
+        random.
     dropped : float
         Of an affine fit, see `AffineLft.dropped`; else zero.
     checks : int
@@ -56,16 +57,16 @@ class Fit:
     sizes: Integers
 
 
-def certain(system: LtiSystem) -> Fit:
+def certain_lft(system: LtiSystem) -> Fit:
     """Return a model without uncertain parameters."""
     none = np.zeros(0, dtype=np.int64)
     return Fit(Lft(system), None, none, none, 0.0, 0.0, 0.0, 0, none)
 
 
-def by_polynomial(
+def fit_by_polynomials(
     points: Array, systems: Sequence[LtiSystem], parameters: Sequence[Uncertainty], spec: LftSpec
 ) -> Fit:
-    """Fit polynomials.
+    """Fit polynomials to the models' matrices, and reduce the LFT.
 
     Parameters
     ----------
@@ -84,14 +85,14 @@ def by_polynomial(
         If the models cannot be fitted so well.
     """
     samples = np.array([_matrix(one) for one in systems])
-    fit = fitted(
+    fit = fit_polynomial(
         points, samples, parameters, degree=spec.degree, tolerance=spec.tolerance,
         most_terms=spec.most_terms,
     )  # fmt: skip
     lft = fit.lft()
     middle = fit(np.array([[u.nominal] for u in parameters]))[0]
     size = float(np.linalg.norm(samples - middle, 2, axis=(1, 2)).max())
-    less: Reduced = reduced(lft, spec.reduction * size)
+    less: ReducedLft = reduce_lft(lft, spec.reduction * size)
     return Fit(
         state_space(less.lft, systems[0].order, systems[0].dt_s), fit, _copies(lft, parameters),
         _copies(less.lft, parameters), less.bound / size, less.sampled / size,
@@ -99,19 +100,19 @@ def by_polynomial(
     )  # fmt: skip
 
 
-def by_affine(
+def fit_by_affine(
     points: Array,
     systems: Sequence[LtiSystem],
     parameters: Sequence[Uncertainty],
     others: Sequence[Sequence[Uncertainty]],
     spec: LftSpec,
 ) -> Fit:
-    """Take the models as affine in their parameters.
+    """Fit an affine function to the models' matrices, and truncate weak directions.
 
     Parameters
     ----------
     points, systems, parameters, spec
-        As for `by_polynomial`.
+        As for `fit_by_polynomials`.
     others : sequence of sequence of Uncertainty
         The same parameters with other bounds, for which sizes are wanted.
 
@@ -122,6 +123,7 @@ def by_affine(
     """
     middle = np.array([[u.nominal] for u in parameters])
     width = np.array([[u.upper - u.lower] for u in parameters])
+    # the model nearest to nominal is the base of the slopes
     nearest = int(np.argmin((((points - middle) / width) ** 2).sum(axis=0)))
     order = [nearest, *(k for k in range(len(systems)) if k != nearest)]
     samples = np.array([_matrix(systems[k]) for k in order])

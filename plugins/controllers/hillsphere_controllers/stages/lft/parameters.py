@@ -1,4 +1,4 @@
-"""Which parameters of linear models are uncertain, between which bounds, and which are known."""
+"""Selection of the uncertain parameters of linear models, their bounds, and the known ones."""
 
 from __future__ import annotations
 
@@ -11,13 +11,15 @@ from hillsphere.base.matching import match_names
 from hillsphere.base.problems import did_you_mean
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Dispersion, Integers, Parameter
-from hillsphere_controllers.lft.uncertainties import Uncertainty, dispersed, real_parameter
+from hillsphere_controllers.lft.uncertainties import Uncertainty, bound_dispersion, real_parameter
 from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.lft.specs import LftSpec
 
-__all__ = ["Groups", "grouped", "reaching_beyond", "uncertain_parameters"]
+__all__ = ["Groups", "excess_of_bounds", "group_models", "uncertain_parameters"]
 
 _BEYOND = 1e-9
+"""Relative excess of a bound over the models' range that is rounding of the bound's own
+computation."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,7 @@ class _Parameters:
 
 @dataclass(frozen=True)
 class Groups:
-    """Models by the values of their known parameters.
+    """Groups of models with equal values of their known parameters.
 
     Parameters
     ----------
@@ -53,8 +55,8 @@ class Groups:
     values: Array
 
 
-def grouped(models: LinearModels, known: Sequence[str]) -> Groups:
-    """Return the models of each combination of values of known parameters."""
+def group_models(models: LinearModels, known: Sequence[str]) -> Groups:
+    """Group models by the values of their known parameters."""
     rows = [models.parameters.index(name) for name in known]
     count = len(models.systems)
     if not rows:
@@ -103,7 +105,7 @@ def uncertain_parameters(
     bounded = {
         u.name: u
         for ref in spec.dispersions
-        for u in _dispersed(models, ref.get(), reach, f"dispersions: {ref.name}")
+        for u in _bound_dispersion(models, ref.get(), reach, f"dispersions: {ref.name}")
     }
     for bound in spec.bounds:
         bounded[bound.parameter] = real_parameter(
@@ -127,8 +129,8 @@ def uncertain_parameters(
     return tuple(found)
 
 
-def reaching_beyond(models: LinearModels, parameters: Sequence[Uncertainty]) -> float:
-    """Return by how much bounds reach beyond the models, relative to these models' range."""
+def excess_of_bounds(models: LinearModels, parameters: Sequence[Uncertainty]) -> float:
+    """Return the largest excess of bounds over the models' range, relative to that range."""
     most = 0.0
     for one in parameters:
         values = models.values[models.parameters.index(one.name)]
@@ -137,13 +139,13 @@ def reaching_beyond(models: LinearModels, parameters: Sequence[Uncertainty]) -> 
     return most if most > _BEYOND else 0.0
 
 
-def _dispersed(
+def _bound_dispersion(
     models: LinearModels, dispersion: Dispersion, sigmas: float, where: str
 ) -> tuple[Uncertainty, ...]:
-    """Return what a dispersion stands for among the models' parameters.
+    """Return the models' parameters that a dispersion varies, with its bounds.
 
     Models of a stage that linearises name parameters as a mission does, ``"gravity.phobos.C2,0"``:
-    there the dispersion's own table tells which are meant. Others by their plain names.
+    the dispersion's own table selects them. Other models have plain names.
     """
     prefix = f"{dispersion.of}."
     own = prefix if any(name.startswith(prefix) for name in models.parameters) else ""
@@ -156,9 +158,9 @@ def _dispersed(
         match_names(dispersion.keys, [one.name for one in offered], dispersion.of)
     except InputError as error:
         raise InputError(
-            f"{where}: among the parameters of the models {error}. What has no spread, its sigma "
-            "being 0 or relative to a nominal 0, is certain and no parameter of models: give it "
-            "one, or leave it out of the dispersion"
+            f"{where}: among the parameters of the models {error}. A parameter without spread "
+            "(sigma 0, or relative to a nominal 0) is certain and no parameter of models: give it "
+            "a spread, or leave it out of the dispersion"
         ) from error
-    found = dispersed(_Parameters(offered), dispersion, sigmas=sigmas)
+    found = bound_dispersion(_Parameters(offered), dispersion, sigmas=sigmas)
     return tuple(real_parameter(f"{own}{u.name}", u.lower, u.upper, u.nominal) for u in found)

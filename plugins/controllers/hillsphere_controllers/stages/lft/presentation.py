@@ -1,22 +1,27 @@
-"""How the stage ``lft`` shows its result: blocks, terms and errors in tables, two figures."""
+"""Presentation of uncertain models: tables of blocks, terms and errors, and figures."""
 
 from __future__ import annotations
 
 from functools import partial
+from itertools import chain
+from typing import Any
 
 import numpy as np
 
-from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.presentation import Figure, Metric, Presentation, Table
+from hillsphere.show.tables import FieldColumns, column, tabulate, text_column
 from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.lft.figures import draw_errors, draw_responses, draw_sizes
 from hillsphere_controllers.stages.lft.products import FittedModels
+from hillsphere_controllers.stages.table_cells import first_rows
 
-__all__ = ["presented"]
+__all__ = ["present_uncertain_models"]
 
 _TERMS = 60
+"""Rows of a table of terms at most; all terms are in the product."""
 
 
-def presented(product: FittedModels, models: LinearModels) -> Presentation:
+def present_uncertain_models(product: FittedModels, models: LinearModels) -> Presentation:
     """Return tables, figures and sentences of uncertain models.
 
     Parameters
@@ -24,7 +29,7 @@ def presented(product: FittedModels, models: LinearModels) -> Presentation:
     product : FittedModels
         The uncertain models.
     models : LinearModels
-        What they were fitted to.
+        Models that they were fitted to.
     """
     seen = product.response_error[np.isfinite(product.response_error)]
     worst = float(seen.max()) if seen.size else 0.0
@@ -64,85 +69,69 @@ def presented(product: FittedModels, models: LinearModels) -> Presentation:
 
 
 def _blocks(product: FittedModels) -> Table:
-    rows: list[dict[str, Cell]] = []
-    for g, model in enumerate(product.models):
-        for k, name in enumerate(model.names):
-            real, fitted = model.kinds[k] == "real", name in product.parameters
-            place = product.parameters.index(name) if fitted else -1
-            rows.append(
-                {
-                    "model": product.labels[g],
-                    "block": name,
-                    "kind": "dynamic" if model.dynamic[k] else model.kinds[k],
-                    "rows": int(model.rows[k]),
-                    "columns": int(model.columns[k]),
-                    "copies_before": int(product.before[g, place] if fitted else model.times[k]),
-                    "copies": int(model.times[k]),
-                    "lower": float(model.lower[k]) if real else None,
-                    "nominal": float(model.nominal[k]) if real else None,
-                    "upper": float(model.upper[k]) if real else None,
-                    "unit": model.units[k] if real else "",
-                }
-            )
-    columns = (
-        Column("model", "", "uncertain model"),
-        Column("block", "", "uncertainty"),
-        Column("kind", "", "kind"),
-        Column("rows", "-", "rows"),
-        Column("columns", "-", "columns"),
-        Column("copies_before", "-", "copies before reduction"),
-        Column("copies", "-", "copies"),
-        Column("lower", "-", "lower bound", 6),
-        Column("nominal", "-", "nominal", 6),
-        Column("upper", "-", "upper bound", 6),
-        Column("unit", "", "unit"),
-    )
+    blocks = [(g, k) for g, model in enumerate(product.models) for k in range(len(model.names))]
+
+    def each(field: str) -> list[Any]:
+        return [getattr(product.models[g], field)[k] for g, k in blocks]
+
+    names, kinds, dynamic, times = map(each, ("names", "kinds", "dynamic", "times"))
+    real = [kind == "real" for kind in kinds]
+
+    def of_real(field: str, blank: Any = None) -> list[Any]:
+        return [one if here else blank for one, here in zip(each(field), real, strict=True)]
+
+    before = [
+        product.before[g, product.parameters.index(name)] if name in product.parameters else copies
+        for (g, _), name, copies in zip(blocks, names, times, strict=True)
+    ]
+    columns = [
+        text_column("model", [product.labels[g] for g, _ in blocks], "uncertain model"),
+        text_column("block", names, "uncertainty"),
+        text_column(
+            "kind",
+            ["dynamic" if own else kind for own, kind in zip(dynamic, kinds, strict=True)], "kind",
+        ),
+        column("rows", each("rows"), "rows"),
+        column("columns", each("columns"), "columns"),
+        column("copies_before", before, "copies before reduction"),
+        column("copies", times, "copies"),
+        column("lower", of_real("lower"), "lower bound", 6),
+        column("nominal", of_real("nominal"), "nominal", 6),
+        column("upper", of_real("upper"), "upper bound", 6),
+        text_column("unit", of_real("units", ""), "unit"),
+    ]  # fmt: skip
     notes = [
-        f"{label}: the reduction costs at most {bound:.3g} of the largest change of [A B; C D] "
-        f"(proved for all Δ; {sampled:.3g} found at random)."
+        f"{label}: the error of the reduction is at most {bound:.3g} of the largest change of "
+        f"[A B; C D] (proved for all Δ; {sampled:.3g} found at random)."
         for label, bound, sampled in zip(
             product.labels, product.bound, product.sampled, strict=True
         )
         if bound > 0.0
     ]
-    return Table("Uncertainties", columns, rows, notes or ["No copy with any effect was left out."])
+    notes = notes or ["The reduction removed only copies without effect."]
+    return tabulate("Uncertainties", columns, notes)
 
 
 def _sizes(product: FittedModels) -> Table:
-    rows: list[dict[str, Cell]] = []
-    for g, label in enumerate(product.labels):
-        row: dict[str, Cell] = {
-            "model": label,
-            "before": int(product.before[g].sum()),
-            "after": int(product.after[g].sum()),
-            "parameters": int(np.count_nonzero(product.after[g])),
-            "dropped": float(product.dropped[g]),
-            "bound": float(product.bound[g]),
-            "sampled": float(product.sampled[g]),
-        }
-        for sigmas, sizes in zip(product.size_sigmas, product.sizes, strict=True):
-            row[_at_sigmas(float(sigmas))] = int(sizes[g])
-        rows.append(row)
-    columns = (
-        Column("model", "", "uncertain model"),
-        Column("before", "-", "copies before reduction"),
-        Column("after", "-", "copies"),
-        Column("parameters", "-", "parameters left"),
-        Column("dropped", "-", "left out, relative to the nominal matrix", 3),
-        Column("bound", "-", "bound of it, relative to the change", 3),
-        Column("sampled", "-", "largest found of it, likewise", 3),
+    of = FieldColumns(product, "uncertain_models")
+    columns = [
+        of("labels", "model"),
+        column("before", product.before.sum(axis=1), "copies before reduction"),
+        column("after", product.after.sum(axis=1), "copies"),
+        column("parameters", np.count_nonzero(product.after, axis=1), "parameters left"),
+        *map(of, ("dropped", "bound", "sampled")),
         *(
-            Column(_at_sigmas(float(sigmas)), "-", f"copies for {sigmas:g} σ")
-            for sigmas in product.size_sigmas
+            column(_at_sigmas(sigmas), sizes, f"copies for {sigmas:g} σ")
+            for sigmas, sizes in zip(product.size_sigmas.tolist(), product.sizes, strict=True)
         ),
-    )
-    notes = [
-        "What is left out: root of the sum of squares of its directions, relative to the nominal "
-        "matrix where parameters change it; largest singular value, relative to that of the "
-        "largest change of [A B; C D], bounded for all values of the parameters, and found at "
-        "random ones. The uncertain models do not cover it."
     ]
-    return Table("Sizes of the uncertain models", columns, rows, notes)
+    notes = [
+        "Truncation error: the root sum of squares of the directions left out, relative to the "
+        "nominal matrix where parameters change it; and its largest singular value, relative to "
+        "that of the largest change of [A B; C D], as a bound for all values of the parameters and "
+        "at random ones. The uncertain models do not cover this error."
+    ]
+    return tabulate("Sizes of the uncertain models", columns, notes)
 
 
 def _at_sigmas(sigmas: float) -> str:
@@ -150,27 +139,18 @@ def _at_sigmas(sigmas: float) -> str:
 
 
 def _terms(product: FittedModels) -> Table:
-    rows: list[dict[str, Cell]] = []
-    for g, exponents in enumerate(product.exponents):
-        rows += [
-            {
-                "model": product.labels[g],
-                "term": _term(product.parameters, row.tolist()),
-                "share": float(product.shares[g][t]),
-                "error": float(product.errors[g][t]),
-            }
-            for t, row in enumerate(exponents)
-        ]
-    columns = (
-        Column("model", "", "uncertain model"),
-        Column("term", "", "term"),
-        Column("share", "-", "share of the sum of squares", 4),
-        Column("error", "-", "largest error so far", 3),
-    )
-    notes = ["Terms are of the distance from nominal; the largest error is relative to the range."]
-    if len(rows) > _TERMS:
-        notes.append(f"The first {_TERMS} of {len(rows)} terms.")
-    return Table("Terms of the fit", columns, rows[:_TERMS], notes)
+    terms = [(g, row) for g, exponents in enumerate(product.exponents) for row in exponents]
+    columns = [
+        text_column("model", [product.labels[g] for g, _ in terms], "uncertain model"),
+        text_column("term", [_term(product.parameters, row.tolist()) for _, row in terms], "term"),
+        column("share", list(chain(*product.shares)), "share of the sum of squares", 4),
+        column("error", list(chain(*product.errors)), "largest error so far", 3),
+    ]
+    notes = [
+        "The terms are powers of the distance from nominal. "
+        "The largest error is relative to the range."
+    ]
+    return first_rows(tabulate("Terms of the fit", columns, notes), _TERMS, "terms")
 
 
 def _term(names: tuple[str, ...], exponents: list[int]) -> str:
@@ -187,9 +167,8 @@ def _verdict(product: FittedModels, worst: float, checked: int) -> list[str]:
     if product.exponents:
         fit = max(float(e[-1]) for e in product.errors)
         said.append(
-            f"Polynomials stand for the models' matrices to {fit:.2g} of each entry's range; the "
-            f"uncertain models' responses are those of {checked} models to {worst:.2g} of their "
-            "largest gain."
+            f"The polynomials fit the models' matrices to {fit:.2g} of each entry's range, and the "
+            f"frequency responses of {checked} models to {worst:.2g} of their largest gain."
         )
     elif product.parameters and product.checks.all():
         bare = [
@@ -207,18 +186,18 @@ def _verdict(product: FittedModels, worst: float, checked: int) -> list[str]:
         )
     elif product.parameters:
         said.append(
-            f"The models are taken as affine in the {len(product.parameters)} uncertain "
-            "parameters, which none of them checks: make more than one for each parameter."
+            f"The models are assumed affine in the {len(product.parameters)} uncertain "
+            "parameters. No model is left to check this: make more than one for each parameter."
         )
     if product.beyond:
         said.append(
-            f"The bounds reach beyond the models by {100.0 * product.beyond:.3g} % of their range: "
-            "there the uncertain model is extrapolated."
+            f"The bounds exceed the models' range by {100.0 * product.beyond:.3g} % of it: the "
+            "uncertain model extrapolates there."
         )
     alone = product.left_out_error[np.isfinite(product.left_out_error)]
     if alone.size and float(alone.max()) > 10.0 * product.tolerance:
         said.append(
-            f"A fit without one of the models misses it by up to {float(alone.max()):.2g} of the "
-            "range: more models, or a lower degree, would tell how good the fit is between them."
+            f"Cross-validation: a fit without one of the models misses it by up to "
+            f"{float(alone.max()):.2g} of the range. Use more models, or a lower degree."
         )
     return said

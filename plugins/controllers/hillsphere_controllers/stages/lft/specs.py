@@ -1,4 +1,4 @@
-"""Spec of the stage ``lft``: what a mission may write in its table."""
+"""Spec of the stage ``lft``: keys of its table in a mission."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class BoundSpec(Spec):
     nominal: float | None = option("nominal value; left out: the middle", default=None)
 
     @model_validator(mode="after")
-    def _ordered(self) -> Self:
+    def _check_order(self) -> Self:
         if not self.lower < self.upper:
             raise rule("upper", f"must be above the lower bound, {self.lower:g}")
         if self.nominal is not None and not self.lower < self.nominal < self.upper:

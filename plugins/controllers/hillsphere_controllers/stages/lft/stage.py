@@ -1,4 +1,4 @@
-"""The stage ``lft``: from models over parameters to an uncertain model."""
+"""The stage ``lft``: uncertain models M-Δ from linear models over their parameters."""
 
 from __future__ import annotations
 
@@ -15,21 +15,27 @@ from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import Uncertainty, real_parameter
 from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.frequencies import frequencies
-from hillsphere_controllers.stages.lft.fits import Fit, by_affine, by_polynomial, certain
+from hillsphere_controllers.stages.lft.fits import (
+    Fit,
+    certain_lft,
+    fit_by_affine,
+    fit_by_polynomials,
+)
 from hillsphere_controllers.stages.lft.parameters import (
-    grouped,
-    reaching_beyond,
+    excess_of_bounds,
+    group_models,
     uncertain_parameters,
 )
-from hillsphere_controllers.stages.lft.presentation import presented
+from hillsphere_controllers.stages.lft.presentation import present_uncertain_models
 from hillsphere_controllers.stages.lft.products import FittedModels
 from hillsphere_controllers.stages.lft.specs import LftSpec, UncertainBlockSpec
-from hillsphere_controllers.stages.signals import places
+from hillsphere_controllers.stages.signals import find_signals
 from hillsphere_controllers.stages.uncertain import uncertain_model
 
 __all__ = ["LftStage"]
 
 _BEYOND = 1e-9
+"""A model's parameter counts as inside its bounds up to this relative rounding of the bounds."""
 
 
 class LftStage:
@@ -72,12 +78,12 @@ class LftStage:
                 "only; vary one, or name blocks"
             )
         others = [uncertain_parameters(models, spec, sigmas) for sigmas in spec.compare_sigmas]
-        groups = grouped(models, spec.known)
+        groups = group_models(models, spec.known)
         advance = ctx.track("uncertain models", len(groups.members))
         found: list[Fit] = []
         response_error = np.full(len(models.systems), np.nan)
         for members in groups.members:
-            found.append(self._fitted(models, members, parameters, others))
+            found.append(self._fit_members(models, members, parameters, others))
             if spec.fit == "polynomial":
                 # an affine fit was compared with all matrices already
                 response_error[members] = _response_errors(
@@ -111,7 +117,7 @@ class LftStage:
             checks=np.array([one.checks for one in found], dtype=np.int64),
             group=groups.group,
             response_error=response_error,
-            beyond=reaching_beyond(models, parameters) if spec.fit == "polynomial" else 0.0,
+            beyond=excess_of_bounds(models, parameters) if spec.fit == "polynomial" else 0.0,
             tolerance=spec.tolerance,
             known=spec.known,
             known_values=groups.values,
@@ -122,10 +128,10 @@ class LftStage:
         )
 
     def present(self, product: FittedModels, models: LinearModels) -> Presentation:
-        """Show blocks, terms, errors, sizes, and responses beside those of the models."""
-        return presented(product, models)
+        """Show blocks, terms, errors, sizes, and frequency responses with the models' responses."""
+        return present_uncertain_models(product, models)
 
-    def _fitted(
+    def _fit_members(
         self,
         models: LinearModels,
         members: Integers,
@@ -134,18 +140,18 @@ class LftStage:
     ) -> Fit:
         systems = [models.systems[int(k)] for k in members]
         if not parameters:
-            return certain(systems[0])
+            return certain_lft(systems[0])
         rows = [models.parameters.index(u.name) for u in parameters]
         points = models.values[rows][:, members]
         if self.spec.fit == "affine":
-            return by_affine(points, systems, parameters, others, self.spec)
-        return by_polynomial(points, systems, parameters, self.spec)
+            return fit_by_affine(points, systems, parameters, others, self.spec)
+        return fit_by_polynomials(points, systems, parameters, self.spec)
 
 
 def _response_errors(
     lft: Lft, models: LinearModels, members: Integers, parameters: tuple[Uncertainty, ...]
 ) -> Array:
-    """Return how far the responses are from those of the models, relative, (members,)."""
+    """Return the relative errors of the frequency responses, (members,)."""
     omega = frequencies([models.systems[int(k)] for k in members])
     made = np.full(members.size, np.nan)
     kept = {u.name for u in lft.uncertainties}
@@ -181,8 +187,8 @@ def _with_blocks(
     more: list[Uncertainty] = []
     times: list[int] = []
     for k, block in enumerate(blocks):
-        of = places(signals.outputs[: p - models.measurements], block.outputs, f"blocks[{k}]")
-        to = places(signals.inputs[: m - models.controls], block.inputs, f"blocks[{k}]")
+        of = find_signals(signals.outputs[: p - models.measurements], block.outputs, f"blocks[{k}]")
+        to = find_signals(signals.inputs[: m - models.controls], block.inputs, f"blocks[{k}]")
         one, copies = _uncertainty(block, len(to), len(of), f"blocks[{k}]")
         size = 0.5 * (block.upper - block.lower) if block.normalise else 1.0
         if block.nominal is not None:
@@ -205,6 +211,7 @@ def _with_blocks(
     carried[into : into + len(sizes)] = sizes
     d = s.d[np.ix_(order, across)] * carried
     for row, column, curvature in bends:
+        # feedback −c of a real block whose nominal value is not in the middle
         d[out + row, into + column] -= curvature
     system = LtiSystem(
         s.a, s.b[:, across] * carried, s.c[order], d, s.dt_s,
@@ -222,7 +229,7 @@ def _with_blocks(
 def _uncertainty(
     block: UncertainBlockSpec, rows: int, columns: int, key: str
 ) -> tuple[Uncertainty, int]:
-    """Return what a block is, and how often it stands there."""
+    """Return the uncertainty of a block, and its number of copies."""
     if block.kind == "full":
         return Uncertainty(block.name, "full", rows, columns, dynamic=block.dynamic), 1
     if rows != columns:

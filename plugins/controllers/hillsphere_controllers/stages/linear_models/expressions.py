@@ -14,15 +14,17 @@ from collections.abc import Callable, Iterator, Mapping
 from hillsphere.base.problems import did_you_mean
 from hillsphere.errors import InputError
 
-__all__ = ["FUNCTIONS", "names_in", "value_of"]
+__all__ = ["FUNCTIONS", "evaluate_entry", "parameter_names"]
 
 FUNCTIONS: Mapping[str, Callable[[float], float]] = {
     "sqrt": math.sqrt, "exp": math.exp, "log": math.log, "sin": math.sin, "cos": math.cos,
     "tan": math.tan, "abs": abs,
 }  # fmt: skip
-"""What a formula may call."""
+"""Functions that a formula may call."""
 
 _LONGEST = 200
+"""Characters of a formula at most. It keeps the parser's recursion and the time of evaluation small
+for any mission file."""
 _OPERATORS: Mapping[type[ast.AST], Callable[[float, float], float]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
     ast.Div: operator.truediv, ast.Pow: operator.pow,
@@ -31,7 +33,7 @@ _PLAIN = (ast.BinOp, ast.UnaryOp, ast.Name, ast.Load)
 _SIGNS: Mapping[type[ast.AST], float] = {ast.UAdd: 1.0, ast.USub: -1.0}
 
 
-def names_in(text: str) -> set[str]:
+def parameter_names(text: str) -> set[str]:
     """Return the names of the parameters in a formula.
 
     Raises
@@ -39,10 +41,10 @@ def names_in(text: str) -> set[str]:
     InputError
         If it is no formula of the kind that is read.
     """
-    return set(_names(_parsed(text), text))
+    return set(_names(_parse(text), text))
 
 
-def value_of(entry: float | str, values: Mapping[str, float]) -> float:
+def evaluate_entry(entry: float | str, values: Mapping[str, float]) -> float:
     """Return the value of an entry for values of the parameters.
 
     Parameters
@@ -60,7 +62,7 @@ def value_of(entry: float | str, values: Mapping[str, float]) -> float:
     if not isinstance(entry, str):
         return float(entry)
     known = dict(values) | {"pi": math.pi}
-    tree = _parsed(entry)
+    tree = _parse(entry)
     for name in _names(tree, entry):
         if name not in known:
             hint = did_you_mean(name, known, otherwise="there are")
@@ -68,13 +70,13 @@ def value_of(entry: float | str, values: Mapping[str, float]) -> float:
     try:
         value = _value(tree, known)
     except (ArithmeticError, ValueError) as error:
-        raise InputError(f"{entry!r} has no value for {_shown(values)}: {error}") from error
+        raise InputError(f"{entry!r} has no value for {_format_values(values)}: {error}") from error
     if isinstance(value, complex) or not math.isfinite(value):
-        raise InputError(f"{entry!r} is not a finite real number for {_shown(values)}")
+        raise InputError(f"{entry!r} is not a finite real number for {_format_values(values)}")
     return value
 
 
-def _parsed(text: str) -> ast.expr:
+def _parse(text: str) -> ast.expr:
     fault = f"{text[:60]!r} is no formula; write numbers, parameters, + - * / ** and brackets"
     if len(text) > _LONGEST:
         raise InputError(f"a formula has at most {_LONGEST} characters, got {len(text)}")
@@ -121,5 +123,5 @@ def _value(node: ast.expr, values: Mapping[str, float]) -> float:
     raise InputError("not a formula")
 
 
-def _shown(values: Mapping[str, float]) -> str:
+def _format_values(values: Mapping[str, float]) -> str:
     return ", ".join(f"{name} = {value:g}" for name, value in values.items()) or "no parameters"

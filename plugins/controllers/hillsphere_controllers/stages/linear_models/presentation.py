@@ -1,4 +1,4 @@
-"""How linear models are shown: orders and poles in a table, gains in a figure."""
+"""Presentation of linear models: a table of orders and poles, a figure of gains."""
 
 from __future__ import annotations
 
@@ -9,24 +9,29 @@ import numpy as np
 
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
-from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.presentation import Figure, Metric, Presentation
+from hillsphere.show.tables import column, tabulate, text_column
 from hillsphere_controllers.analysis.frequency import largest_gains
 from hillsphere_controllers.analysis.stability import spectral_abscissa
 from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.frequencies import frequencies
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure
 
-__all__ = ["presented"]
+__all__ = ["present_linear_models"]
 
 _LISTED = 50
+"""Rows of the table of models at most; all models are in the product."""
 _BORDER = 1e-7
+"""Distance from the stability boundary, relative to the largest pole, up to which a pole counts as
+on it: rounding displaces a double pole by its square root, 1e-8."""
 _DRAWN = 40
+"""Gains drawn at most, evenly spaced among the models; more make a grey area only."""
 
 
-def presented(product: LinearModels) -> Presentation:
+def present_linear_models(product: LinearModels) -> Presentation:
     """Return the table and the figure of linear models.
 
     Parameters
@@ -40,32 +45,25 @@ def presented(product: LinearModels) -> Presentation:
         With the first models, if there are many.
     """
     count = len(product.systems)
-    rows: list[dict[str, Cell]] = []
-    for k, system in enumerate(product.systems[:_LISTED]):
-        size = np.abs(system.poles)
-        unstable, border = _not_stable(system)
-        rows.append(
-            {
-                "model": product.labels[k],
-                "order": system.order,
-                "outputs": system.shape[0],
-                "inputs": system.shape[1],
-                "abscissa_1_s": spectral_abscissa(system) if system.order else None,
-                "unstable_poles": unstable,
-                "border_poles": border,
-                "fastest_pole_rad_s": float(size.max()) if system.order else None,
-            }
-        )
-    columns = (
-        Column("model", "", "model"),
-        Column("order", "-", "order"),
-        Column("outputs", "-", "outputs"),
-        Column("inputs", "-", "inputs"),
-        Column("abscissa_1_s", "1/s", "largest real part of the poles", 5),
-        Column("unstable_poles", "-", "unstable poles"),
-        Column("border_poles", "-", "poles on the stability border"),
-        Column("fastest_pole_rad_s", "rad/s", "largest pole", 5),
-    )
+    listed = product.systems[:_LISTED]
+    counts = [_not_stable(system) for system in listed]
+    columns = [
+        text_column("model", product.labels[:_LISTED], "model"),
+        column("order", [system.order for system in listed], "order"),
+        column("outputs", [system.shape[0] for system in listed], "outputs"),
+        column("inputs", [system.shape[1] for system in listed], "inputs"),
+        column(
+            "abscissa_1_s", [spectral_abscissa(one) if one.order else None for one in listed],
+            "largest real part of the poles", 5,
+        ),
+        column("unstable_poles", [unstable for unstable, _ in counts], "unstable poles"),
+        column("border_poles", [border for _, border in counts], "poles on the stability border"),
+        column(
+            "fastest_pole_rad_s",
+            [float(np.abs(one.poles).max()) if one.order else None for one in listed],
+            "largest pole", 5,
+        ),
+    ]  # fmt: skip
     notes = [
         f"Parameters: {', '.join(_parameter(product, k) for k in range(len(product.parameters)))}."
         if product.parameters
@@ -77,7 +75,7 @@ def presented(product: LinearModels) -> Presentation:
         notes.append(f"The first {_LISTED} of {count} models.")
     return Presentation(
         metrics={"linear_models": Metric(count)},
-        tables={"linear_models": Table("Linear models", columns, rows, notes)},
+        tables={"linear_models": tabulate("Linear models", columns, notes)},
         figures={
             "linear_models": Figure(
                 "Gains of the models",
@@ -90,10 +88,10 @@ def presented(product: LinearModels) -> Presentation:
 
 
 def _not_stable(system: LtiSystem) -> tuple[int, int]:
-    """Return how many poles are unstable, and how many on the border but for rounding."""
+    """Return the numbers of unstable poles and of poles on the stability boundary."""
     if not system.order:
         return 0, 0
-    poles = np.linalg.eigvals(balanced(system)[0].a)
+    poles = np.linalg.eigvals(balance_states(system)[0].a)
     away = poles.real if system.dt_s is None else np.abs(poles) - 1.0
     largest = max(float(np.abs(poles).max()), 1e-300) if system.dt_s is None else 1.0
     # of a pole that stands twice, rounding leaves its square root

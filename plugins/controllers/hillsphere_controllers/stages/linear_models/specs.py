@@ -1,4 +1,4 @@
-"""Spec of the stage ``linear_models``: what a mission may write in its table."""
+"""Spec of the stage ``linear_models``: keys of its table in a mission."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pydantic import model_validator
 
 from hillsphere.errors import InputError
 from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, option, quantity, rule
-from hillsphere_controllers.stages.faults import only_one
-from hillsphere_controllers.stages.linear_models.expressions import FUNCTIONS, names_in
+from hillsphere_controllers.stages.faults import require_one
+from hillsphere_controllers.stages.linear_models.expressions import FUNCTIONS, parameter_names
 
 __all__ = [
     "DelaySpec", "GaussMarkovSpec", "InterconnectionSpec", "LinearModelsNeeds", "LinearModelsSpec",
@@ -22,6 +22,7 @@ EntryMatrix = tuple[tuple[Entry, ...], ...]
 
 _NAME = r"^[A-Za-z_][A-Za-z0-9_]{0,39}$"
 _MODELS = 2000
+"""Models of a stage at most: later stages close a loop and compute a norm for each."""
 
 
 class ShelvingSpec(Spec):
@@ -36,7 +37,7 @@ class ShelvingSpec(Spec):
     order: int = option("so many equal poles", default=1, ge=1, le=10)
 
     @model_validator(mode="after")
-    def _between(self) -> Self:
+    def _check_between(self) -> Self:
         if not min(self.low, self.high) < self.gain < max(self.low, self.high):
             raise rule("gain", f"must lie between low ({self.low:g}) and high ({self.high:g})")
         return self
@@ -160,7 +161,7 @@ class SystemSpec(Spec):
             "file": self.file is not None,
             "model": self.model,
         }
-        only_one([key for key, given in ways.items() if given], ways, "d")
+        require_one([key for key, given in ways.items() if given], ways, "d")
         if ways["numerator"] and not (self.numerator and self.denominator):
             raise rule("denominator", "a transfer function needs numerator and denominator")
         if self.model and self.channels > 1:
@@ -170,7 +171,7 @@ class SystemSpec(Spec):
         for key, entry in self.entries():
             if isinstance(entry, str):
                 try:
-                    names_in(entry)
+                    parameter_names(entry)
                 except InputError as error:
                     raise rule(key, str(error)) from None
         return self
@@ -340,7 +341,7 @@ class LinearModelsSpec(InterconnectionSpec, StageSpec):
             raise rule("parameters", f"the name {twice[0]!r} stands twice")
         for system in self.systems:
             for _, entry in system.entries():
-                unknown = names_in(entry) - set(names) if isinstance(entry, str) else set()
+                unknown = parameter_names(entry) - set(names) if isinstance(entry, str) else set()
                 if unknown:
                     raise rule(
                         "systems",

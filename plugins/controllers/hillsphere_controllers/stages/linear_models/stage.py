@@ -13,9 +13,9 @@ from hillsphere.interfaces import Context
 from hillsphere.lti import LtiSystem
 from hillsphere.presentation import Presentation
 from hillsphere_controllers.linear_products import LinearModels
-from hillsphere_controllers.stages.linear_models.presentation import presented
+from hillsphere_controllers.stages.linear_models.presentation import present_linear_models
 from hillsphere_controllers.stages.linear_models.specs import LinearModelsSpec
-from hillsphere_controllers.stages.linear_models.systems import connected_of, parts_of
+from hillsphere_controllers.stages.linear_models.systems import build_parts, connect_systems
 
 __all__ = ["LinearModelsStage"]
 
@@ -26,7 +26,7 @@ junctions show in the first. More would take the time of the run twice."""
 
 
 class LinearModelsStage:
-    """Linear models by what a mission says of their parts.
+    """Linear models built from the systems and junctions of a mission.
 
     Parameters
     ----------
@@ -38,13 +38,13 @@ class LinearModelsStage:
         self.spec = spec
 
     def check_needs(self, models: object = None) -> None:
-        """Refuse systems that cannot be made or do not connect, where no product is needed."""
+        """Check before the run that systems can be made and connect, where no product is needed."""
         spec = self.spec
         if models is None:
             names = [parameter.name for parameter in spec.parameters]
             for point in _points(spec)[:_FORESEEN]:
                 values = dict(zip(names, point, strict=True))
-                connected_of(spec, parts_of(spec, values, spec.period_s))
+                connect_systems(spec, build_parts(spec, values, spec.period_s))
 
     def run(self, ctx: Context, models: LinearModels | None = None) -> LinearModels:
         """Make the models.
@@ -68,7 +68,7 @@ class LinearModelsStage:
             If a system cannot be made, or they do not connect.
         """
         spec = self.spec
-        given = _taken(models, spec.which)
+        given = _select_systems(models, spec.which)
         points = _points(spec)
         names = [parameter.name for parameter in spec.parameters]
         if models is not None and (both := set(names) & set(models.parameters)):
@@ -80,10 +80,10 @@ class LinearModelsStage:
             values = dict(zip(names, point, strict=True))
             own: tuple[LtiSystem, ...] | None = None
             for one in given:
-                made = parts_of(spec, values, spec.period_s, one.system, own)
+                made = build_parts(spec, values, spec.period_s, one.system, own)
                 own = own or made
                 parts.append(made)
-                systems.append(connected_of(spec, made))
+                systems.append(connect_systems(spec, made))
                 advance(1)
         controls, measurements = _width(spec, systems[0])
         units = tuple(parameter.unit for parameter in spec.parameters)
@@ -104,7 +104,7 @@ class LinearModelsStage:
 
     def present(self, product: LinearModels, models: LinearModels | None = None) -> Presentation:
         """Show orders, poles and the gains from controls to measurements."""
-        return presented(product)
+        return present_linear_models(product)
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class _Given:
     values: tuple[float, ...]
 
 
-def _taken(models: LinearModels | None, which: tuple[str, ...]) -> list[_Given]:
+def _select_systems(models: LinearModels | None, which: tuple[str, ...]) -> list[_Given]:
     if models is None:
         return [_Given(None, "", ())]
     names = match_names(which, models.labels, "which: needs.models", "model") if which else ()

@@ -1,4 +1,4 @@
-"""Systems made of what a mission says of them."""
+"""Construction of linear systems from their Specs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere.products.product_codec import HEADER, load_product, read_arrays
-from hillsphere_controllers.stages.linear_models.expressions import value_of
+from hillsphere_controllers.stages.linear_models.expressions import evaluate_entry
 from hillsphere_controllers.stages.linear_models.specs import (
     EntryMatrix,
     GaussMarkovSpec,
@@ -22,30 +22,30 @@ from hillsphere_controllers.stages.linear_models.specs import (
     ShelvingSpec,
     SystemSpec,
 )
-from hillsphere_controllers.stages.signals import places
+from hillsphere_controllers.stages.signals import find_signals
 from hillsphere_controllers.systems.algebra import append, series
 from hillsphere_controllers.systems.conversion import transfer_function
 from hillsphere_controllers.systems.delay import pade_delay
 from hillsphere_controllers.systems.exchange import load_mat
-from hillsphere_controllers.systems.holding import held
+from hillsphere_controllers.systems.holding import zero_order_hold
 from hillsphere_controllers.systems.interconnection import connect, with_names
 from hillsphere_controllers.systems.weights import performance_weight, shelving_weight
 
 __all__ = [
-    "connected_of",
+    "build_parts",
+    "build_performance_weight",
+    "build_shelving_weight",
+    "build_system",
+    "connect_systems",
     "model_part",
-    "parts_of",
-    "performance_of",
-    "shelving_of",
     "system_from_file",
-    "system_of",
 ]
 
 Values = Mapping[str, float]
 
 
-def connected_of(spec: InterconnectionSpec, parts: Sequence[LtiSystem]) -> LtiSystem:
-    """Return systems connected as a mission says.
+def connect_systems(spec: InterconnectionSpec, parts: Sequence[LtiSystem]) -> LtiSystem:
+    """Connect systems by the junctions and signals of a Spec.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def connected_of(spec: InterconnectionSpec, parts: Sequence[LtiSystem]) -> LtiSy
     return connect(parts, spec.junctions, inputs, outputs)
 
 
-def parts_of(
+def build_parts(
     spec: InterconnectionSpec,
     values: Values,
     period_s: float | None = None,
@@ -97,7 +97,7 @@ def parts_of(
         if one.model
         else known[k]
         if known is not None
-        else system_of(one, values, period_s, f"systems[{k}]")
+        else build_system(one, values, period_s, f"systems[{k}]")
         for k, one in enumerate(spec.systems)
     )
 
@@ -105,7 +105,7 @@ def parts_of(
 def model_part(
     spec: SystemSpec, model: LtiSystem | None, period_s: float | None = None, key: str = "system"
 ) -> LtiSystem:
-    """Return what a mission uses of a model.
+    """Return a model restricted to the signals that a mission names.
 
     Parameters
     ----------
@@ -125,13 +125,13 @@ def model_part(
     """
     if model is None:
         raise InputError(f"{key}: no models are there; they come with needs.models")
-    rows = places(model.outputs, spec.outputs, f"{key}.outputs")
-    columns = places(model.inputs, spec.inputs, f"{key}.inputs")
+    rows = find_signals(model.outputs, spec.outputs, f"{key}.outputs")
+    columns = find_signals(model.inputs, spec.inputs, f"{key}.inputs")
     used = model.of([model.outputs[i] for i in rows], [model.inputs[j] for j in columns])
-    return held(used, period_s) if period_s is not None and used.dt_s is None else used
+    return zero_order_hold(used, period_s) if period_s is not None and used.dt_s is None else used
 
 
-def system_of(
+def build_system(
     spec: SystemSpec, values: Values, period_s: float | None = None, key: str = "system"
 ) -> LtiSystem:
     """Return one system with the names of its signals.
@@ -142,7 +142,7 @@ def system_of(
         If a formula has no value, a file does not hold the system, or names do not fit.
     """
     try:
-        one = _bare(spec, values, period_s)
+        one = _build_unnamed(spec, values, period_s)
         if spec.channels > 1:
             bare = LtiSystem(one.a, one.b, one.c, one.d, one.dt_s)
             one = append(*[bare] * spec.channels)
@@ -151,14 +151,14 @@ def system_of(
         raise InputError(f"{key}: {error}") from error
 
 
-def shelving_of(spec: ShelvingSpec, period_s: float | None = None) -> LtiSystem:
+def build_shelving_weight(spec: ShelvingSpec, period_s: float | None = None) -> LtiSystem:
     """Return a weight by its gains."""
     return shelving_weight(
         spec.low, spec.high, spec.frequency_rad_s, spec.gain, order=spec.order, dt_s=period_s
     )
 
 
-def performance_of(spec: PerformanceSpec, period_s: float | None = None) -> LtiSystem:
+def build_performance_weight(spec: PerformanceSpec, period_s: float | None = None) -> LtiSystem:
     """Return a weight of the sensitivity.
 
     Raises
@@ -171,23 +171,23 @@ def performance_of(spec: PerformanceSpec, period_s: float | None = None) -> LtiS
     return performance_weight(spec.bandwidth_rad_s, spec.peak, spec.steady_error, order=spec.order)
 
 
-def _bare(spec: SystemSpec, values: Values, period_s: float | None) -> LtiSystem:
+def _build_unnamed(spec: SystemSpec, values: Values, period_s: float | None) -> LtiSystem:
     if spec.file is not None:
         return system_from_file(Path(spec.file), spec.variable)
     if spec.shelving is not None:
-        return shelving_of(spec.shelving, period_s)
+        return build_shelving_weight(spec.shelving, period_s)
     if spec.performance is not None:
-        return performance_of(spec.performance, period_s)
+        return build_performance_weight(spec.performance, period_s)
     if spec.low_pass is not None:
         return _low_pass(spec.low_pass, period_s)
     if spec.delay is not None:
-        _only_continuous("delay", period_s)
+        _require_continuous("delay", period_s)
         return pade_delay(spec.delay.time_s, spec.delay.order)
     if spec.gauss_markov is not None:
         return _gauss_markov(spec.gauss_markov, period_s)
     if spec.numerator:
         top, bottom = (
-            [value_of(entry, values) for entry in polynomial]
+            [evaluate_entry(entry, values) for entry in polynomial]
             for polynomial in (spec.numerator, spec.denominator)
         )
         return transfer_function(top, bottom, period_s)
@@ -196,7 +196,7 @@ def _bare(spec: SystemSpec, values: Values, period_s: float | None) -> LtiSystem
     def made(matrix: EntryMatrix, rows: int, columns: int) -> Array:
         if not matrix:
             return np.zeros((rows, columns))
-        return np.array([[value_of(entry, values) for entry in row] for row in matrix])
+        return np.array([[evaluate_entry(entry, values) for entry in row] for row in matrix])
 
     return LtiSystem(
         made(spec.a, n, n), made(spec.b, n, m), made(spec.c, p, n), made(spec.d, p, m), period_s
@@ -204,13 +204,13 @@ def _bare(spec: SystemSpec, values: Values, period_s: float | None) -> LtiSystem
 
 
 def _low_pass(spec: LowPassSpec, period_s: float | None) -> LtiSystem:
-    _only_continuous("low_pass", period_s)
+    _require_continuous("low_pass", period_s)
     corner = 2.0 * pi * spec.frequency_hz
     return series(*[transfer_function([corner], [1.0, corner])] * spec.order)
 
 
 def _gauss_markov(spec: GaussMarkovSpec, period_s: float | None) -> LtiSystem:
-    """Return σ √(2/τ)/(s + 1/τ), or what makes the same noise at samples: both of H2 norm σ."""
+    """Return the shaping filter σ √(2/τ)/(s + 1/τ), or its equivalent at samples, of H2 norm σ."""
     size, rate = np.array([[spec.deviation]]), 1.0 / spec.correlation_time_s
     one, none = np.ones((1, 1)), np.zeros((1, 1))
     if period_s is None:
@@ -221,7 +221,7 @@ def _gauss_markov(spec: GaussMarkovSpec, period_s: float | None) -> LtiSystem:
     )
 
 
-def _only_continuous(key: str, period_s: float | None) -> None:
+def _require_continuous(key: str, period_s: float | None) -> None:
     if period_s is not None:
         raise InputError(f"{key} is one in continuous time; write its transfer function of z")
 

@@ -1,1 +1,1 @@
-"""The stage ``linearise``: a plant's motion near points of a trajectory, to first order."""
+"""The stage ``linearise``: linearisation of a plant's motion at points of a trajectory."""

@@ -13,10 +13,14 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
 from hillsphere_controllers.stages.linearise.parameters import Dispersed
 
-__all__ = ["Slopes", "affine_in"]
+__all__ = ["Slopes", "find_affine"]
 
 _AFFINE = 1e-9
+"""Curvature over the range of a parameter, relative to the change over it, below which the matrix
+counts as affine."""
 _ROUNDING = 1e-13
+"""Rounding of the matrix itself, relative to its largest entry: a difference of this size is no
+curvature."""
 
 
 class Slopes:
@@ -82,7 +86,7 @@ class Slopes:
 
 @dataclass(frozen=True)
 class Derived:
-    """Derivatives at N states.
+    """Jacobians at N states.
 
     Parameters
     ----------
@@ -99,7 +103,7 @@ class Derived:
     acceleration: Array
 
 
-def affine_in(middle: Array, up: Array, down: Array) -> NDArray[np.bool_]:
+def find_affine(middle: Array, up: Array, down: Array) -> NDArray[np.bool_]:
     """Return which of q parameters enter a matrix affinely, each by itself.
 
     Parameters
@@ -107,6 +111,7 @@ def affine_in(middle: Array, up: Array, down: Array) -> NDArray[np.bool_]:
     middle, up, down : ndarray, shape (q, ...)
         The matrix, or several, with each parameter in the middle of its bounds and at both.
     """
+    # second and first difference over the range of each parameter
     rest, along = np.abs(up + down - 2.0 * middle), np.abs(up - down)
     axes = tuple(range(1, middle.ndim))
     slack = _AFFINE * along.max(axis=axes) + _ROUNDING * np.abs(middle).max(axis=axes)

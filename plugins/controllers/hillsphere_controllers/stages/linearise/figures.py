@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 __all__ = ["draw_influence", "draw_poles", "unstable_poles"]
 
 _ON_THE_AXIS = 1e-9
+"""Real part, relative to the largest pole, up to which a pole counts as on the imaginary axis: the
+rounding of eigenvalues."""
 
 
 def unstable_poles(system: LtiSystem) -> NDArray[np.bool_]:
@@ -55,7 +57,7 @@ def draw_poles(figure: Figure, product: LinearisedFlight, nominal: Integers) -> 
 
 
 def draw_influence(figure: Figure, product: LinearisedFlight, order: Integers) -> None:
-    """Draw what one standard deviation of each parameter does, one bar each, by four measures."""
+    """Draw the effects of one standard deviation of each parameter, as bars of four measures."""
     # what all names begin with tells nothing
     tables = {name.rpartition(".")[0] for name in product.dispersed}
     short = [name.rpartition(".")[2] if len(tables) == 1 else name for name in product.dispersed]

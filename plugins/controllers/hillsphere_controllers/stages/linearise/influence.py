@@ -1,4 +1,4 @@
-"""How much each dispersed parameter does to the motion along a trajectory."""
+"""Influence of each dispersed parameter on the motion along a trajectory."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ from hillsphere_controllers.stages.linearise.parameters import Dispersed
 __all__ = ["end_deviations", "fit_weights", "jacobian_shares", "largest_accelerations"]
 
 _ROUNDING = 1e-13
+"""An entry counts as changed by a parameter if it changes by more than this share of the entry or
+of the largest change."""
 
 
 def jacobian_shares(a: Array, changes: Array) -> Array:
-    """Return norms of changes of matrices, relative to these where any change is, (q, N).
+    """Return the norms (q, N) of changes of matrices, relative to the part that changes.
 
     Parameters
     ----------
@@ -52,7 +54,7 @@ def largest_accelerations(
 def end_deviations(
     slopes: Slopes, rows: Rows, course: Course, times: Array, u: Array, dispersed: Dispersed
 ) -> Array:
-    """Return by how far (q,) the end of a flight moves by one σ of each parameter, m.
+    """Return the displacement (q,) of the end of a flight by one σ of each parameter, m.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Which parameters of a plant are dispersed, and how far from nominal models of it are made."""
+"""Dispersed parameters of a plant, and the values at which models are made."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hillsphere.interfaces import Array, Parameter, Plant
 from hillsphere.spec import Ref
 from hillsphere_controllers.uncertain import uncertain
 
-__all__ = ["Dispersed", "dispersed_parameters", "samples_at"]
+__all__ = ["Dispersed", "dispersed_parameters", "parameter_samples"]
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class _Offered:
 def dispersed_parameters(
     plant: Plant, plant_name: str, dispersions: Sequence[Ref], sigmas: float
 ) -> Dispersed:
-    """Return the parameters of a plant that dispersions stand for.
+    """Return the parameters of a plant that dispersions vary.
 
     Parameters
     ----------
@@ -116,14 +116,15 @@ def dispersed_parameters(
         upper.append(found.upper[here])
         blocks.append(found.covariance[np.ix_(here, here)])
     if twice := sorted({q for q in own if own.count(q) > 1}):
-        raise InputError(f"dispersions: two of them stand for {twice[0]}; leave it out of one")
+        raise InputError(f"dispersions: two of them vary {twice[0]}; leave it out of one")
     return Dispersed(
-        tuple(names), tuple(own), tuple(units), _joined(nominal), _joined(lower), _joined(upper),
+        tuple(names), tuple(own), tuple(units),
+        _concatenate(nominal), _concatenate(lower), _concatenate(upper),
         np.asarray(block_diag(*blocks), dtype=float).reshape(len(own), len(own)),
     )  # fmt: skip
 
 
-def samples_at(dispersed: Dispersed, pairs: int, random: np.random.Generator) -> Array:
+def parameter_samples(dispersed: Dispersed, pairs: int, random: np.random.Generator) -> Array:
     """Return values of the parameters at which models are made, beside the nominal ones.
 
     Parameters
@@ -151,5 +152,5 @@ def samples_at(dispersed: Dispersed, pairs: int, random: np.random.Generator) ->
     return np.concatenate([up, down, ends], axis=1)
 
 
-def _joined(parts: Sequence[Array]) -> Array:
+def _concatenate(parts: Sequence[Array]) -> Array:
     return np.concatenate([np.zeros(0), *parts])

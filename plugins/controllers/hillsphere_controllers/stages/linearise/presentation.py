@@ -1,4 +1,4 @@
-"""How linear models along a trajectory are shown: poles, disturbances, influence of parameters."""
+"""Presentation of linear models along a trajectory: poles, disturbances, parameters."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from functools import partial
 import numpy as np
 
 from hillsphere.interfaces import Array, Integers
-from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.presentation import Figure, Metric, Presentation, Table
+from hillsphere.show.tables import FieldColumns, column, tabulate, text_column
 from hillsphere_controllers.analysis.stability import spectral_abscissa
 from hillsphere_controllers.stages.linearise.figures import (
     draw_influence,
@@ -15,11 +16,12 @@ from hillsphere_controllers.stages.linearise.figures import (
     unstable_poles,
 )
 from hillsphere_controllers.stages.linearise.products import LinearisedFlight
+from hillsphere_controllers.stages.table_cells import finite_or_blank
 
-__all__ = ["nominal_models", "presented", "ranks"]
+__all__ = ["nominal_models", "present_linearisation", "ranks"]
 
 
-def presented(product: LinearisedFlight) -> Presentation:
+def present_linearisation(product: LinearisedFlight) -> Presentation:
     """Return tables, figures and sentences of linear models along a trajectory."""
     nominal = nominal_models(product)
     tables = {"linearised_points": _points(product, nominal)}
@@ -50,7 +52,8 @@ def presented(product: LinearisedFlight) -> Presentation:
         said.append(
             f"The derivatives are affine in all {len(product.dispersed)} dispersed parameters."
             if not bent
-            else f"The derivatives are not affine in {', '.join(bent)}: fit polynomials."
+            else f"The derivatives are not affine in {', '.join(bent)}: "
+            "fit polynomials in the stage lft."
         )
     return Presentation(metrics, tables, figures, said)
 
@@ -91,73 +94,48 @@ def _deviation(product: LinearisedFlight) -> Array:
 
 
 def _points(product: LinearisedFlight, nominal: Integers) -> Table:
-    unknown, rows = _deviation(product), list[dict[str, Cell]]()
-    for i, k in enumerate(nominal):
-        poles = product.systems[int(k)].poles
-        largest = float(poles.real.max())
-        rows.append(
-            {
-                "point": i + 1,
-                "time_s": float(product.t_s[i]),
-                "abscissa_1_s": largest,
-                "growth_s": 1.0 / largest if largest > 0.0 else None,
-                "unstable_poles": int(unstable_poles(product.systems[int(k)]).sum()),
-                "fastest_pole_rad_s": float(np.abs(poles).max()),
-                "command_mm_s2": 1e3 * float(np.linalg.norm(product.u[:, i])),
-                "unknown_mm_s2": 1e3 * float(unknown[i]),
-            }
-        )
-    columns = (
-        Column("point", "-", "point"),
-        Column("time_s", "s", "time", 6),
-        Column("abscissa_1_s", "1/s", "largest real part of the poles", 6),
-        Column("growth_s", "s", "time in which a deviation grows by e", 6),
-        Column("unstable_poles", "-", "unstable poles"),
-        Column("fastest_pole_rad_s", "rad/s", "largest pole", 6),
-        Column("command_mm_s2", "mm/s²", "command", 5),
-        Column("unknown_mm_s2", "mm/s²", "unknown acceleration, one σ", 4),
-    )
+    of = FieldColumns(product, "points")
+    systems = [product.systems[k] for k in nominal.tolist()]
+    poles = [system.poles for system in systems]
+    abscissa = np.array([one.real.max() for one in poles])
+    growth = np.full(abscissa.size, np.nan)
+    growing = abscissa > 0.0
+    growth[growing] = 1.0 / abscissa[growing]
+    unstable = [int(unstable_poles(system).sum()) for system in systems]
+    columns = [
+        column("point", np.arange(1, len(systems) + 1), "point"),
+        of("t_s", "time_s"),
+        column("abscissa_1_s", abscissa, "largest real part of the poles", 6),
+        column("growth_s", growth, "time in which a deviation grows by e", 6),
+        column("unstable_poles", unstable, "unstable poles"),
+        column("fastest_pole_rad_s", [np.abs(one).max() for one in poles], "largest pole", 6),
+        column("command_mm_s2", [np.linalg.norm(u) for u in product.u.T], "command", 5),
+        column("unknown_mm_s2", _deviation(product), "unknown acceleration, one σ", 4),
+    ]
     notes = ["All parameters nominal; the unknown acceleration is the root of the trace of its "
              "covariance."]  # fmt: skip
-    return Table(f"Points along {product.flight}", columns, rows, notes)
+    return tabulate(f"Points along {product.flight}", columns, notes)
 
 
 def _influence(product: LinearisedFlight) -> Table:
-    criteria = _criteria(product)
-    places = [ranks(values) for values in criteria]
-    rows: list[dict[str, Cell]] = []
-    for k in _order(product):
-        share, acceleration, end, weight = (float(values[k]) for values in criteria)
-        rows.append(
-            {
-                "parameter": product.dispersed[k],
-                "sigma": float(product.sigma[k]),
-                "affine": bool(product.affine[k]),
-                "jacobian": share,
-                "jacobian_rank": int(places[0][k]),
-                "acceleration_mm_s2": 1e3 * acceleration,
-                "acceleration_rank": int(places[1][k]),
-                "end_m": end if np.isfinite(end) else None,
-                "end_rank": int(places[2][k]),
-                "weight": weight,
-                "weight_rank": int(places[3][k]),
-            }
-        )
-    columns = (
-        Column("parameter", "", "parameter"),
-        Column("sigma", "-", "standard deviation, SI", 4),
-        Column("affine", "", "affine"),
-        Column("jacobian", "-", "largest change of A, relative", 3),
-        Column("jacobian_rank", "-", "rank"),
-        Column("acceleration_mm_s2", "mm/s²", "largest change of the acceleration", 3),
-        Column("acceleration_rank", "-", "rank"),
-        Column("end_m", "m", "change of the end of the flight", 4),
-        Column("end_rank", "-", "rank"),
-        Column("weight", "-", "share in the changes of A", 3),
-        Column("weight_rank", "-", "rank"),
-    )
-    notes = [
-        "For one standard deviation of each, in the order of the sum of the ranks; the end of the "
-        "flight is that under the trajectory's own command."
+    order = _order(product)
+    jacobian, acceleration, end, weight = (values[order] for values in _criteria(product))
+    ranked = [ranks(values)[order] for values in _criteria(product)]
+    columns = [
+        text_column("parameter", [product.dispersed[k] for k in order], "parameter"),
+        column("sigma", product.sigma[order], "standard deviation, SI", 4),
+        text_column("affine", product.affine[order], "affine"),
+        column("jacobian", jacobian, "largest change of A, relative", 3),
+        column("jacobian_rank", ranked[0], "rank"),
+        column("acceleration_mm_s2", acceleration, "largest change of the acceleration", 3),
+        column("acceleration_rank", ranked[1], "rank"),
+        column("end_m", finite_or_blank(end), "change of the end of the flight", 4),
+        column("end_rank", ranked[2], "rank"),
+        column("weight", weight, "share in the changes of A", 3),
+        column("weight_rank", ranked[3], "rank"),
     ]
-    return Table("Influence of the parameters", columns, rows, notes)
+    notes = [
+        "Effects of one standard deviation of each parameter, sorted by the sum of the ranks. The "
+        "end of the flight is the one under the trajectory's own command."
+    ]
+    return tabulate("Influence of the parameters", columns, notes)

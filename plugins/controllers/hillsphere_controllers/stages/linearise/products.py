@@ -1,13 +1,15 @@
-"""What the stage ``linearise`` yields."""
+"""Product of the stage ``linearise``."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array, Integers
+from hillsphere.products.fields import Label, Shape
 from hillsphere_controllers.linear_products import LinearModels
 
 __all__ = ["LinearisedFlight"]
@@ -15,62 +17,48 @@ __all__ = ["LinearisedFlight"]
 
 @dataclass(frozen=True)
 class LinearisedFlight(LinearModels):
-    """Linear models at N points of a trajectory, and what q dispersed parameters do there.
+    """Linear models at N points of a trajectory, and the effects of q dispersed parameters there.
 
     The models' first parameter is ``"point"``, from 1 to N; then come the dispersed ones under the
     names that the mission has for them (``"gravity.phobos.C2,1"``). Every point has a model with
     all parameters nominal, whose label begins with ``"nominal"``.
-
-    Parameters
-    ----------
-    flight : str
-        Name of the trajectory.
-    frame : str
-        Of its states.
-    t_s : ndarray, shape (N,)
-        Times of the points since its start.
-    states, rates, commands : tuple of str
-        Names of the s positions and velocities (all s of them in the order of the models' outputs),
-        of the r velocities among them, and of the m controls.
-    x, u : ndarray, shape (s, N), (m, N)
-        States and command at the points, SI.
-    sigma : ndarray, shape (q,)
-        Standard deviations of the dispersed parameters, in their units.
-    affine : ndarray of bool, shape (q,)
-        Whether the derivatives are affine in a parameter, each by itself.
-    acceleration_slopes : ndarray, shape (r, q, N)
-        Derivatives of the accelerations by the parameters at the points, SI.
-    acceleration_covariance : ndarray, shape (r, r, N)
-        Of the unknown acceleration: of the parameters and of the command's error, m²/s⁴.
-    jacobian_share : ndarray, shape (q, N)
-        Norm of the change of A by one standard deviation of a parameter, relative to the norm of A
-        on the rows and columns that any of them changes.
-    largest_acceleration : ndarray, shape (q,)
-        Largest change of the acceleration along the whole trajectory by one standard deviation.
-    end_deviation_m : ndarray, shape (q,)
-        By how much the end of the flight under the trajectory's command moves for one standard
-        deviation; NaN if the flight does not end.
-    fit_weight : ndarray, shape (q,)
-        Share of each parameter in the sum of squares of the changes of A by one standard deviation
-        of each at all points.
     """
 
     flight: str
+    """Name of the trajectory."""
     frame: str
-    t_s: Array
-    states: tuple[str, ...]
-    rates: tuple[str, ...]
-    commands: tuple[str, ...]
-    x: Array
-    u: Array
-    sigma: Array
-    affine: NDArray[np.bool_]
-    acceleration_slopes: Array
-    acceleration_covariance: Array
-    jacobian_share: Array
-    largest_acceleration: Array
-    end_deviation_m: Array
-    fit_weight: Array
+    """Of its states."""
+    t_s: Annotated[Array, Shape("points"), Label("time", 6)]
+    """Times of the points since its start."""
+    states: Annotated[tuple[str, ...], Shape("states")]
+    """Names of the positions and velocities, in the order of the models' outputs."""
+    rates: Annotated[tuple[str, ...], Shape("rates")]
+    """Names of the velocities among them."""
+    commands: Annotated[tuple[str, ...], Shape("commands")]
+    """Names of the controls."""
+    x: Annotated[Array, Shape("states", "points")]
+    """States at the points, SI."""
+    u: Annotated[Array, Shape("commands", "points")]
+    """Command at the points, SI."""
+    sigma: Annotated[Array, Shape("dispersed")]
+    """Standard deviations of the dispersed parameters, in their units."""
+    affine: Annotated[NDArray[np.bool_], Shape("dispersed")]
+    """Whether the derivatives are affine in a parameter, each by itself."""
+    acceleration_slopes: Annotated[Array, Shape("rates", "dispersed", "points")]
+    """Derivatives of the accelerations by the parameters at the points, SI."""
+    acceleration_covariance: Annotated[Array, Shape("rates", "rates", "points")]
+    """Of the unknown acceleration: of the parameters and of the command's error, m²/s⁴."""
+    jacobian_share: Annotated[Array, Shape("dispersed", "points")]
+    """Norm of the change of A by one standard deviation of a parameter, relative to the norm of A
+    on the rows and columns that any of them changes."""
+    largest_acceleration: Annotated[Array, Shape("dispersed")]
+    """Largest change of the acceleration along the whole trajectory by one standard deviation."""
+    end_deviation_m: Annotated[Array, Shape("dispersed")]
+    """By how much the end of the flight under the trajectory's command moves for one standard
+    deviation; NaN if the flight does not end."""
+    fit_weight: Annotated[Array, Shape("dispersed")]
+    """Share of each parameter in the sum of squares of the changes of A by one standard deviation
+    of each at all points."""
 
     @property
     def point(self) -> Integers:

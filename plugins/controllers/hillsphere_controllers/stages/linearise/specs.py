@@ -1,4 +1,4 @@
-"""Spec of the stage ``linearise``: what a mission may write in its table."""
+"""Spec of the stage ``linearise``: keys of its table in a mission."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.lti import LtiSystem
 from hillsphere.presentation import Presentation
 from hillsphere.products import FlightSet
-from hillsphere_controllers.stages.linearise.derivatives import Derived, Slopes, affine_in
+from hillsphere_controllers.stages.linearise.derivatives import Derived, Slopes, find_affine
 from hillsphere_controllers.stages.linearise.influence import (
     end_deviations,
     fit_weights,
@@ -22,9 +22,9 @@ from hillsphere_controllers.stages.linearise.influence import (
 )
 from hillsphere_controllers.stages.linearise.parameters import (
     dispersed_parameters,
-    samples_at,
+    parameter_samples,
 )
-from hillsphere_controllers.stages.linearise.presentation import presented
+from hillsphere_controllers.stages.linearise.presentation import present_linearisation
 from hillsphere_controllers.stages.linearise.products import LinearisedFlight
 from hillsphere_controllers.stages.linearise.specs import LineariseSpec
 
@@ -93,7 +93,7 @@ class LineariseStage:
         advance = ctx.track("linearisation", 3 if dispersed.names else 1)
         slopes = Slopes(self.plant, self.rows, dispersed, spec.start_time_s)
         x, u = np.ascontiguousarray(course.at(t)), self._command(course, t)
-        middle = _derived(slopes, x, u, t, dispersed.nominal[:, None])
+        middle = _evaluate_derivatives(slopes, x, u, t, dispersed.nominal[:, None])
         advance(1)
         count = len(dispersed.names)
         affine = np.ones(0, dtype=bool)
@@ -142,8 +142,8 @@ class LineariseStage:
         )
 
     def present(self, product: LinearisedFlight, reference: FlightSet) -> Presentation:
-        """Show poles and unknown accelerations along the trajectory, and what parameters do."""
-        return presented(product)
+        """Show poles and unknown accelerations along the trajectory, and effects of parameters."""
+        return present_linearisation(product)
 
     def _times(self, course: Course) -> Array:
         """Return the times of the points since the trajectory's start."""
@@ -164,7 +164,7 @@ class LineariseStage:
     def _changes(
         self, slopes: Slopes, x: Array, u: Array, t: Array
     ) -> tuple[NDArray[np.bool_], Array]:
-        """Return which parameters are affine, and the changes of A by one σ of each."""
+        """Return which parameters enter A affinely, and the changes of A by one σ of each."""
         d = self.dispersed
         count = len(d.names)
         nominal = np.repeat(d.nominal[:, None], count, axis=1)
@@ -172,11 +172,11 @@ class LineariseStage:
         for ends in (0.5 * (d.lower + d.upper), d.upper, d.lower):
             values = nominal.copy()
             np.fill_diagonal(values, ends)
-            versions.append(_derived(slopes, x, u, t, values).a)
+            versions.append(_evaluate_derivatives(slopes, x, u, t, values).a)
         parts = [np.moveaxis(one.reshape(*one.shape[:2], count, t.size), 2, 0) for one in versions]
         middle, up, down = parts
         per_sigma = d.sigma / (d.upper - d.lower)
-        return affine_in(middle, up, down), (up - down) * per_sigma[:, None, None, None]
+        return find_affine(middle, up, down), (up - down) * per_sigma[:, None, None, None]
 
     def _covariance(self, acceleration: Array, u: Array) -> Array:
         """Return the covariance (r, r, N) of the unknown acceleration."""
@@ -190,7 +190,7 @@ class LineariseStage:
         d, pairs = self.dispersed, self.spec.corners
         if not d.names:
             return _Sampled(np.zeros((0, 1)), ("nominal",))
-        values = samples_at(d, pairs, ctx.rng("corners"))
+        values = parameter_samples(d, pairs, ctx.rng("corners"))
         count = len(d.names)
         kept = np.concatenate([np.ones(count, dtype=bool), ~affine, np.ones(2 * pairs, dtype=bool)])
         names = [
@@ -207,7 +207,7 @@ class LineariseStage:
         self, slopes: Slopes, x: Array, u: Array, t: Array, samples: _Sampled, covariance: Array
     ) -> tuple[tuple[LtiSystem, ...], tuple[str, ...], Array]:
         """Return the models, point by point, their names and the values of their parameters."""
-        found = _derived(slopes, x, u, t, samples.values)
+        found = _evaluate_derivatives(slopes, x, u, t, samples.values)
         s, m, r = len(found.a), slopes.controls, len(covariance)
         signals = _signals(self.rows, m, r if covariance.any() else 0)
         states = tuple(self.rows.names[i] for i in self.rows.moving)
@@ -232,7 +232,7 @@ class LineariseStage:
         return tuple(systems), tuple(labels), np.array(values).T
 
 
-def _derived(slopes: Slopes, x: Array, u: Array, t: Array, p: Array) -> Derived:
+def _evaluate_derivatives(slopes: Slopes, x: Array, u: Array, t: Array, p: Array) -> Derived:
     """Return the derivatives at N points for S values of the parameters (q, S): (..., S N)."""
     samples = p.shape[1]
     return slopes.at(

@@ -1,1 +1,1 @@
-"""The stage ``mu_analysis``: what a loop bears of its uncertainty, certified over frequency."""
+"""The stage ``mu_analysis``: robustness of loops by µ, certified over frequency."""

@@ -14,10 +14,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_bounds", "draw_share_curves", "draw_shares", "with_share_curves"]
+__all__ = ["draw_bounds", "draw_share_curves", "draw_shares", "select_share_curves"]
 
 _DRAWN = 6
+"""Analyses drawn at most; more curves could not be told apart."""
 _COLUMNS = 4
+"""Analyses side by side in the figure of shares at most; narrower panels cannot be read."""
 _NAMED = 0.05
 """Share from which on a block is drawn by itself."""
 _TITLES = {"robust_stability": "Robust stability", "robust_performance": "Robust performance"}
@@ -53,7 +55,7 @@ def _draw_loop(axes: Axes, one: Analysed, colour: str, label: str) -> None:
 
 
 def _draw_intervals(axes: Axes, one: Analysed, colour: str) -> None:
-    """Draw what is proved on whole intervals as bars at its height."""
+    """Draw the bounds that hold on whole intervals as bars."""
     low, high = float(one.omega_rad_s[0]), float(one.omega_rad_s[-1])
     for k, bound in enumerate(one.interval_bound):
         begin = max(float(one.interval_low_rad_s[k]), low)
@@ -83,7 +85,7 @@ def draw_shares(figure: Figure, product: MuAnalysis) -> None:
     axes.legend(fontsize=8)
 
 
-def with_share_curves(
+def select_share_curves(
     columns: Sequence[tuple[MuAnalysis, Analysed]],
 ) -> list[tuple[MuAnalysis, Analysed]]:
     """Return the analyses whose shares are known over frequency and are drawn."""
@@ -95,7 +97,7 @@ def draw_share_curves(figure: Figure, columns: Sequence[tuple[MuAnalysis, Analys
     from matplotlib.ticker import LogLocator, NullFormatter
 
     grid = figure.subplots(2, len(columns), squeeze=False, sharex="col", sharey="row")
-    named = _named_blocks([one for _, one in columns])
+    named = _select_blocks([one for _, one in columns])
     for column, (product, one) in enumerate(columns):
         above, below = grid[:, column]
         omega = one.omega_rad_s
@@ -119,7 +121,7 @@ def draw_share_curves(figure: Figure, columns: Sequence[tuple[MuAnalysis, Analys
     grid[0, 0].legend(fontsize=8)
 
 
-def _named_blocks(found: Sequence[Analysed]) -> dict[str, int]:
+def _select_blocks(found: Sequence[Analysed]) -> dict[str, int]:
     """Return the blocks that are drawn by themselves, the weightiest first, with their places."""
     largest: dict[str, float] = {}
     for one in found:

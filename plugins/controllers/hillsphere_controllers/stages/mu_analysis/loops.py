@@ -1,4 +1,4 @@
-"""One analysis of one loop, which needs nothing of the others."""
+"""Robustness analysis of a single loop, independent of all others."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from hillsphere_controllers.lft.uncertainties import physical_values
 from hillsphere_controllers.linear_products import UncertainModel
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.certified import CertifiedPeak
-from hillsphere_controllers.mu.division import Division, proved_in_parts
+from hillsphere_controllers.mu.division import Division, prove_by_branch_and_bound
 from hillsphere_controllers.mu.robustness import (
     Robustness,
-    complexified,
+    complexify,
     mu_bounds_on_grid,
     performance_structure,
     robust_performance,
@@ -31,7 +31,7 @@ from hillsphere_controllers.mu.upper_bound import upper_bounds
 from hillsphere_controllers.mu.worst_case_gain import worst_case_gain
 from hillsphere_controllers.stages.frequencies import frequencies
 from hillsphere_controllers.stages.mu_analysis.products import Analysed
-from hillsphere_controllers.stages.uncertain import lft_of
+from hillsphere_controllers.stages.uncertain import to_lft
 
 __all__ = ["Analyses", "Piece"]
 
@@ -66,7 +66,7 @@ class Piece:
 
 @dataclass(frozen=True, eq=False)
 class Analyses:
-    """What all of them have in common; see `hillsphere.runs.workers.Divisible`.
+    """Options common to all analyses; see `hillsphere.runs.workers.Divisible`.
 
     Parameters
     ----------
@@ -93,10 +93,10 @@ class Analyses:
 
     def prepare(self) -> Callable[[Piece], Analysed]:
         """Return the function that analyses a loop."""
-        return self.analysed
+        return self.analyse
 
-    def analysed(self, piece: Piece) -> Analysed:
-        """Return bounds with what proves them.
+    def analyse(self, piece: Piece) -> Analysed:
+        """Return the bounds of one loop with their certificates.
 
         Parameters
         ----------
@@ -104,7 +104,7 @@ class Analyses:
             A stable loop.
         """
         seed = self.seed
-        lft = lft_of(piece.model)
+        lft = to_lft(piece.model)
         structure, loop = lft.structure, lft.system
         if piece.analysis == "worst_case_gain":
             gain = worst_case_gain(loop, structure, size=self.size, gap=self.gap, seed=seed)
@@ -125,7 +125,8 @@ class Analyses:
             whole = performance_structure(loop, structure)
         certified, worst = found.certified, found.worst
         upper, division = self._upper(found, loop, whole)
-        # a purely real µ jumps: a perturbation may show more than the bounds looked at
+        # µ of purely real blocks is discontinuous: the perturbation found may exceed all bounds at
+        # the frequencies looked at
         peak = certified.frequency_rad_s
         if found.lower > certified.peak:
             peak = found.frequency_rad_s
@@ -158,7 +159,7 @@ class Analyses:
         real = any(block.kind == "real" for block in whole.blocks)
         if limit is None or not real or not found.lower < limit < found.upper:
             return found.upper, _UNDIVIDED
-        division = proved_in_parts(loop, whole, limit)
+        division = prove_by_branch_and_bound(loop, whole, limit)
         return found.upper if division.left else limit, division
 
     def _curves(
@@ -169,10 +170,10 @@ class Analyses:
         structure: BlockStructure,
         wanted: Sequence[float],
     ) -> _Curves:
-        """Return bounds, and what else is wanted, over frequency."""
+        """Return bounds of µ, and optional nominal gains and shares, over frequency."""
         if not piece.drawn:
             return _Curves()
-        omega = _drawn(loop, wanted, self.points, self.ends)
+        omega = _curve_frequencies(loop, wanted, self.points, self.ends)
         lower, upper = mu_bounds_on_grid(loop, structure, omega, seed=self.seed)
         nominal, shares = _NONE, np.zeros((0, 0))
         if piece.analysis == "robust_performance":
@@ -188,14 +189,15 @@ class Analyses:
     def _shares(self, loop: LtiSystem, structure: BlockStructure, omega_rad_s: float) -> Array:
         """Return the shares of the blocks (k,) at a frequency.
 
-        A purely real µ jumps: its shares are those with complex parts; none if there are no such.
+        µ of purely real blocks is discontinuous: its shares are computed with complex parts, and
+        are none without them.
         """
         omega = np.array([omega_rad_s])
         if not structure.purely_real:
             return sensitivities(loop.response(omega)[0], structure)
         if not self.complex_parts:
             return _NONE
-        wider, blocks = complexified(loop, structure, max(self.complex_parts))
+        wider, blocks = complexify(loop, structure, max(self.complex_parts))
         found = sensitivities(wider.response(omega)[0], blocks)
         return np.asarray(found.reshape(2, -1).sum(axis=0))
 
@@ -261,8 +263,10 @@ def _result(
     )  # fmt: skip
 
 
-def _drawn(loop: LtiSystem, more: Sequence[float], points: int, ends: tuple[float, float]) -> Array:
-    """Return about so many of the frequencies of a loop, the ends of all, and those wanted."""
+def _curve_frequencies(
+    loop: LtiSystem, more: Sequence[float], points: int, ends: tuple[float, float]
+) -> Array:
+    """Return frequencies for the curves: about `points` of a loop's, both ends, and `more`."""
     low, high = ends[0], min(ends[1], np.pi / loop.dt_s if loop.dt_s is not None else np.inf)
     omega = frequencies([loop], more)
     outside = np.geomspace(low, high, points)

@@ -1,23 +1,28 @@
-"""How the stage ``mu_analysis`` shows its result: bounds, certificates, worst cases, shares."""
+"""Presentation of robustness: bounds, certificates, worst cases, shares of the blocks."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
-from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
-from hillsphere.show.reference import ReferenceTable, beside, difference_notes, with_paper
+from hillsphere.interfaces import Array
+from hillsphere.presentation import Figure, Metric, Presentation, Table
+from hillsphere.show.reference import ReferenceTable
+from hillsphere.show.tables import FilledColumn, column, set_beside, tabulate, text_column
 from hillsphere_controllers.stages.mu_analysis.figures import (
     draw_bounds,
     draw_share_curves,
     draw_shares,
-    with_share_curves,
+    select_share_curves,
 )
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
+from hillsphere_controllers.stages.table_cells import finite_or_blank
 
-__all__ = ["presented"]
+__all__ = ["present_analyses"]
 
 _TITLES = {
     "robust_stability": "robust stability",
@@ -25,11 +30,13 @@ _TITLES = {
     "worst_case_gain": "worst-case gain",
 }
 _SINGULAR = 1e-6
+"""Smallest singular value of I − M Δ up to which Δ counts as checked in the closed loop; it is the
+limit of `mu.worst_case`."""
 _SAME_FREQUENCY = 0.05
 """Ends of curves that differ by less, relative, look the same in a figure."""
 
 
-def presented(
+def present_analyses(
     product: MuAnalysis,
     reference: str | None,
     columns: Sequence[tuple[MuAnalysis, Analysed]] = (),
@@ -58,7 +65,7 @@ def presented(
         "mu_worst_cases": _worst_cases(product),
     }
     if len(set(product.model.tolist())) > 1:
-        tables |= {f"mu_models_{name}": _by_model(product, name) for name in _analyses(product)}
+        tables |= {f"mu_models_{name}": _model_table(product, name) for name in _analyses(product)}
     figures = {}
     if any(one.omega_rad_s.size for one in product.worst):
         shown = {one.analysis for one in product.worst if one.omega_rad_s.size}
@@ -71,7 +78,7 @@ def presented(
             size_in=(7.4, 0.8 + 3.2 * len(shown)),
         )
     shown_columns = columns or [(product, one) for one in product.worst]
-    if drawn := with_share_curves(shown_columns):
+    if drawn := select_share_curves(shown_columns):
         figures["mu_sensitivity_curves"] = Figure(
             "µ and shares of the blocks over frequency",
             partial(draw_share_curves, columns=drawn),
@@ -92,7 +99,7 @@ def presented(
 
 
 def _frequencies_differ(columns: Sequence[tuple[MuAnalysis, Analysed]]) -> str:
-    """Say which frequencies the columns of a figure span, unless these are the same for all."""
+    """Return a sentence on the columns' frequency ranges, empty if they are the same."""
     spans = [(float(one.omega_rad_s[0]), float(one.omega_rad_s[-1])) for _, one in columns]
     if all(max(ends) <= (1.0 + _SAME_FREQUENCY) * min(ends) for ends in zip(*spans, strict=True)):
         return ""
@@ -104,221 +111,214 @@ def _frequencies_differ(columns: Sequence[tuple[MuAnalysis, Analysed]]) -> str:
 
 
 def _summary(product: MuAnalysis, path: str | None) -> Table:
-    rows: list[dict[str, Cell]] = []
-    # like is held against like: what is published was found at these frequencies only
+    # compare like with like: the published values are maxima over these frequencies only
     on_grid = bool(np.isfinite(product.nominal_grid).any())
-    for loop, nominal in enumerate(product.nominal):
-        row: dict[str, Cell] = {
-            "controller": product.controllers[int(product.controller[loop])],
-            "model": product.models[int(product.model[loop])],
-            "nominal_performance": _finite(product.nominal_grid[loop] if on_grid else nominal),
-        }
-        if on_grid:
-            row["nominal_performance_peak"] = _finite(nominal)
-        for one in product.worst:
-            if one.loop == loop:
-                at_published = on_grid and one.analysis != "worst_case_gain"
-                row[one.analysis] = _finite(one.grid_peak if at_published else one.peak)
-                if at_published:
-                    row[f"{one.analysis}_peak"] = _finite(one.peak)
-                row[f"{one.analysis}_certified"] = one.upper if np.isfinite(one.upper) else None
-                row[f"{one.analysis}_lower"] = one.lower if np.isfinite(one.lower) else None
-        rows.append(row)
     columns = [
-        Column("controller", "", "controller"),
-        Column("model", "", "uncertain model"),
-        *_columns("nominal_performance", "nominal performance", on_grid),
-    ]
+        text_column(
+            "controller", [product.controllers[k] for k in product.controller.tolist()],
+            "controller",
+        ),
+        text_column(
+            "model", [product.models[k] for k in product.model.tolist()], "uncertain model"
+        ),
+        *_peak_columns(
+            "nominal_performance", "nominal performance", product.nominal,
+            product.nominal_grid if on_grid else None,
+        ),
+    ]  # fmt: skip
     for name, title in _TITLES.items():
-        if any(one.analysis == name for one in product.worst):
-            columns += [
-                *_columns(name, title, on_grid and name != "worst_case_gain"),
-                Column(f"{name}_certified", "-", f"{title}, certified", 5),
-                Column(f"{name}_lower", "-", f"{title}, from below", 5),
-            ]
+        of_loop = {one.loop: one for one in product.worst if one.analysis == name}
+        if not of_loop:
+            continue
+        peak, grid, upper, lower = (
+            np.array(
+                [getattr(of_loop.get(loop), field, np.nan) for loop in range(product.nominal.size)]
+            )
+            for field in ("peak", "grid_peak", "upper", "lower")
+        )
+        columns += [
+            *_peak_columns(
+                name, title, peak, grid if on_grid and name != "worst_case_gain" else None
+            ),
+            column(f"{name}_certified", finite_or_blank(upper), f"{title}, certified", 5),
+            column(f"{name}_lower", finite_or_blank(lower), f"{title}, from below", 5),
+        ]
     notes = [
-        "Of each analysis: the largest bound found at one frequency, from above, or from below "
-        "where that is larger; the bound certified for all frequencies (at most "
-        f"{100.0 * product.gap:.3g} % above it, or as proved by parts); and what a perturbation "
-        "reaches. They hold for the uncertain models as they are: what their making left out, "
-        "such as the truncation of an LFT, comes on top."
+        "For each analysis: the largest bound at one frequency (the lower bound where that is "
+        "larger), the bound certified for all frequencies (at most "
+        f"{100.0 * product.gap:.3g} % above, or as proved in parts), and the lower bound that a "
+        "perturbation reaches. The bounds hold for the uncertain models as given; errors of these "
+        "models, such as the truncation of an LFT, are not included."
     ]
     notes += [_division(product, one) for one in product.results if one.parts or one.parts_left]
     if any(one.channel for one in product.results):
         notes.append(
-            "Outputs count by themselves: each number is the largest over them, and a bound from "
-            "above may be of other outputs than the one from below; the certificates have each."
+            "Each group of outputs is a channel of its own, and each number is the largest over "
+            "the channels. Upper and lower bound may belong to different channels; the "
+            "certificates list each."
         )
     if on_grid:
         notes.append(
-            "Values 'at the frequencies published' are the largest at just those, for the "
-            "comparison; the peaks beside them are over all frequencies."
+            "Values 'at the frequencies published' are maxima over those frequencies, for the "
+            "comparison. The peaks beside them are over all frequencies."
         )
+    table = tabulate("Robustness", columns, notes)
     if path is None:
-        return Table("Robustness", columns, rows, notes)
+        return table
     reference = ReferenceTable.read(path)
-    rows = beside(rows, reference, on="controller")
-    notes += difference_notes(rows, reference, label="controller")
+    table = set_beside(table, reference, on="controller", label="controller")
     if remark := reference.about.get("note"):
-        notes.append(f"Published: {remark}.")
-    return Table("Robustness", with_paper(columns, rows), rows, notes)
+        return replace(table, notes=[*table.notes, f"Published: {remark}."])
+    return table
 
 
 def _division(product: MuAnalysis, one: Analysed) -> str:
-    """Return a sentence on the bound that was to be proved in parts."""
-    what = f"{product.label(one.loop)}: the bound asked for{_of(one.channel)}"
+    """Return a sentence on the bound that branch and bound was to prove."""
+    what = f"{product.label(one.loop)}: the bound asked for{_of_channel(one.channel)}"
     total = one.parts + one.parts_left
     if one.parts_left:
         return f"{what} is not proved on {one.parts_left} of {total} parts of the ranges."
     return (
-        f"{what}, {one.upper:.4g}, is proved in {total} parts; for the whole ranges it is larger."
+        f"{what}, {one.upper:.4g}, is proved in {total} parts of the ranges; "
+        "undivided it is larger."
     )
 
 
-def _columns(name: str, title: str, on_grid: bool) -> list[Column]:
-    if not on_grid:
-        return [Column(name, "-", title, 5)]
+def _peak_columns(name: str, title: str, peak: Array, grid: Array | None) -> list[FilledColumn]:
+    """Return the column of peaks, beside that of the maxima over published frequencies if any."""
+    if grid is None:
+        return [column(name, finite_or_blank(peak), title, 5)]
     return [
-        Column(name, "-", f"{title}, at the frequencies published", 5),
-        Column(f"{name}_peak", "-", f"{title}, peak", 5),
+        column(name, finite_or_blank(grid), f"{title}, at the frequencies published", 5),
+        column(f"{name}_peak", finite_or_blank(peak), f"{title}, peak", 5),
     ]
+
+
+def _analysis_columns(product: MuAnalysis, shown: Sequence[Analysed]) -> list[FilledColumn]:
+    """Return columns that say which analysis a row is of; its channel only if any has one."""
+    columns = [
+        text_column("loop", [product.label(one.loop) for one in shown], "loop"),
+        text_column("analysis", [_TITLES[one.analysis] for one in shown], "analysis"),
+    ]
+    if any(one.channel for one in product.results):
+        columns.append(text_column("channel", [one.channel or None for one in shown], "outputs"))
+    return columns
 
 
 def _certificates(product: MuAnalysis) -> Table:
-    rows: list[dict[str, Cell]] = []
-    for one in product.results:
-        row: dict[str, Cell] = {
-            "loop": product.label(one.loop),
-            "analysis": _TITLES[one.analysis],
-            **({"channel": one.channel} if one.channel else {}),
-            "upper": _finite(one.upper),
-            "peak_rad_s": _frequency(one.peak_rad_s),
-            "intervals": int(one.interval_bound.size),
-            **({"parts": one.parts} if one.parts and not one.parts_left else {}),
-            "lower": _finite(one.lower),
-            "frequency_rad_s": _frequency(one.frequency_rad_s),
-            "singular": _finite(one.singular),
-        }
-        for part, upper, lower in zip(
-            one.complex_parts, one.complex_upper, one.complex_lower, strict=True
-        ):
-            row["complexified"] = (
-                f"{row.get('complexified', '')}{'; ' if 'complexified' in row else ''}"
-                f"{100.0 * part:.3g} %: {lower:.4g} to {upper:.4g}"
-            )
-        rows.append(row)
-    columns = (
-        Column("loop", "", "loop"),
-        Column("analysis", "", "analysis"),
-        *([Column("channel", "", "outputs")] if any(o.channel for o in product.results) else []),
-        Column("upper", "-", "certified", 6),
-        Column("peak_rad_s", "rad/s", "largest at", 4),
-        Column("intervals", "-", "intervals that cover all frequencies"),
-        *([Column("parts", "-", "parts")] if any(o.parts for o in product.results) else []),
-        Column("lower", "-", "from below", 6),
-        Column("frequency_rad_s", "rad/s", "reached at", 4),
-        Column("singular", "-", "least singular value of I − MΔ", 2),
-        Column("complexified", "", "with complex parts: from, to"),
-    )
-    return Table("Certificates", columns, rows)
+    shown = product.results
+
+    def numbers(name: str, field: str, label: str, digits: int) -> FilledColumn:
+        found = np.array([getattr(one, field) for one in shown])
+        # A peak may lie at infinite frequency: that is no blank.
+        cells = found if name.endswith("_rad_s") else finite_or_blank(found)
+        return column(name, cells, label, digits)
+
+    intervals = [one.interval_bound.size for one in shown]
+    parts = [one.parts if one.parts and not one.parts_left else None for one in shown]
+    columns = [
+        *_analysis_columns(product, shown),
+        numbers("upper", "upper", "certified", 6),
+        numbers("peak_rad_s", "peak_rad_s", "largest at", 4),
+        column("intervals", intervals, "intervals that cover all frequencies"),
+        *([column("parts", parts, "parts")] if any(one.parts for one in shown) else []),
+        numbers("lower", "lower", "from below", 6),
+        numbers("frequency_rad_s", "frequency_rad_s", "reached at", 4),
+        numbers("singular", "singular", "least singular value of I − MΔ", 2),
+        text_column(
+            "complexified",
+            [_describe_complex_parts(one) for one in shown],
+            "with complex parts: from, to",
+        ),
+    ]
+    return tabulate("Certificates", columns)
+
+
+def _describe_complex_parts(one: Analysed) -> str | None:
+    bounds = zip(one.complex_parts, one.complex_upper, one.complex_lower, strict=True)
+    said = [f"{100.0 * part:.3g} %: {lower:.4g} to {upper:.4g}" for part, upper, lower in bounds]
+    return "; ".join(said) or None
 
 
 def _worst_cases(product: MuAnalysis) -> Table:
-    rows: list[dict[str, Cell]] = []
-    for one in product.results:
-        where = {
-            "loop": product.label(one.loop),
-            "analysis": _TITLES[one.analysis],
-            **({"channel": one.channel} if one.channel else {}),
-            "frequency_rad_s": _frequency(one.frequency_rad_s),
-            "order": None if one.delta is None else one.delta.order,
-            "pole_re": _finite(one.pole_re),
-            "pole_im": _finite(one.pole_im),
-        }
-        for k, name in enumerate(one.names):
-            rows.append(
-                {
-                    **where,
-                    "parameter": name,
-                    "value": _finite(one.values[k]),
-                    "unit": one.units[k],
-                    "normalised": float(one.normalised[k]),
-                }
-            )
-        if not one.names:
-            rows.append(dict(where))
-    columns = (
-        Column("loop", "", "loop"),
-        Column("analysis", "", "analysis"),
-        *([Column("channel", "", "outputs")] if any(o.channel for o in product.results) else []),
-        Column("parameter", "", "parameter"),
-        Column("value", "-", "worst value", 6),
-        Column("unit", "", "unit"),
-        Column("normalised", "-", "normalised", 5),
-        Column("frequency_rad_s", "rad/s", "frequency", 4),
-        Column("order", "-", "order of Δ(s)"),
-        Column("pole_re", "1/s", "pole there, real part", 2),
-        Column("pole_im", "rad/s", "imaginary part", 5),
-    )
+    # One row for each parameter, and one for an analysis without parameters.
+    rows = [(one, k) for one in product.results for k in range(len(one.names)) or (None,)]
+    shown = [one for one, _ in rows]
+
+    def of_parameter(field: str) -> list[Any]:
+        return [None if k is None else getattr(one, field)[k] for one, k in rows]
+
+    orders = [None if one.delta is None else one.delta.order for one in shown]
+    values = [None if value is None else _finite(value) for value in of_parameter("values")]
+    columns = [
+        *_analysis_columns(product, shown),
+        text_column("parameter", of_parameter("names"), "parameter"),
+        column("value", values, "worst value", 6),
+        text_column("unit", of_parameter("units"), "unit"),
+        column("normalised", of_parameter("normalised"), "normalised", 5),
+        column("frequency_rad_s", [one.frequency_rad_s for one in shown], "frequency", 4),
+        column("order", orders, "order of Δ(s)"),
+        column(
+            "pole_re", [_finite(one.pole_re) for one in shown], "pole there, real part", 2,
+            unit="1/s",
+        ),
+        column(
+            "pole_im", [_finite(one.pole_im) for one in shown], "imaginary part", 5, unit="rad/s"
+        ),
+    ]  # fmt: skip
     notes = (
-        "The smallest perturbation found that makes the loop unstable, or lose its performance; "
-        "for the worst-case gain the one of the size declared that makes it largest. A normalised "
-        "value beyond −1 and 1 is outside the bounds.",
+        "The smallest perturbation found that makes the loop unstable or violates its performance; "
+        "for the worst-case gain, the perturbation of the declared size with the largest gain. A "
+        "normalised value beyond −1 and 1 is outside the bounds.",
     )
-    return Table("Worst cases", columns, rows, notes)
+    return tabulate("Worst cases", columns, notes)
 
 
 def _shares(product: MuAnalysis) -> Table:
-    rows: list[dict[str, Cell]] = [
-        {
-            "loop": product.label(one.loop),
-            "analysis": _TITLES[one.analysis],
-            "block": name,
-            "share": float(share),
-        }
+    rows = [
+        (one, name, share)
         for one in product.worst
-        for name, share in zip(one.blocks, one.shares, strict=False)
+        for name, share in zip(one.blocks, one.shares, strict=False)  # no shares: not computed
     ]
-    columns = (
-        Column("loop", "", "loop"),
-        Column("analysis", "", "analysis"),
-        Column("block", "", "block"),
-        Column("share", "-", "share", 4),
-    )
-    return Table(
-        "Shares of the blocks",
-        columns,
-        rows,
-        ("They sum to one; those of a purely real µ, which jumps, are with complex parts.",),
-    )
+    columns = [
+        text_column("loop", [product.label(one.loop) for one, _, _ in rows], "loop"),
+        text_column("analysis", [_TITLES[one.analysis] for one, _, _ in rows], "analysis"),
+        text_column("block", [name for _, name, _ in rows], "block"),
+        column("share", [share for _, _, share in rows], "share", 4),
+    ]
+    note = "The shares sum to one. For purely real blocks they are computed with complex parts."
+    return tabulate("Shares of the blocks", columns, (note,))
 
 
 def _analyses(product: MuAnalysis) -> list[str]:
     return [name for name in _TITLES if any(one.analysis == name for one in product.worst)]
 
 
-def _by_model(product: MuAnalysis, analysis: str) -> Table:
+def _model_table(product: MuAnalysis, analysis: str) -> Table:
     """Return one row a model and one column a controller."""
-    rows: dict[int, dict[str, Cell]] = {
-        int(m): {"model": product.models[int(m)]} for m in dict.fromkeys(product.model.tolist())
-    }
+    worst = {one.loop: one for one in product.worst if one.analysis == analysis}
+    cells: dict[tuple[int, int], str] = {}
     for loop, nominal in enumerate(product.nominal):
         cell = "not stable"
         if np.isfinite(nominal):
-            one = next(o for o in product.worst if (o.loop, o.analysis) == (loop, analysis))
+            one = worst[loop]
             cell = f"{nominal:.4f}; {one.lower:.4f} to {one.upper:.4f}"
-        rows[int(product.model[loop])][f"controller_{int(product.controller[loop])}"] = cell
+        cells[int(product.model[loop]), int(product.controller[loop])] = cell
+    models = list(dict.fromkeys(product.model.tolist()))
     columns = [
-        Column("model", "", "uncertain model"),
-        *(Column(f"controller_{k}", "", name) for k, name in enumerate(product.controllers)),
+        text_column("model", [product.models[m] for m in models], "uncertain model"),
+        *(
+            text_column(f"controller_{k}", [cells.get((m, k)) for m in models], name)
+            for k, name in enumerate(product.controllers)
+        ),
     ]
     note = (
-        "Nominal performance; what a perturbation reaches, to the bound certified for all "
-        "frequencies."
+        "Nominal performance; lower bound, reached by a perturbation, to upper bound, certified "
+        "for all frequencies."
     )
     title = _TITLES[analysis]
     of = f"{title[0].upper()}{title[1:]} by model, {product.uncertain}"
-    return Table(of, columns, list(rows.values()), [note])
+    return tabulate(of, columns, [note])
 
 
 def _verdict(product: MuAnalysis) -> list[str]:
@@ -326,30 +326,32 @@ def _verdict(product: MuAnalysis) -> list[str]:
     for number, controller in enumerate(product.controllers):
         loops = np.flatnonzero(product.controller == number)
         if len(loops) > 1:
-            said += _summed_up(product, controller, loops.tolist())
+            said += _summarise_models(product, controller, loops.tolist())
         else:
-            said += [_said(product, int(loop)) for loop in loops]
+            said += [_describe_loop(product, int(loop)) for loop in loops]
     wrong = [one for one in product.results if one.singular > _SINGULAR]
     if wrong:
-        said.append(f"{len(wrong)} worst cases do not pass their check: see Certificates.")
+        said.append(
+            f"{len(wrong)} worst cases fail their check in the closed loop: see Certificates."
+        )
     return said
 
 
-def _said(product: MuAnalysis, loop: int) -> str:
+def _describe_loop(product: MuAnalysis, loop: int) -> str:
     name = product.label(loop)
     if not np.isfinite(product.nominal[loop]):
-        return f"{name}: the nominal loop is not stable; nothing was analysed."
-    parts = [_sentence(one) for one in product.worst if one.loop == loop]
+        return f"{name}: the nominal loop is unstable and was not analysed."
+    parts = [_describe_result(one) for one in product.worst if one.loop == loop]
     return f"{name}: {'; '.join(parts)}."
 
 
-def _summed_up(product: MuAnalysis, controller: str, loops: list[int]) -> list[str]:
+def _summarise_models(product: MuAnalysis, controller: str, loops: list[int]) -> list[str]:
     """Return a sentence an analysis of a controller with several models."""
     said = []
     name = f"{controller}, {product.uncertain}"
     unstable = [loop for loop in loops if not np.isfinite(product.nominal[loop])]
     if unstable:
-        said.append(f"{name}: the nominal loop is not stable with {_names(product, unstable)}.")
+        said.append(f"{name}: the nominal loop is unstable for {_model_names(product, unstable)}.")
     for analysis in _analyses(product):
         found = [o for o in product.worst if o.loop in loops and o.analysis == analysis]
         if not found:
@@ -357,52 +359,44 @@ def _summed_up(product: MuAnalysis, controller: str, loops: list[int]) -> list[s
         highest = max(found, key=lambda one: one.upper)
         if analysis == "worst_case_gain":
             said.append(
-                f"{name}: gain at worst up to {highest.upper:.4g} "
+                f"{name}: worst-case gain at most {highest.upper:.4g} "
                 f"({product.models[int(product.model[highest.loop])]})."
             )
             continue
         sure = [one for one in found if one.upper < 1.0]
         broken = [one.loop for one in found if one.lower > 1.0]
         open_ = [one.loop for one in found if one.lower <= 1.0 <= one.upper]
-        what = "stable" if analysis == "robust_stability" else "a gain below one"
-        count = f"{len(sure)} of {len(found)} uncertain models"
-        parts = [f"{what} for all their perturbations with {count}"]
+        parts = [f"{_TITLES[analysis]} proved for {len(sure)} of {len(found)} uncertain models"]
         if sure:
             parts[0] += f" (µ ≤ {max(one.upper for one in sure):.4g}, certified)"
         if broken:
-            parts.append(f"not with {_names(product, broken)}")
+            parts.append(f"disproved for {_model_names(product, broken)}")
         if open_:
-            parts.append(f"not known with {_names(product, open_)}")
+            parts.append(f"undecided for {_model_names(product, open_)}")
         said.append(f"{name}: {'; '.join(parts)}.")
     return said
 
 
-def _names(product: MuAnalysis, loops: list[int]) -> str:
+def _model_names(product: MuAnalysis, loops: list[int]) -> str:
     return ", ".join(product.models[int(product.model[loop])] for loop in loops)
 
 
-def _sentence(one: Analysed) -> str:
+def _describe_result(one: Analysed) -> str:
     if one.analysis == "worst_case_gain":
-        return f"gain at worst from {one.lower:.4g} to {one.upper:.4g}"
-    what = "stable" if one.analysis == "robust_stability" else "a gain below one"
+        return f"worst-case gain from {one.lower:.4g} to {one.upper:.4g}"
+    title = _TITLES[one.analysis]
     if one.upper < 1.0:
-        bound = f"µ ≤ {one.upper:.4g}{_of(one.channel)}, certified"
-        return f"{what} for all perturbations of the uncertain model ({bound})"
+        return f"{title} proved (µ ≤ {one.upper:.4g}{_of_channel(one.channel)}, certified)"
     if one.lower > 1.0:
-        bound = f"µ ≥ {one.lower:.4g}{_of(one.lower_channel)}"
-        return f"not {what} for all perturbations of the uncertain model ({bound})"
+        return f"{title} disproved (µ ≥ {one.lower:.4g}{_of_channel(one.lower_channel)})"
     return (
-        f"not known whether {what} for all (µ from {one.lower:.4g}{_of(one.lower_channel)} to "
-        f"{one.upper:.4g}{_of(one.channel)})"
+        f"{title} undecided (µ from {one.lower:.4g}{_of_channel(one.lower_channel)} to "
+        f"{one.upper:.4g}{_of_channel(one.channel)})"
     )
 
 
-def _of(channel: str) -> str:
+def _of_channel(channel: str) -> str:
     return f" of {channel}" if channel else ""
-
-
-def _frequency(value: float) -> float | None:
-    return None if np.isnan(value) else float(value)  # a peak may lie at infinite frequency
 
 
 def _finite(value: float) -> float | None:

@@ -1,4 +1,4 @@
-"""Spec of the stage ``mu_analysis``: what a mission may write in its table."""
+"""Spec of the stage ``mu_analysis``: keys of its table in a mission."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class GridSpec(Spec):
 
 
 class MuAnalysisSpec(StageSpec):
-    """What loops bear of their uncertainty: µ over all frequencies, worst cases, shares."""
+    """Robustness of loops: µ over all frequencies, worst cases, shares of the blocks."""
 
     produces = "hillsphere_controllers.stages.mu_analysis.products:MuAnalysis"
     examples = (
@@ -172,10 +172,10 @@ class MuAnalysisSpec(StageSpec):
                 if set(here) != set(there):
                     yield (
                         ("needs", "beside", place),
-                        f"stage {ref.name!r} has {key} = {_listed(there)}, this one "
-                        f"{_listed(here)}: its µ means something else; use the same in both",
+                        f"stage {ref.name!r} has {key} = {_format_names(there)}, this one "
+                        f"{_format_names(here)}: its µ is another quantity; use the same in both",
                     )
 
 
-def _listed(names: tuple[str, ...]) -> str:
+def _format_names(names: tuple[str, ...]) -> str:
     return "[" + ", ".join(f'"{name}"' for name in names) + "]"

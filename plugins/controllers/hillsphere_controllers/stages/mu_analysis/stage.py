@@ -18,18 +18,18 @@ from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.linear_products import UncertainModel, UncertainModels
 from hillsphere_controllers.stages.frequencies import frequencies
 from hillsphere_controllers.stages.mu_analysis.loops import Analyses, Piece
-from hillsphere_controllers.stages.mu_analysis.presentation import presented
+from hillsphere_controllers.stages.mu_analysis.presentation import present_analyses
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
 from hillsphere_controllers.stages.mu_analysis.specs import MuAnalysisSpec
-from hillsphere_controllers.stages.signals import places
-from hillsphere_controllers.stages.uncertain import lft_of
+from hillsphere_controllers.stages.signals import find_signals
+from hillsphere_controllers.stages.uncertain import to_lft
 from hillsphere_controllers.systems.algebra import lower_lft
 
 __all__ = ["MuAnalysisStage"]
 
 
 class MuAnalysisStage:
-    """What loops bear of their uncertainty.
+    """Robustness analysis of loops with uncertain models.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class MuAnalysisStage:
         Returns
         -------
         MuAnalysis
-            Bounds with what proves them.
+            Bounds with their certificates.
 
         Raises
         ------
@@ -77,8 +77,8 @@ class MuAnalysisStage:
         systems: list[LtiSystem | None] = [design.controller for design in controllers]
         systems = systems or [None]
         seed = int(ctx.rng("starts").integers(1 << 31))
-        chosen = _chosen(spec.models, uncertain, "models")
-        drawn = _chosen(spec.curves, uncertain, "curves")
+        chosen = _select_models(spec.models, uncertain, "models")
+        drawn = _select_models(spec.curves, uncertain, "curves")
         of_loop: list[tuple[int, int]] = []
         loops: list[LtiSystem] = []
         for c, controller in enumerate(systems):
@@ -90,7 +90,7 @@ class MuAnalysisStage:
                         f"{spec.needs.uncertain.name!r}; give that stage a smaller truncation, or "
                         "name other models here (models)"
                     )
-                loops.append(_closed(model.system, controller, uncertain, names[c]))
+                loops.append(_close_loop(model.system, controller, uncertain, names[c]))
                 of_loop.append((c, m))
         grid = self._grid()
         nominal: list[float] = []
@@ -99,7 +99,7 @@ class MuAnalysisStage:
         for number, (_, m) in enumerate(of_loop):
             model = _with_system(uncertain.models[m], loops[number])
             channels = _channels(model, spec.outputs)
-            inner = [lft_of(one).nominal for one in channels.values()]
+            inner = [to_lft(one).nominal for one in channels.values()]
             # the norm is infinite if any state is not stable, performance or not
             nominal.append(max(hinf_norm(one).upper for one in inner))
             gains = [largest_gains(one.response(grid)).max() for one in inner if grid.size]
@@ -156,10 +156,10 @@ class MuAnalysisStage:
             if not spec.columns
             or product.controllers[int(product.controller[one.loop])] in spec.columns
         ]
-        return presented(product, spec.reference, columns)
+        return present_analyses(product, spec.reference, columns)
 
     def _comparable(self, beside: tuple[MuAnalysis, ...]) -> None:
-        """Refuse analyses beside of other outputs or another kind, whose µ would mean another."""
+        """Check that analyses shown beside are of the same kind and outputs."""
         spec = self.spec
         own = {
             (analysis, channel)
@@ -178,14 +178,14 @@ class MuAnalysisStage:
                 )
 
     def _grid(self) -> Array:
-        """Return the frequencies of what is published (K,)."""
+        """Return the frequencies (K,) of the published values."""
         grid = self.spec.reference_grid
         if grid is None:
             return np.zeros(0)
         return np.geomspace(grid.low_rad_s, grid.high_rad_s, grid.count)
 
 
-def _chosen(patterns: tuple[str, ...], uncertain: UncertainModels, key: str) -> list[int]:
+def _select_models(patterns: tuple[str, ...], uncertain: UncertainModels, key: str) -> list[int]:
     """Return the places of models that are named; of all, if none is."""
     names = match_names(patterns, uncertain.labels, f"{key}: needs.uncertain", "model")
     return [k for k, label in enumerate(uncertain.labels) if not patterns or label in names]
@@ -198,7 +198,7 @@ def _labels(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(f"{name} {k + 1}" for k, name in enumerate(names))
 
 
-def _closed(
+def _close_loop(
     system: LtiSystem, controller: LtiSystem | None, uncertain: UncertainModels, name: str
 ) -> LtiSystem:
     if controller is None:
@@ -221,10 +221,10 @@ def _channels(model: UncertainModel, outputs: tuple[str, ...]) -> dict[str, Unce
     """Return the model with each of its channels of performance by itself, by their names."""
     if not outputs:
         return {"": model}
-    system, p = model.system, lft_of(model).structure.shape[0]
+    system, p = model.system, to_lft(model).structure.shape[0]
     made = {}
     for name in outputs:
-        rows = [*range(p), *(p + k for k in places(system.outputs[p:], [name], "outputs"))]
+        rows = [*range(p), *(p + k for k in find_signals(system.outputs[p:], [name], "outputs"))]
         own = LtiSystem(system.a, system.b, system.c[rows], system.d[rows], system.dt_s)
         made[name] = _with_system(model, own)
     return made

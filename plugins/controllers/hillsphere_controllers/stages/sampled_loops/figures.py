@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 __all__ = ["draw_radius"]
 
 _TOP = 3.0
+"""Largest spectral radius drawn: growth by three per sample is lost control, and larger values
+would flatten the curve around the limit of one."""
 
 
 def draw_radius(figure: Figure, product: SampledLoops) -> None:

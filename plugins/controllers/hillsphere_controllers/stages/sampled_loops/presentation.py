@@ -1,4 +1,4 @@
-"""How the stage ``sampled_loops`` shows its result."""
+"""Presentation of sampled loops: margins at each period, and the spectral radius."""
 
 from __future__ import annotations
 
@@ -6,56 +6,25 @@ from functools import partial
 
 import numpy as np
 
-from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.interfaces import Array
+from hillsphere.presentation import Figure, Metric, Presentation
+from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_controllers.stages.sampled_loops.figures import draw_radius
 from hillsphere_controllers.stages.sampled_loops.products import SampledLoops
+from hillsphere_controllers.stages.table_cells import finite_or_blank
 
-__all__ = ["presented"]
-
-_COLUMNS = (
-    Column("controller", "", "controller"),
-    Column("period_s", "s", "period", 5),
-    Column("spectral_radius", "-", "spectral radius", 5),
-    Column("peak", "-", "Ms", 4),
-    Column("peak_single", "-", "Ms of one control", 4),
-    Column("gain_lower", "-", "gain from", 4),
-    Column("gain_upper", "-", "to", 4),
-    Column("gain_lower_all", "-", "of all from", 4),
-    Column("gain_upper_all", "-", "to", 4),
-    Column("lost_s", "s", "lost at", 5),
-    Column("model", "", "model with the largest Ms"),
-)
+__all__ = ["present_sampled_loops"]
 
 
-def presented(product: SampledLoops) -> Presentation:
+def present_sampled_loops(product: SampledLoops) -> Presentation:
     """Return tables, figures and sentences of sampled loops."""
-    rows: list[dict[str, Cell]] = []
-    for c, name in enumerate(product.controllers):
-        for k, period in enumerate(product.period_s.tolist()):
-            here = c, k
-            lower, upper = (one[:, c, k] for one in (product.gain_lower, product.gain_upper))
-            ranked = np.where(np.isfinite(product.peak[here]), product.peak[here], np.inf)
-            rows.append(
-                {
-                    "controller": name,
-                    "period_s": period,
-                    "spectral_radius": float(product.spectral_radius[here].max()),
-                    "peak": _finite(product.peak[here].max()),
-                    "peak_single": _finite(product.peaks[:, c, k].max()),
-                    "gain_lower": float(lower[:-1].max()),
-                    "gain_upper": _finite(upper[:-1].min()),
-                    "gain_lower_all": float(lower[-1].max()),
-                    "gain_upper_all": _finite(upper[-1].min()),
-                    "lost_s": _finite(product.lost_s[c]),
-                    "model": product.models[int(np.argmax(ranked))],
-                }
-            )
-    late = f", {product.delay_s:g} s after the sample" if product.delay_s else ""
+    late = f" {product.delay_s:g} s after the sample" if product.delay_s else " at the sample"
     notes = [
-        f"The worst of {len(product.models)} models each. The plant moves between samples{late} as "
-        "it does; Ms is the largest gain from disturbances of the controls, held over each period, "
-        "to the mean of what enters the plant; gains: factors on one control, and on all at once, "
-        "between which the loop stays stable. Nothing is said of a loop that is not stable."
+        f"Each number is the worst of {len(product.models)} models. The commands act{late}, and "
+        "the plant moves in continuous time. Ms is the largest gain from disturbances of the "
+        "controls, held over each period, to the mean of the total command. The gains are factors"
+        " on one control, and on all at once, between which the loop stays stable. An unstable "
+        "loop has no margins."
     ]
     metrics = {
         f"sampled_lost_{name}": Metric(float(lost), "s")
@@ -64,7 +33,9 @@ def presented(product: SampledLoops) -> Presentation:
     }
     return Presentation(
         metrics=metrics,
-        tables={"sampled_loops": Table("Loops as they are sampled", _COLUMNS, rows, notes)},
+        tables={
+            "sampled_loops": tabulate("Loops as they are sampled", _margin_columns(product), notes)
+        },
         figures={}
         if np.isnan(product.radius).all()
         else {
@@ -79,8 +50,30 @@ def presented(product: SampledLoops) -> Presentation:
     )
 
 
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+def _margin_columns(product: SampledLoops) -> list[FilledColumn]:
+    of = FieldColumns(product, "controllers", "periods")
+
+    def worst(name: str, values: Array, label: str, digits: int = 4) -> FilledColumn:
+        return column(name, of.spread(values, "controllers", "periods"), label, digits)
+
+    lower, upper = product.gain_lower, product.gain_upper
+    # A loop that is not stable has no peak, and is worse than any other.
+    ranked = np.where(np.isfinite(product.peak), product.peak, np.inf)
+    models = [product.models[k] for k in ranked.argmax(axis=2).ravel()]
+    lost = of.spread(finite_or_blank(product.lost_s), "controllers")
+    return [
+        of("controllers", "controller"),
+        of("period_s"),
+        worst("spectral_radius", product.spectral_radius.max(axis=2), "spectral radius", 5),
+        worst("peak", finite_or_blank(product.peak.max(axis=2)), "Ms"),
+        worst("peak_single", finite_or_blank(product.peaks.max(axis=(0, 3))), "Ms of one control"),
+        worst("gain_lower", lower[:-1].max(axis=(0, 3)), "gain from"),
+        worst("gain_upper", finite_or_blank(upper[:-1].min(axis=(0, 3))), "to"),
+        worst("gain_lower_all", lower[-1].max(axis=2), "of all from"),
+        worst("gain_upper_all", finite_or_blank(upper[-1].min(axis=2)), "to"),
+        column("lost_s", lost, "lost at", 5),
+        text_column("model", models, "model with the largest Ms"),
+    ]
 
 
 def _verdict(product: SampledLoops) -> list[str]:

@@ -1,4 +1,4 @@
-"""Spec of the stage ``sampled_loops``: what a mission may write in its table."""
+"""Spec of the stage ``sampled_loops``: keys of its table in a mission."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The stage ``sampled_loops``: what linear loops are at the rate at which they are sampled."""
+"""The stage ``sampled_loops``: stability and margins of linear loops at their sample rates."""
 
 from __future__ import annotations
 
@@ -20,20 +20,27 @@ from hillsphere_controllers.analysis.sampled_loop import (
 )
 from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.lti import LinearLaw
-from hillsphere_controllers.stages.sampled_loops.presentation import presented
+from hillsphere_controllers.stages.sampled_loops.presentation import present_sampled_loops
 from hillsphere_controllers.stages.sampled_loops.products import SampledLoops
 from hillsphere_controllers.stages.sampled_loops.specs import SampledLoopsSpec
-from hillsphere_controllers.stages.signals import places
+from hillsphere_controllers.stages.signals import find_signals
 
 __all__ = ["SampledLoopsStage"]
 
 _LOOKED = 120
+"""Periods of the curve of the spectral radius, evenly spaced in their logarithm: sixty per
+decade."""
 _RANGE = 100.0
+"""Longest over shortest period of that curve: two decades."""
 _BEYOND = 10.0
+"""Longest period of the curve relative to the longest that is analysed, so that the loss of
+stability is usually in the figure."""
 _SAME_TIME = 1e-9
+"""Relative difference up to which two periods are the same: they may come from different products
+of decimal numbers."""
 
 At = Callable[[float], LtiSystem]
-"""What flies at a period, from deviations to commands."""
+"""Controller in flight as a function of the period, from deviations to commands."""
 
 
 class SampledLoopsStage:
@@ -55,8 +62,8 @@ class SampledLoopsStage:
         law = None if spec.law is None else spec.law.get()
         if law is not None and not isinstance(law, LinearLaw):
             raise InputError(
-                "law: sampled_loops needs a linear law that says what it makes of a controller at "
-                f"any period, such as one of type 'lti'; got {type(law).__name__}"
+                "law: sampled_loops needs a linear law that gives its controller at any period, "
+                f"such as one of type 'lti'; got {type(law).__name__}"
             )
         self._law: LinearLaw | None = law
         if law is not None and not spec.needs.controllers:
@@ -88,7 +95,7 @@ class SampledLoopsStage:
         """
         spec = self.spec
         labels, plants = self._plants(models)
-        flown = self._flown(controllers)
+        flown = self._controllers_in_flight(controllers)
         periods = spec.periods_s or (() if self._law is None else (self._law.period_s,))
         longest = spec.longest_s or _BEYOND * max(periods)
         looked = np.geomspace(longest / _RANGE, longest, _LOOKED)
@@ -105,7 +112,7 @@ class SampledLoopsStage:
                     advance(1)
         radius, lost = [], []
         for at in flown.values():
-            if _of_one_period(
+            if _is_fixed_to_period(
                 at, max(periods)
             ):  # a controller in discrete time says nothing at another period
                 radius.append([np.nan] * len(looked))
@@ -149,7 +156,7 @@ class SampledLoopsStage:
         controllers: tuple[ControlDesign, ...],
     ) -> Presentation:
         """Show margins at each period, and the spectral radius over the period."""
-        return presented(product)
+        return present_sampled_loops(product)
 
     def _worst(self, plants: list[LtiSystem], at: At, period: float) -> float:
         controller, delay = at(period), min(self.spec.delay_s, period)
@@ -157,7 +164,7 @@ class SampledLoopsStage:
         return max(float(loop.spectral_radius()) for loop in loops)
 
     def _plants(self, models: LinearModels) -> tuple[tuple[str, ...], list[LtiSystem]]:
-        """Return names and plants, from the commands to what is seen."""
+        """Return names and plants, from the commands to the measurements."""
         spec = self.spec
         labels = models.labels
         if spec.models:
@@ -169,9 +176,9 @@ class SampledLoopsStage:
             rows = list(range(p - models.measurements if models.measurements else 0, p))
             columns = list(range(m - models.controls if models.controls else 0, m))
             if spec.sees:
-                rows = places(whole.outputs, spec.sees, "sees")
+                rows = find_signals(whole.outputs, spec.sees, "sees")
             if spec.controls:
-                columns = places(whole.inputs, spec.controls, "controls")
+                columns = find_signals(whole.inputs, spec.controls, "controls")
             plants.append(
                 LtiSystem(
                     whole.a, whole.b[:, columns], whole.c[rows], whole.d[np.ix_(rows, columns)],
@@ -180,8 +187,8 @@ class SampledLoopsStage:
             )  # fmt: skip
         return labels, plants
 
-    def _flown(self, controllers: tuple[ControlDesign, ...]) -> dict[str, At]:
-        """Return what flies at a period, by name of the controller."""
+    def _controllers_in_flight(self, controllers: tuple[ControlDesign, ...]) -> dict[str, At]:
+        """Return the controllers in flight as functions of the period, by name."""
         law = self._law
         if not controllers:
             assert law is not None
@@ -190,12 +197,12 @@ class SampledLoopsStage:
         if len(set(names)) < len(names):
             names = [f"{name} {k}" for k, name in enumerate(names, 1)]
         return {
-            name: _at(law, design.controller)
+            name: _controller_at_period(law, design.controller)
             for name, design in zip(names, controllers, strict=True)
         }
 
 
-def _at(law: LinearLaw | None, controller: LtiSystem) -> At:
+def _controller_at_period(law: LinearLaw | None, controller: LtiSystem) -> At:
     if law is None:
         return lambda period: controller
     return lambda period: law.at_period(period, controller)
@@ -211,12 +218,12 @@ def _check_periods(name: str, at: At, periods: Sequence[float]) -> None:
         if made.dt_s is not None and abs(made.dt_s - period) > _SAME_TIME * period:
             raise InputError(
                 f"periods_s: {name} is a controller in discrete time, of a period of "
-                f"{made.dt_s:g} s; at {period:g} s it says nothing: name its own period alone"
+                f"{made.dt_s:g} s; it is not defined at {period:g} s: name its own period alone"
             )
 
 
-def _of_one_period(at: At, period: float) -> bool:
-    """Return whether what flies at a period is a controller in discrete time, made for it."""
+def _is_fixed_to_period(at: At, period: float) -> bool:
+    """Return whether a controller is in discrete time, made for one period."""
     try:
         made = at(2.0 * period)
     except InputError:

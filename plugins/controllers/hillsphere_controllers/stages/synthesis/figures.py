@@ -12,7 +12,7 @@ from hillsphere.presentation import PALETTE
 from hillsphere_controllers.analysis.frequency import largest_gains
 from hillsphere_controllers.stages.frequencies import frequencies
 from hillsphere_controllers.stages.step_responses import step_responses
-from hillsphere_controllers.stages.synthesis.judging import inner_plant
+from hillsphere_controllers.stages.synthesis.evaluation import inner_plant
 from hillsphere_controllers.stages.synthesis.products import Iterations, Synthesis
 from hillsphere_controllers.stages.synthesis.step_panels import (
     LARGEST_GRID,
@@ -30,13 +30,15 @@ __all__ = ["draw_gains", "draw_iterations", "draw_starts", "draw_steps"]
 Complex = NDArray[np.complex128]
 
 _DRAWN = 12
+"""Plants drawn at most, evenly spaced among the stable loops."""
 _NAMED = 6
+"""Curves with a colour and a legend entry each at most; more curves could not be told apart."""
 _ALLOWED = "#555555"
 
 
 def draw_gains(figure: Figure, product: Synthesis) -> None:
-    """Draw what each weighted signal sees of all disturbances, and what its weight allows."""
-    chosen = _chosen(product)
+    """Draw the gain from all disturbances to each weighted signal, and its inverse weight."""
+    chosen = _select_plants(product)
     loops = [lower_lft(product.plants[k], product.controller) for k in chosen]
     omega = frequencies([*loops, *product.weights])
     responses = [loop.response(omega) for loop in loops]
@@ -50,25 +52,25 @@ def draw_gains(figure: Figure, product: Synthesis) -> None:
     for axes, weight in zip(grid, product.weights, strict=False):
         rows = [outputs.index(name) for name in weight.outputs]
         across = weight.response(omega)
-        before = [_before(across, response[:, rows]) for response in responses]
+        before = [_gains_before_weight(across, response[:, rows]) for response in responses]
         _draw_lines(axes, omega, before, product, chosen)
         least = np.linalg.svd(across, compute_uv=False)[:, -1]
         allowed = 1.0 / np.where(least > 0.0, least, np.nan)
         axes.loglog(omega, product.gamma * allowed, color=_ALLOWED, ls="--", label="allowed for γ")
         axes.loglog(omega, allowed, color=_ALLOWED, ls=":", label="allowed for γ = 1")
-        axes.set_ylabel(f"gain to {_short(weight.inputs)}")
+        axes.set_ylabel(f"gain to {_shorten(weight.inputs)}")
     if rest:
         gains = [largest_gains(response[:, rest]) for response in responses]
         _draw_lines(grid[-1], omega, gains, product, chosen)
         grid[-1].axhline(product.gamma, color=_ALLOWED, ls="--", label="allowed for γ")
-        grid[-1].set_ylabel(f"gain to {_short(tuple(outputs[i] for i in rest)) or 'all outputs'}")
+        grid[-1].set_ylabel(f"gain to {_shorten(tuple(outputs[i] for i in rest)) or 'all outputs'}")
     grid[-1].set_xlabel("frequency (rad/s)")
     grid[0].legend(fontsize=8)
 
 
 def draw_steps(figure: Figure, product: Synthesis, duration_s: float | None) -> None:
     """Draw the responses of all measured outputs to steps of their commands."""
-    chosen = _chosen(product)
+    chosen = _select_plants(product)
     k = product.controller
     negative = series(k, gain(-np.eye(k.shape[0]), k.dt_s))
     loops = []
@@ -133,13 +135,13 @@ def draw_iterations(figure: Figure, found: Iterations) -> None:
     axes.legend()
 
 
-def _chosen(product: Synthesis) -> list[int]:
+def _select_plants(product: Synthesis) -> list[int]:
     stable = np.flatnonzero(np.isfinite(product.judged.hinf))
     count = min(stable.size, _DRAWN)
     return [int(stable[k]) for k in np.unique(np.linspace(0, stable.size - 1, count).astype(int))]
 
 
-def _before(weight: Complex, response: Complex) -> Array:
+def _gains_before_weight(weight: Complex, response: Complex) -> Array:
     """Return the largest gains (K,) of W⁻¹ T; NaN where W is singular."""
     made = np.full(len(weight), np.nan)
     good = np.linalg.svd(weight, compute_uv=False)[:, -1] > 0.0
@@ -161,6 +163,6 @@ def _colour(place: int, count: int) -> str:
     return colours[place % len(colours)] if count <= _NAMED else PALETTE["blue"]
 
 
-def _short(names: tuple[str, ...]) -> str:
+def _shorten(names: tuple[str, ...]) -> str:
     stems = list(dict.fromkeys(name.partition("[")[0].partition("(")[0] for name in names))
     return ", ".join(stems)

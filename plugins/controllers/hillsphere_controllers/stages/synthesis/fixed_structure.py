@@ -12,12 +12,12 @@ from hillsphere.interfaces import Array, Context
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.linear_products import UncertainModel, UncertainModels
 from hillsphere_controllers.stages.synthesis.methods import (
-    Designed,
+    Design,
     channels_of,
+    interrupt_synthesis,
     region_of,
-    stopped,
 )
-from hillsphere_controllers.stages.synthesis.plants import restricted
+from hillsphere_controllers.stages.synthesis.plants import restrict_channels
 from hillsphere_controllers.stages.synthesis.products import (
     RobustResult,
     SearchResult,
@@ -25,7 +25,7 @@ from hillsphere_controllers.stages.synthesis.products import (
 )
 from hillsphere_controllers.stages.synthesis.specs import PartSpec, StructuredSpec, SynthesisSpec
 from hillsphere_controllers.structured.requirements import DesignPlant
-from hillsphere_controllers.structured.sampled import synthesise_sampled
+from hillsphere_controllers.structured.sampled_plants import synthesise_sampled
 from hillsphere_controllers.structured.scenarios import (
     RobustDesign,
     UncertainPlant,
@@ -37,20 +37,25 @@ from hillsphere_controllers.structured.structure import (
     Diagonal,
     Structure,
     controller_of,
-    masked,
-    of_order,
+    free_state_space,
+    mask_gains,
 )
 from hillsphere_controllers.structured.synthesis import Progress, StructuredDesign, synthesise
-from hillsphere_controllers.structured.verification import verified
+from hillsphere_controllers.structured.verification import verify_controller
 from hillsphere_controllers.systems.bilinear import discrete
 
-__all__ = ["by_search"]
+__all__ = ["synthesise_fixed_structure"]
 
 _OWN_STARTS, _OWN_SCATTER = 2, 0.1
+"""Searches for one plant by itself, and their relative scatter around the joint controller. They
+begin at a stabilising controller, so that two nearby starts suffice to show what the joint design
+costs."""
 _SAME = 1e-9
+"""Relative difference of the entries up to which a stored controller is the one that its parameters
+give, after saving and loading."""
 
 
-def by_search(
+def synthesise_fixed_structure(
     spec: SynthesisSpec,
     plants: Sequence[LtiSystem],
     labels: Sequence[str],
@@ -60,7 +65,7 @@ def by_search(
     uncertain: UncertainModels | None,
     wider: UncertainModels | None,
     start: Synthesis | None = None,
-) -> Designed:
+) -> Design:
     """Return a controller of a fixed structure, for plants or for uncertain ones.
 
     Raises
@@ -68,7 +73,7 @@ def by_search(
     InputError
         If sizes or names do not fit, or an uncertainty is not a real parameter.
     HillsphereError
-        What the synthesis raises.
+        Errors of the synthesis.
     Interrupted
         If the run was stopped; the workspace has the best controller until then.
     """
@@ -83,7 +88,9 @@ def by_search(
     seed = int(ctx.rng("starts").integers(1 << 31))
     prefer = None
     if wider is not None:
-        prefer = _worst_of([_uncertain_plant(spec, wider, j) for j in range(len(wider.models))])
+        prefer = _make_worst_gamma(
+            [_uncertain_plant(spec, wider, j) for j in range(len(wider.models))]
+        )
     names = labels if uncertain is None else uncertain.labels
     weights = options.plant_weights or (1.0,) * len(names)
     if len(weights) != len(names):
@@ -92,9 +99,9 @@ def by_search(
         )
     said = [""]
     advance = ctx.track("searches", None, lambda: said[0])
-    telling = _telling(said, advance, ctx.info)
+    telling = _make_callback(said, advance, ctx.info)
     region = region_of(options.region)
-    begun = _begun(start, structure, plants[0].dt_s)
+    begun = _start_parameters(start, structure, plants[0].dt_s)
     scatter = options.scatter if begun else 0.0
     result: RobustResult | None = None
     if uncertain is None:
@@ -142,12 +149,12 @@ def by_search(
         alone = [plant.at(np.zeros(len(plant.repeats))) for plant in many]
     if found.interrupted:
         done = int(found.starts.size + found.shaken.size)
-        raise stopped(found.controller, f"γ = {found.gamma:.6g} ({done} searches)", ctx)
+        raise interrupt_synthesis(found.controller, f"γ = {found.gamma:.6g} ({done} searches)", ctx)
     own = joint = np.zeros(0)
     if options.per_plant:
-        joint = np.array([verified([plant], found.controller).gamma for plant in alone])
+        joint = np.array([verify_controller([plant], found.controller).gamma for plant in alone])
         own = np.array(
-            [_own(plant, j, structure, options, found, seed, telling, ctx)
+            [_gamma_for_one_plant(plant, j, structure, options, found, seed, telling, ctx)
              for j, plant in enumerate(alone)]
         )  # fmt: skip
     search = SearchResult(
@@ -160,7 +167,7 @@ def by_search(
         for k in np.argsort(found.starts, kind="stable").tolist()
         if np.isfinite(found.starts[k]) and not np.array_equal(found.ends[k], found.theta)
     )
-    return Designed(found.controller, found.gamma, found.lower_bound, search, others=others)
+    return Design(found.controller, found.gamma, found.lower_bound, search, others=others)
 
 
 def _controller(structure: Structure, theta: Array, period_s: float | None) -> LtiSystem:
@@ -169,7 +176,9 @@ def _controller(structure: Structure, theta: Array, period_s: float | None) -> L
     return made if period_s is None else discrete(made, period_s)
 
 
-def _begun(start: Synthesis | None, structure: Structure, period_s: float | None) -> list[Array]:
+def _start_parameters(
+    start: Synthesis | None, structure: Structure, period_s: float | None
+) -> list[Array]:
     """Return the parameters at which the first search begins, none without a start."""
     if start is None:
         return []
@@ -190,7 +199,7 @@ def _begun(start: Synthesis | None, structure: Structure, period_s: float | None
 
 
 def _check_sampled(spec: SynthesisSpec) -> None:
-    """Raise an error if what is asked for is known in continuous time only."""
+    """Raise `InputError` for options that exist in continuous time only."""
     options = spec.structured
     assert options is not None
     for key, given in (
@@ -202,7 +211,7 @@ def _check_sampled(spec: SynthesisSpec) -> None:
             raise InputError(f"{key}: it is for models in continuous time; leave it out")
 
 
-def _own(
+def _gamma_for_one_plant(
     plant: DesignPlant,
     number: int,
     structure: Structure,
@@ -221,7 +230,7 @@ def _own(
     ).gamma  # fmt: skip
 
 
-def _worst_of(plants: Sequence[UncertainPlant]) -> Callable[[LtiSystem], float]:
+def _make_worst_gamma(plants: Sequence[UncertainPlant]) -> Callable[[LtiSystem], float]:
     def worst(controller: LtiSystem) -> float:
         return max(worst_case(plant, controller)[0].gamma for plant in plants)
 
@@ -229,7 +238,7 @@ def _worst_of(plants: Sequence[UncertainPlant]) -> Callable[[LtiSystem], float]:
 
 
 def _uncertain_plant(spec: SynthesisSpec, many: UncertainModels, j: int) -> UncertainPlant:
-    """Return an uncertain model as the search takes it, with what is to be small only."""
+    """Return an uncertain model as a plant of the search, with the chosen channels only."""
     model, label = many.models[j], many.labels[j]
     options = spec.structured
     assert options is not None
@@ -243,7 +252,7 @@ def _uncertain_plant(spec: SynthesisSpec, many: UncertainModels, j: int) -> Unce
     if not times:
         raise InputError(f"the uncertain model {label!r} has no uncertainty")
     n, sizes = sum(times), (many.controls, many.measurements)
-    kept = restricted(system, spec.outputs, spec.inputs, *sizes, uncertain=n)
+    kept = restrict_channels(system, spec.outputs, spec.inputs, *sizes, uncertain=n)
     inner = replace(
         kept, b=kept.b[:, n:], c=kept.c[n:], d=kept.d[n:, n:], inputs=kept.inputs[n:],
         outputs=kept.outputs[n:],
@@ -272,10 +281,10 @@ def _physical(model: UncertainModel, delta: Array) -> Array:
     return np.asarray(model.nominal + np.where(delta > 0.0, up, down) * delta)
 
 
-def _telling(
+def _make_callback(
     said: list[str], advance: Callable[[int], None], log: Callable[[str], None]
 ) -> Callable[[Progress], None]:
-    """Return what keeps the bar's note and the log up to date."""
+    """Return the callback that updates the progress bar and the log."""
 
     def tell(progress: Progress) -> None:
         done, total, latest = progress.done, progress.total, progress.latest
@@ -307,8 +316,8 @@ def _part(part: PartSpec, controls: int, measurements: int) -> Structure:
         return TransferFunction(part.order, part.relative_degree)
     if part.kind == "entries":
         rows = [[np.nan if entry == "free" else entry for entry in row] for row in part.entries]
-        return masked(np.array(rows, dtype=float), part.order)
-    return of_order(
+        return mask_gains(np.array(rows, dtype=float), part.order)
+    return free_state_space(
         part.order, part.controls or controls, part.measurements or measurements,
         strictly_proper=part.strictly_proper,
     )  # fmt: skip

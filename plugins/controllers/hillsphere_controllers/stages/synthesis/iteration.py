@@ -12,23 +12,23 @@ from hillsphere_controllers.dk.synthesis import dk_synthesis
 from hillsphere_controllers.linear_products import UncertainModel
 from hillsphere_controllers.mu.blocks import BlockStructure, full
 from hillsphere_controllers.mu.robustness import Robustness, robust_stability
-from hillsphere_controllers.stages.synthesis.methods import Designed, stopped
+from hillsphere_controllers.stages.synthesis.methods import Design, interrupt_synthesis
 from hillsphere_controllers.stages.synthesis.products import Iterations
 from hillsphere_controllers.stages.synthesis.specs import DkSpec
-from hillsphere_controllers.stages.uncertain import lft_of
+from hillsphere_controllers.stages.uncertain import to_lft
 from hillsphere_controllers.systems.algebra import lower_lft
 
-__all__ = ["by_iteration"]
+__all__ = ["synthesise_by_dk"]
 
 
-def by_iteration(
+def synthesise_by_dk(
     spec: DkSpec,
     model: UncertainModel,
     controls: int,
     measurements: int,
     ctx: Context,
     first: LtiSystem | None = None,
-) -> Designed:
+) -> Design:
     """Return the controller that D–K iteration finds for an uncertain model.
 
     It begins with a first controller, if there is one.
@@ -38,11 +38,11 @@ def by_iteration(
     InputError
         If nothing is uncertain, or nothing is left for performance.
     HillsphereError
-        What the synthesis raises.
+        Errors of the synthesis.
     Interrupted
         If the run was stopped; the workspace has the best controller until then.
     """
-    lft = lft_of(model)
+    lft = to_lft(model)
     uncertainty = lft.structure
     (p, m), system = uncertainty.shape, model.system
     outputs = system.shape[0] - p - measurements
@@ -70,7 +70,7 @@ def by_iteration(
     )  # fmt: skip
     if found.interrupted:
         count = len(found.iterations)
-        raise stopped(
+        raise interrupt_synthesis(
             found.controller,
             f"µ ≤ {found.robustness.upper:.6g} ({count} step{'s' if count > 1 else ''})",
             ctx,
@@ -94,7 +94,7 @@ def by_iteration(
         full_order=found.controller.order,
         reason=found.reason,
     )
-    return Designed(controller, float(robustness.upper), 0.0, iterations=result)
+    return Design(controller, float(robustness.upper), 0.0, iterations=result)
 
 
 def _robustness(

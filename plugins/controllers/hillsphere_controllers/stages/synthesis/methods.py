@@ -1,4 +1,4 @@
-"""Methods of the stage ``synthesis`` that need no search, and what the others share."""
+"""Methods of the stage ``synthesis`` without a search, and parts that all methods share."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from hillsphere.lti import LtiSystem
 from hillsphere.products.product_codec import save_product
 from hillsphere_controllers.full_order.h2 import h2_synthesis
 from hillsphere_controllers.full_order.hinf import hinf_synthesis
-from hillsphere_controllers.stages.linear_models.systems import connected_of, parts_of
-from hillsphere_controllers.stages.signals import places
+from hillsphere_controllers.stages.linear_models.systems import build_parts, connect_systems
+from hillsphere_controllers.stages.signals import find_signals
 from hillsphere_controllers.stages.synthesis.products import Iterations, SearchResult
 from hillsphere_controllers.stages.synthesis.specs import (
     ChannelSpec,
@@ -25,12 +25,12 @@ from hillsphere_controllers.stages.synthesis.specs import (
 )
 from hillsphere_controllers.structured.requirements import Channel, PoleRegion
 
-__all__ = ["Designed", "channels_of", "designed", "region_of", "stopped"]
+__all__ = ["Design", "channels_of", "design_controller", "interrupt_synthesis", "region_of"]
 
 
 @dataclass(frozen=True)
-class Designed:
-    """A controller, what was made small, a bound of it, and what the method says."""
+class Design:
+    """Result of a method: controller, minimised value, its lower bound, and details."""
 
     controller: LtiSystem
     gamma: float | None
@@ -40,44 +40,44 @@ class Designed:
     others: tuple[LtiSystem, ...] = ()
 
 
-def designed(
+def design_controller(
     spec: SynthesisSpec,
     plants: Sequence[LtiSystem],
     labels: Sequence[str],
     controls: int,
     measurements: int,
-) -> Designed:
+) -> Design:
     """Return the controller of generalised plants by the method asked for.
 
     Raises
     ------
     HillsphereError
-        What the method raises.
+        Errors of the method.
     """
     if spec.method == "given":
         assert spec.given is not None
-        controller = connected_of(spec.given, parts_of(spec.given, {}, plants[0].dt_s))
+        controller = connect_systems(spec.given, build_parts(spec.given, {}, plants[0].dt_s))
         if controller.shape != (controls, measurements):
             raise InputError(
                 f"given: the controller takes {controller.shape[1]} measurements and gives "
                 f"{controller.shape[0]} controls, the models have {measurements} and {controls}"
             )
-        return Designed(controller, None, 0.0)
+        return Design(controller, None, 0.0)
     if spec.method == "lmi":
-        return _by_inequalities(spec.lmi or LmiSpec(), plants[0], controls, measurements)
+        return _synthesise_by_lmi(spec.lmi or LmiSpec(), plants[0], controls, measurements)
     if spec.method == "h2":
         square = h2_synthesis(plants[0], controls, measurements)
-        return Designed(square.controller, square.norm, square.norm)
+        return Design(square.controller, square.norm, square.norm)
     options = spec.mixed_sensitivity or spec.hinf or HinfSpec()
     full = hinf_synthesis(
         plants[0], controls, measurements, tolerance=options.tolerance, back_off=options.back_off,
         regularisation=options.regularisation,
     )  # fmt: skip
     # with a regularisation the bound is that of another problem
-    return Designed(full.controller, full.gamma, 0.0 if options.regularisation else full.least)
+    return Design(full.controller, full.gamma, 0.0 if options.regularisation else full.least)
 
 
-def _by_inequalities(spec: LmiSpec, plant: LtiSystem, controls: int, measurements: int) -> Designed:
+def _synthesise_by_lmi(spec: LmiSpec, plant: LtiSystem, controls: int, measurements: int) -> Design:
     # cvxpy, which it needs, takes seconds to import
     from hillsphere_controllers.lmi.output_feedback import output_feedback
 
@@ -85,14 +85,17 @@ def _by_inequalities(spec: LmiSpec, plant: LtiSystem, controls: int, measurement
     found = output_feedback(plant, controls, measurements, channels, region_of(spec.region))
     minimised = [one.norm for one in found.channels if one.channel.limit is None]
     # with limits alone nothing is minimised: γ is then the H∞ norm of the whole
-    return Designed(found.controller, max(minimised) if minimised else None, 0.0)
+    return Design(found.controller, max(minimised) if minimised else None, 0.0)
 
 
-def stopped(controller: LtiSystem, what: str, ctx: Context) -> Interrupted:
-    """Return the interruption of a synthesis; its best controller so far goes to a file."""
+def interrupt_synthesis(controller: LtiSystem, what: str, ctx: Context) -> Interrupted:
+    """Store the best controller so far, and return the interruption of the synthesis."""
     path = ctx.workspace() / "best-controller.npz"
     save_product(path, controller)
-    kept = f"the best controller so far has {what} and is in {path}, and resuming goes on from it"
+    kept = (
+        f"the best controller so far has {what} and is stored in {path}; "
+        "a resumed run goes on from it"
+    )
     ctx.info(f"interrupted: {kept}")
     return Interrupted("interrupted during a synthesis", kept=kept)
 
@@ -108,8 +111,8 @@ def channels_of(
         key = f"{table}.channels[{k}]"
         made.append(
             Channel(
-                tuple(places(outputs, one.outputs, key)) if one.outputs else None,
-                tuple(places(inputs, one.inputs, key)) if one.inputs else None,
+                tuple(find_signals(outputs, one.outputs, key)) if one.outputs else None,
+                tuple(find_signals(inputs, one.inputs, key)) if one.inputs else None,
                 one.norm, one.weight, one.limit,
             )
         )  # fmt: skip

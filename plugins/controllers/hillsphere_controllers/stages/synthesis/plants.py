@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.stages.signals import places
+from hillsphere_controllers.stages.signals import find_signals
 
-__all__ = ["restricted"]
+__all__ = ["restrict_channels"]
 
 
-def restricted(
+def restrict_channels(
     plant: LtiSystem,
     outputs: Sequence[str],
     inputs: Sequence[str],
@@ -43,9 +43,9 @@ def restricted(
     p, m = plant.shape[0] - measurements, plant.shape[1] - controls
     rows, columns = list(range(uncertain, p)), list(range(uncertain, m))
     if outputs:
-        rows = [uncertain + i for i in places(plant.outputs[uncertain:p], outputs, "outputs")]
+        rows = [uncertain + i for i in find_signals(plant.outputs[uncertain:p], outputs, "outputs")]
     if inputs:
-        columns = [uncertain + j for j in places(plant.inputs[uncertain:m], inputs, "inputs")]
+        columns = [uncertain + j for j in find_signals(plant.inputs[uncertain:m], inputs, "inputs")]
     rows = [*range(uncertain), *rows, *range(p, p + measurements)]
     columns = [*range(uncertain), *columns, *range(m, m + controls)]
     return replace(

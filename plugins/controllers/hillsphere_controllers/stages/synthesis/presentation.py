@@ -1,4 +1,4 @@
-"""How the stage ``synthesis`` shows its result: norms and margins in tables, figures."""
+"""Presentation of a synthesis: tables of norms and margins, figures, verdict."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ from functools import partial
 
 import numpy as np
 
-from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.interfaces import Array
+from hillsphere.presentation import Figure, Metric, Presentation, Table
+from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_controllers.stages.synthesis.figures import (
     draw_gains,
     draw_iterations,
@@ -20,45 +22,29 @@ from hillsphere_controllers.stages.synthesis.search_tables import (
     start_sentences,
     worst_sentence,
 )
-from hillsphere_controllers.stages.synthesis.step_panels import size_of_steps_in
+from hillsphere_controllers.stages.synthesis.step_panels import step_figure_size
+from hillsphere_controllers.stages.table_cells import finite_fields, finite_or_blank, first_rows
 
-__all__ = ["presented"]
+__all__ = ["present_synthesis"]
 
 _LISTED = 60
+"""Rows of a table at most; all values are in the product."""
 _CHECK = 1e-6
+"""Relative excess of a sampled gain over the proved bound of the H∞ norm that is rounding of the
+response."""
 _SAME = 1e-3
+"""Searches whose γ differ by less than 0.1 % count as ending at the same value."""
 _UNSURE = 0.01
-_NORMS = (
-    Column("model", "", "model"),
-    Column("designed", "", "made for it"),
-    Column("stable", "", "stable"),
-    Column("hinf", "-", "H∞ norm", 6),
-    Column("hinf_upper", "-", "its bound from above", 6),
-    Column("peak_rad_s", "rad/s", "reached at", 4),
-    Column("hinf_error", "-", "rounding of the norm, relative", 2),
-    Column("sampled", "-", "largest gain sampled", 6),
-    Column("h2", "-", "H2 norm", 6),
-    Column("abscissa_1_s", "1/s", "largest real part of the poles", 4),
-    Column("damping", "-", "least damping", 3),
-    Column("disk", "-", "disk margin α, both ends", 4),
-)
-_MARGINS = (
-    Column("model", "", "model"),
-    Column("place", "", "loop broken at"),
-    Column("gain_lower_db", "dB", "gain may fall by", 4),
-    Column("gain_upper_db", "dB", "gain may rise by", 4),
-    Column("phase_deg", "deg", "phase margin", 4),
-    Column("delay_s", "s", "delay margin", 4),
-)
+"""Relative error by rounding from which on the H∞ norm is reported as uncertain."""
 
 
-def presented(product: Synthesis, duration_s: float | None) -> Presentation:
+def present_synthesis(product: Synthesis, duration_s: float | None) -> Presentation:
     """Return tables, figures and sentences of a controller.
 
     Parameters
     ----------
     product : Synthesis
-        The controller and what it does.
+        The controller and its closed loops.
     duration_s : float or None
         Length of the step responses.
     """
@@ -72,16 +58,10 @@ def presented(product: Synthesis, duration_s: float | None) -> Presentation:
     if product.lower_bound > 0.0:
         metrics["synthesis_lower_bound"] = Metric(product.lower_bound)
     tables = {
-        "synthesis_loops": Table("Closed loops", _NORMS, _norm_rows(product), _notes(product)),
-        "synthesis_margins": Table(
-            "Margins of single loops",
-            _MARGINS,
-            _margin_rows(product),
-            ("One loop changed at a time, the others as they are; nothing stands where nothing "
-             "bounds a margin.",),
-        ),
+        "synthesis_loops": _norms(product),
+        "synthesis_margins": _margins(product),
         "synthesis_controller": _controller(product),
-    }  # fmt: skip
+    }
     figures = {}
     if stable.any():
         figures["synthesis_gains"] = Figure(
@@ -94,15 +74,15 @@ def presented(product: Synthesis, duration_s: float | None) -> Presentation:
         figures["synthesis_steps"] = Figure(
             "Step responses",
             partial(draw_steps, product=product, duration_s=duration_s),
-            "What the plant's outputs make of a step of one command after the other, in the units "
-            "of the measurements; where these are many, those not commanded are grey.",
-            size_in=size_of_steps_in(product.measurements),
+            "Responses of the plant's outputs to a step of each command in turn, in the units of "
+            "the measurements; where these are many, the outputs not commanded are grey.",
+            size_in=step_figure_size(product.measurements),
         )
     if product.search is not None:
         figures["synthesis_starts"] = Figure(
-            "What the searches found",
+            "Results of the searches",
             partial(draw_starts, product=product),
-            "γ of every search, sorted; the line is the bound below which no controller comes.",
+            "γ of every search, sorted; the line is the lower bound for any controller.",
         )
         metrics["synthesis_residual"] = Metric(product.search.residual)
         metrics |= search_metrics(product.search)
@@ -131,36 +111,25 @@ def _panels(product: Synthesis) -> int:
     return len(product.weights) + int(not outputs or not set(outputs) <= weighted)
 
 
-def _frequency(value: float) -> float | None:
-    return None if np.isnan(value) else float(value)  # a peak may lie at infinite frequency
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
-def _norm_rows(product: Synthesis) -> list[dict[str, Cell]]:
-    judged = product.judged
-    return [
-        {
-            "model": label,
-            "designed": bool(product.designed[k]),
-            "stable": bool(np.isfinite(judged.hinf[k])),
-            "hinf": _finite(judged.hinf[k]),
-            "hinf_upper": _finite(judged.hinf_upper[k]),
-            "peak_rad_s": _frequency(judged.peak_rad_s[k]),
-            "hinf_error": _finite(judged.hinf_error[k]),
-            "sampled": _finite(judged.sampled[k]),
-            "h2": _finite(judged.h2[k]),
-            "abscissa_1_s": _finite(judged.abscissa_1_s[k]),
-            "damping": _finite(judged.damping[k]),
-            "disk": _finite(judged.disk[k]),
-        }
-        for k, label in enumerate(product.labels[:_LISTED])
+def _norms(product: Synthesis) -> Table:
+    of = FieldColumns(
+        finite_fields(
+            product.judged,
+            "hinf", "hinf_upper", "hinf_error", "sampled", "h2", "abscissa_1_s", "damping", "disk",
+        ),
+        "models",
+    )  # fmt: skip
+    columns = [
+        text_column("model", product.labels, "model"),
+        text_column("designed", product.designed, "made for it"),
+        text_column("stable", np.isfinite(product.judged.hinf), "stable"),
+        *map(of, ("hinf", "hinf_upper", "peak_rad_s", "hinf_error", "sampled", "h2")),
+        *map(of, ("abscissa_1_s", "damping", "disk")),
     ]
+    return first_rows(tabulate("Closed loops", columns, _notes(product)), _LISTED, "models")
 
 
-def _margin_rows(product: Synthesis) -> list[dict[str, Cell]]:
+def _margins(product: Synthesis) -> Table:
     judged, plant = product.judged, product.plants[0]
     p, m = plant.shape
     own_inputs = plant.inputs[m - product.controls :] or tuple(
@@ -169,77 +138,65 @@ def _margin_rows(product: Synthesis) -> list[dict[str, Cell]]:
     own_outputs = plant.outputs[p - product.measurements :] or tuple(
         f"measurement {i}" for i in range(product.measurements)
     )
-    rows: list[dict[str, Cell]] = []
-    for k, label in enumerate(product.labels[:_LISTED]):
-        for place, name in enumerate((*own_inputs, *own_outputs)):
-            lower, upper = judged.gain_lower[place, k], judged.gain_upper[place, k]
-            phase, delay = judged.phase_rad[place, k], judged.delay_s[place, k]
-            rows.append(
-                {
-                    "model": label,
-                    "place": name,
-                    "gain_lower_db": 20.0 * float(np.log10(lower)) if lower > 0.0 else None,
-                    "gain_upper_db": 20.0 * float(np.log10(upper)) if upper < np.inf else None,
-                    "phase_deg": float(np.degrees(phase)) if phase < np.pi else None,
-                    "delay_s": _finite(delay),
-                }
-            )
-    return rows
+    places = (*own_inputs, *own_outputs)
+    of = FieldColumns(judged, "models", "loops")
+    lower = np.where(judged.gain_lower > 0.0, judged.gain_lower, np.nan)
+    phase = np.where(judged.phase_rad < np.pi, judged.phase_rad, np.nan)
+
+    def margin(name: str, values: Array, label: str, unit: str | None = None) -> FilledColumn:
+        return column(name, of.spread(values, "loops", "models"), label, 4, unit=unit)
+
+    def decibels(gains: Array) -> Array:
+        return 20.0 * np.log10(gains)
+
+    columns = [
+        text_column("model", of.spread(product.labels, "models"), "model"),
+        text_column("place", of.spread(places, "loops"), "loop broken at"),
+        margin("gain_lower_db", decibels(lower), "gain may fall by", "dB"),
+        margin(
+            "gain_upper_db", decibels(finite_or_blank(judged.gain_upper)), "gain may rise by", "dB"
+        ),
+        margin("phase_deg", phase, "phase margin"),
+        margin("delay_s", finite_or_blank(judged.delay_s), "delay margin"),
+    ]
+    note = (
+        "One loop changes at a time, the others stay as they are. A blank cell means an unbounded "
+        "margin."
+    )
+    table = tabulate("Margins of single loops", columns, (note,))
+    return first_rows(table, _LISTED * len(places))
 
 
 def _controller(product: Synthesis) -> Table:
-    poles = sorted(product.controller.poles.tolist(), key=abs)
-    rows: list[dict[str, Cell]] = [
-        {"pole_re_1_s": pole.real, "pole_im_rad_s": pole.imag, "size_rad_s": abs(pole)}
-        for pole in poles[:_LISTED]
+    poles = np.array(sorted(product.controller.poles.tolist(), key=abs), dtype=complex)
+    columns = [
+        column("pole_re_1_s", poles.real, "real part", 6),
+        column("pole_im_rad_s", poles.imag, "imaginary part", 6),
+        column("size_rad_s", [abs(pole) for pole in poles.tolist()], "size", 6),
     ]
-    columns = (
-        Column("pole_re_1_s", "1/s", "real part", 6),
-        Column("pole_im_rad_s", "rad/s", "imaginary part", 6),
-        Column("size_rad_s", "rad/s", "size", 6),
-    )
     note = "The matrices of the controller are in the stage's product."
-    return Table(f"Poles of the controller, order {len(poles)}", columns, rows, (note,))
+    title = f"Poles of the controller, order {poles.size}"
+    return first_rows(tabulate(title, columns, (note,)), _LISTED)
 
 
 def _iterations(found: Iterations) -> Table:
-    rows: list[dict[str, Cell]] = [
-        {
-            "step": k,
-            "kind": kind,
-            "upper": _finite(found.upper[k]),
-            "gamma": _finite(found.gamma[k]),
-            "peak_rad_s": _frequency(found.peak_rad_s[k]),
-            "scaling_order": int(found.scaling_order[k]),
-            "controller_order": int(found.controller_order[k]),
-            "accepted": bool(found.accepted[k]),
-            "refusal": found.refusals[k],
-        }
-        for k, kind in enumerate(found.kinds)
+    of = FieldColumns(finite_fields(found, "upper", "gamma"), "steps")
+    columns = [
+        column("step", range(len(found.kinds)), "step"),
+        of("kinds", "kind"),
+        *map(of, ("upper", "gamma", "peak_rad_s", "scaling_order", "controller_order")),
+        of("accepted"),
+        of("refusals", "refusal"),
     ]
-    columns = (
-        Column("step", "-", "step"),
-        Column("kind", "", "what was done"),
-        Column("upper", "-", "µ, certified", 6),
-        Column("gamma", "-", "norm of the scaled loop", 6),
-        Column("peak_rad_s", "rad/s", "largest at", 4),
-        Column("scaling_order", "-", "order of the scalings"),
-        Column("controller_order", "-", "order of the controller"),
-        Column("accepted", "", "accepted"),
-        Column("refusal", "", "why not"),
-    )
-    return Table("Steps of the µ synthesis", columns, rows, (f"It ended: {found.reason}.",))
+    return tabulate("Steps of the µ synthesis", columns, (f"It ended: {found.reason}.",))
 
 
 def _notes(product: Synthesis) -> list[str]:
-    notes = ["Norms are those of the whole transfer from all disturbances to all weighted signals."]
+    notes = ["The norms are of the whole transfer from all disturbances to all weighted signals."]
     if product.search is not None:
         notes.append(
-            "γ is the largest weighted norm of the channels that were asked for, which may be "
-            "others."
+            "γ is the largest weighted norm of the design's channels, which may be parts of it."
         )
-    if len(product.labels) > _LISTED:
-        notes.append(f"The first {_LISTED} of {len(product.labels)} models.")
     return notes
 
 
@@ -249,25 +206,24 @@ def _verdict(product: Synthesis) -> list[str]:
     order = product.controller.order
     norm = {"h2": "H2 norm", "mu": "certified µ"}.get(product.norm, "γ")
     bound = (
-        f"; no controller of any order has less than {product.lower_bound:.6g}"
+        f" (lower bound for any order: {product.lower_bound:.6g})"
         if product.lower_bound > 0.0
         else ""
     )
     said = [
-        f"The controller ({product.method}, order {order}) has {norm} = {product.gamma:.6g}, "
-        f"computed from the closed loops{bound}. It stabilises {stable} of {count} "
+        f"The controller ({product.method}, order {order}) reaches {norm} = {product.gamma:.6g}"
+        f"{bound}, computed from the closed loops. It stabilises {stable} of {count} "
         f"model{'' if count == 1 else 's'}."
     ]
     if (over := judged.sampled > judged.hinf_upper * (1.0 + _CHECK)).any():
         said.append(
-            f"A gain sampled is above the H∞ norm's bound for {int(over.sum())} models: do not "
-            "trust these norms; scale the models."
+            f"For {int(over.sum())} models a sampled gain exceeds the bound of the H∞ norm: these "
+            "norms are wrong; scale the models."
         )
     if (unsure := np.isfinite(judged.hinf) & ~(judged.hinf_error <= _UNSURE)).any():
         said.append(
-            f"Rounding can have changed the H∞ norm of {int(unsure.sum())} closed loops by more "
-            f"than {100.0 * _UNSURE:g} %: scale the models' states, or take very slow and fast "
-            "modes out."
+            f"Rounding may change the H∞ norm of {int(unsure.sum())} closed loops by more than "
+            f"{100.0 * _UNSURE:g} %: scale the models' states, or remove very slow and fast modes."
         )
     if product.search is not None:
         search = product.search
@@ -277,19 +233,19 @@ def _verdict(product: Synthesis) -> list[str]:
         same = int(np.count_nonzero(found <= found.min() * (1.0 + _SAME)))
         among = (
             f"{same} of {found.size} searches, {search.starts.size} from starts and "
-            f"{search.shaken.size} from near the best of these, end within 0.1 % of the best, the "
-            "best included."
+            f"{search.shaken.size} from near the best, end within 0.1 % of the best γ (the best "
+            "included)."
             if found.size > 1
-            else "It is that of the only search."
+            else "There was one search only."
         )
         said.append(
-            f"{among} By its gradients it is "
+            f"{among} By its gradients the result is "
             f"{'' if search.converged else 'not shown to be '}a local minimum (residual "
             f"{search.residual:.2g}, {search.active} active peaks and constraints)."
         )
         if not search.converged:
             said.append(
-                "A gain that is the same over a range of frequencies, or gains that grow without "
-                "bound, leave such a residual: compare γ with its bound, or use more starts."
+                "The residual stays large if the gain is constant over a range of frequencies, or "
+                "if gains grow without bound: compare γ with its bound, or use more starts."
             )
     return said

@@ -1,17 +1,21 @@
-"""What searches of a fixed structure show: spread of the starts, worst cases, scenarios."""
+"""Tables and sentences on searches: spread over the starts, worst cases, scenarios."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from hillsphere.presentation import Cell, Column, Metric, Table
+from hillsphere.presentation import Metric, Table
+from hillsphere.show.tables import FieldColumns, column, tabulate, text_column
 from hillsphere_controllers.stages.synthesis.products import RobustResult, SearchResult
+from hillsphere_controllers.stages.table_cells import finite_fields, finite_or_blank, first_rows
 
 __all__ = ["search_metrics", "search_tables", "start_sentences", "worst_sentence"]
 
 _LISTED = 60
+"""Rows of a table at most; all searches are in the product."""
 _ALIKE = 0.2
 """Spread of γ over the starts, %, up to which they are said to end alike."""
 _SHOWN = 4
@@ -46,28 +50,20 @@ def search_tables(search: SearchResult, names: Sequence[str]) -> dict[str, Table
         tables["synthesis_worst"] = _worst(search.robust)
         tables["synthesis_scenarios"] = _scenarios(search.robust)
     if search.per_plant.size:
-        columns = (
-            Column("model", "", "model"),
-            Column("gamma", "-", "γ of a controller of its own", 6),
-            Column("joint", "-", "γ of the controller of all", 6),
-            Column("above", "%", "above", 3),
-        )
-        rows: list[dict[str, Cell]] = [
-            {
-                "model": name,
-                "gamma": _finite(own),
-                "joint": _finite(joint),
-                "above": _finite(100.0 * (joint / own - 1.0)),
-            }
-            for name, own, joint in zip(names, search.per_plant, search.joint, strict=True)
+        of = FieldColumns(finite_fields(search, "per_plant", "joint"), "plants")
+        above = 100.0 * (search.joint / search.per_plant - 1.0)
+        columns = [
+            text_column("model", names, "model"),
+            of("per_plant", "gamma"),
+            of("joint"),
+            column("above", finite_or_blank(above), "above", 3, unit="%"),
         ]
         note = (
-            "At its nominal parameters, by searches that begin at the controller of all: what the "
-            "structure loses by serving all of them."
+            "Cost of one controller for all plants. Each plant has its nominal parameters, and its "
+            "own searches begin at the joint controller."
         )
-        tables["synthesis_own"] = Table(
-            "The same structure for each plant by itself", columns, rows[:_LISTED], (note,)
-        )
+        title = "The same structure for each plant by itself"
+        tables["synthesis_own"] = first_rows(tabulate(title, columns, (note,)), _LISTED)
     return tables
 
 
@@ -77,118 +73,102 @@ def worst_sentence(search: SearchResult) -> list[str]:
     if robust is None:
         return []
     k = int(np.argmax(robust.worst))
-    word = "no more than" if robust.converged else "more than"
+    word = "at most" if robust.converged else "more than"
     return [
-        f"For the uncertain models the worst case found has γ = {robust.worst[k]:.6g} "
-        f"({robust.labels[k]}), {word} 0.5 % above that of the {robust.gammas.size - 1} scenarios "
-        "that it was made for."
+        f"Worst case found for the uncertain models: γ = {robust.worst[k]:.6g} "
+        f"({robust.labels[k]}), {word} 0.5 % above the γ of the {robust.gammas.size - 1} scenarios "
+        "of the design."
     ]
 
 
 def start_sentences(search: SearchResult) -> list[str]:
-    """Return sentences on the spread of γ over the starts, and on what decided between equals."""
+    """Return sentences on the spread of γ over the starts, and on the choice between equals."""
     said = []
     good = search.starts[np.isfinite(search.starts)]
     if good.size > 1:
         spread = 100.0 * float(good.max() / good.min() - 1.0)
         told = "no more" if spread <= _ALIKE else "more"
-        some = "" if good.size == search.starts.size else f" that found one of {search.starts.size}"
+        some = "" if good.size == search.starts.size else f" with a result, of {search.starts.size}"
         said.append(
-            f"All starts lie within {100.0 * search.scatter:g} % about one controller: that γ of "
-            f"the {good.size}{some} spreads by {spread:.2g} % says nothing of other minima."
+            f"All starts lie within {100.0 * search.scatter:g} % about one controller. Their "
+            f"spread in γ, {spread:.2g} % over {good.size}{some}, gives no evidence on other "
+            "minima."
             if search.scatter
-            else f"γ of the {good.size} starts{some} spreads by {spread:.2g} %, {told} than "
+            else f"γ spreads by {spread:.2g} % over {good.size} starts{some}, {told} than "
             f"{_ALIKE:g} %."
         )
     if (below := int(np.count_nonzero(good < search.target))) > 0:
         said.append(
-            f"{below} of them ended below the target of {search.target:g}, not at a minimum."
+            f"{below} of them stopped below the target γ of {search.target:g}, not at a minimum."
         )
     if search.equals.shape[0] > 1:
         worst = float(search.equals[0, 1])
         said.append(
-            f"Of {search.equals.shape[0]} designs that are equal, that with the smallest worst "
-            f"case of the wider uncertainty was taken: {worst:.4g}; the others have up to "
-            f"{search.equals[:, 1].max():.4g}."
+            f"{search.equals.shape[0]} designs are equal within the tie. The one with the smallest "
+            f"worst case of the wider uncertainty was taken: γ = {worst:.4g}; the others have up "
+            f"to {search.equals[:, 1].max():.4g}."
         )
     return said
 
 
 def _searches(search: SearchResult) -> Table:
-    columns = (
-        Column("search", "-", "search"),
-        Column("begun", "", "begun"),
-        Column("gamma", "-", "γ", 6),
-        Column("above", "%", "above the best", 3),
-    )
     found = np.concatenate([search.starts, search.shaken])
     best = found.min(initial=np.inf)
     given = ["at the controller given"] if search.given else []
     about = "about it" if search.scatter else "from a start"
     begun = given + [about] * (search.starts.size - len(given))
     begun += ["near one of the best"] * search.shaken.size
-    rows: list[dict[str, Cell]] = [
-        {
-            "search": k,
-            "begun": begun[k],
-            "gamma": _finite(gamma),
-            "above": _finite(100.0 * (gamma / best - 1.0)) if np.isfinite(best) else None,
-        }
-        for k, gamma in enumerate(found.tolist())
+    above = 100.0 * (found / best - 1.0) if np.isfinite(best) else np.full(found.size, np.nan)
+    columns = [
+        column("search", range(found.size), "search"),
+        text_column("begun", begun, "begun"),
+        column("gamma", finite_or_blank(found), "γ", 6),
+        column("above", finite_or_blank(above), "above the best", 3, unit="%"),
     ]
-    note = "Nothing stands where no controller was found that keeps what is asked for."
-    return Table("Searches", columns, rows[:_LISTED], (note,))
+    note = "A blank cell means that no admissible controller was found."
+    return first_rows(tabulate("Searches", columns, (note,)), _LISTED)
 
 
 def _equals(search: SearchResult) -> Table:
-    columns = (
-        Column("taken", "", "taken"),
-        Column("gamma", "-", "γ", 6),
-        Column("wider", "-", "γ of its worst case of the wider uncertainty", 6),
-    )
-    rows: list[dict[str, Cell]] = [
-        {"taken": k == 0, "gamma": _finite(gamma), "wider": _finite(worst)}
-        for k, (gamma, worst) in enumerate(search.equals.tolist())
+    gamma, wider = finite_or_blank(search.equals).T
+    columns = [
+        text_column("taken", np.arange(gamma.size) == 0, "taken"),
+        column("gamma", gamma, "γ", 6),
+        column("wider", wider, "γ of its worst case of the wider uncertainty", 6),
     ]
     note = (
-        "Designs whose γ differs by no more than the tie are equal; that with the smallest worst "
-        "case of the wider uncertainty is taken. Worst cases are those found."
+        "Designs whose γ differs by at most the tie are equal. The one with the smallest worst "
+        "case found for the wider uncertainty is taken."
     )
-    return Table("Equal designs", columns, rows[:_LISTED], (note,))
+    return first_rows(tabulate("Equal designs", columns, (note,)), _LISTED)
 
 
 def _worst(robust: RobustResult) -> Table:
-    columns = (Column("model", "", "model"), Column("gamma", "-", "γ of the worst case found", 6))
-    rows: list[dict[str, Cell]] = [
-        {"model": label, "gamma": _finite(gamma)}
-        for label, gamma in zip(robust.labels, robust.worst, strict=True)
-    ]
-    note = "Gains that are reached: whether any is larger, a bound of µ tells."
-    return Table("Worst cases", columns, rows[:_LISTED], (note,))
+    of = FieldColumns(finite_fields(robust, "worst"), "models")
+    columns = [of("labels", "model"), of("worst", "gamma")]
+    note = "Each γ is reached by a perturbation and is a lower bound; µ gives an upper bound."
+    return first_rows(tabulate("Worst cases", columns, (note,)), _LISTED)
 
 
 def _scenarios(robust: RobustResult) -> Table:
-    columns = (
-        Column("model", "", "model"),
-        Column("gamma", "-", "γ", 6),
-        Column("values", "", "parameters"),
-    )
-    rows: list[dict[str, Cell]] = [
-        {
-            "model": robust.labels[int(robust.plants[k])],
-            "gamma": _finite(robust.gammas[k]),
-            "values": _said(robust.names[k], robust.values[k].tolist()),
-        }
-        for k in range(robust.gammas.size)
+    of = FieldColumns(finite_fields(robust, "gammas"), "scenarios")
+    pairs = zip(robust.names, robust.values, strict=True)
+    columns = [
+        text_column("model", [robust.labels[k] for k in robust.plants.tolist()], "model"),
+        of("gammas", "gamma"),
+        text_column(
+            "values",
+            [_format_values(names, found.tolist()) for names, found in pairs],
+            "parameters",
+        ),
     ]
-    note = f"The last one is the worst case of all. All values are in the product; {_SHOWN} shown."
-    return Table("Scenarios that the controller was made for", columns, rows[-_LISTED:], (note,))
+    note = (
+        f"The last row is the worst case of all. {_SHOWN} values are shown, all are in the product."
+    )
+    table = tabulate("Scenarios that the controller was made for", columns, (note,))
+    return replace(table, rows=table.rows[-_LISTED:])
 
 
-def _said(names: Sequence[str], values: Sequence[float]) -> str:
+def _format_values(names: Sequence[str], values: Sequence[float]) -> str:
     pairs = [f"{name} {value:.3g}" for name, value in zip(names, values, strict=True)]
     return ", ".join(pairs[:_SHOWN]) + (", …" if len(pairs) > _SHOWN else "")
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

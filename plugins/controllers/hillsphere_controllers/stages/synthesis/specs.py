@@ -1,4 +1,4 @@
-"""Spec of the stage ``synthesis``: what a mission may write in its table."""
+"""Spec of the stage ``synthesis``: keys of its table in a mission."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Literal, Self
 from pydantic import model_validator
 
 from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, rule
-from hillsphere_controllers.stages.faults import only_one
+from hillsphere_controllers.stages.faults import require_one
 from hillsphere_controllers.stages.linear_models.specs import (
     InterconnectionSpec,
     PerformanceSpec,
@@ -52,7 +52,7 @@ class WeightSpec(Spec):
     @model_validator(mode="after")
     def _one(self) -> Self:
         keys = ("shelving", "performance", "gain")
-        only_one([key for key in keys if getattr(self, key) is not None], keys, "gain")
+        require_one([key for key in keys if getattr(self, key) is not None], keys, "gain")
         return self
 
 
@@ -132,7 +132,7 @@ class PartSpec(Spec):
 
 
 class ChannelSpec(Spec):
-    """Part of the transfer from what disturbs to what is to be small."""
+    """Part of the transfer matrix from disturbances to weighted signals."""
 
     examples = ({"outputs": ["z_error"], "inputs": ["r"], "weight": 2},)
 
@@ -247,7 +247,7 @@ class DkSpec(Spec):
     iterations: int = option("at most so many steps after the first", default=10, ge=0, le=100)
     highest_order: int = option("of the scaling of one block", default=4, ge=0, le=12)
     joint_steps: int = option(
-        "steps of each joint move of scalings and controller, where alternation creeps; 0: none",
+        "steps of each joint move of scalings and controller, where alternation stalls; 0: none",
         default=6, ge=0, le=100,
     )  # fmt: skip
     target: float = option("ends once µ is certified to be below", default=0.0, ge=0)

@@ -1,4 +1,4 @@
-"""The stage ``synthesis``: a controller for linear models, and what it does with all of them."""
+"""The stage ``synthesis``: a controller for linear models, evaluated on all of them."""
 
 from __future__ import annotations
 
@@ -14,13 +14,16 @@ from hillsphere.lti import LtiSystem
 from hillsphere.presentation import Presentation
 from hillsphere_controllers.full_order.mixed_sensitivity import mixed_sensitivity_plant
 from hillsphere_controllers.linear_products import LinearModels, UncertainModel, UncertainModels
-from hillsphere_controllers.stages.linear_models.systems import performance_of, shelving_of
-from hillsphere_controllers.stages.synthesis.fixed_structure import by_search
-from hillsphere_controllers.stages.synthesis.iteration import by_iteration
-from hillsphere_controllers.stages.synthesis.judging import judged
-from hillsphere_controllers.stages.synthesis.methods import designed
-from hillsphere_controllers.stages.synthesis.plants import restricted
-from hillsphere_controllers.stages.synthesis.presentation import presented
+from hillsphere_controllers.stages.linear_models.systems import (
+    build_performance_weight,
+    build_shelving_weight,
+)
+from hillsphere_controllers.stages.synthesis.evaluation import evaluate_controller
+from hillsphere_controllers.stages.synthesis.fixed_structure import synthesise_fixed_structure
+from hillsphere_controllers.stages.synthesis.iteration import synthesise_by_dk
+from hillsphere_controllers.stages.synthesis.methods import design_controller
+from hillsphere_controllers.stages.synthesis.plants import restrict_channels
+from hillsphere_controllers.stages.synthesis.presentation import present_synthesis
 from hillsphere_controllers.stages.synthesis.products import Synthesis
 from hillsphere_controllers.stages.synthesis.specs import (
     DkSpec,
@@ -28,7 +31,7 @@ from hillsphere_controllers.stages.synthesis.specs import (
     SynthesisSpec,
     WeightSpec,
 )
-from hillsphere_controllers.stages.uncertain import lft_of
+from hillsphere_controllers.stages.uncertain import to_lft
 from hillsphere_controllers.systems.algebra import gain
 from hillsphere_controllers.systems.interconnection import with_names
 from hillsphere_controllers.systems.weights import on_every_channel
@@ -76,20 +79,20 @@ class SynthesisStage:
         Returns
         -------
         Synthesis
-            The controller; no γ in it is anything but what the closed loops have.
+            The controller; every γ is computed from the closed loops.
 
         Raises
         ------
         InputError
             If the models have no controls, or a name or a size does not fit.
         HillsphereError
-            What the method raises.
+            Errors of the method.
         """
         spec = self.spec
         plants, weights = list(models.systems), models.weights
         controls, measurements = models.controls, models.measurements
         if spec.mixed_sensitivity is not None:
-            plants, weights = _weighted(plants, spec.mixed_sensitivity)
+            plants, weights = _apply_weights(plants, spec.mixed_sensitivity)
             measurements, controls = models.systems[0].shape
         elif not (controls and measurements):
             raise InputError(
@@ -100,7 +103,7 @@ class SynthesisStage:
         if uncertain is not None:
             own_outputs, own_inputs = _performance(uncertain, controls, measurements)
             outputs, inputs = outputs or own_outputs, inputs or own_inputs
-        plants = [restricted(one, outputs, inputs, controls, measurements) for one in plants]
+        plants = [restrict_channels(one, outputs, inputs, controls, measurements) for one in plants]
         seen = set(plants[0].outputs)
         weights = tuple(one for one in weights if set(one.outputs) <= seen)
         chosen = self._chosen(models)
@@ -108,19 +111,23 @@ class SynthesisStage:
         if spec.method == "dk":
             options = spec.dk or DkSpec()
             first = None if start is None else start.controller
-            made = by_iteration(options, _one(uncertain), controls, measurements, ctx, first)
+            made = synthesise_by_dk(
+                options, _single_model(uncertain), controls, measurements, ctx, first
+            )
         else:
             given = [plants[k] for k in own], [models.labels[k] for k in own]
             if spec.method == "structured":
-                made = by_search(spec, *given, controls, measurements, ctx, uncertain, wider, start)
+                made = synthesise_fixed_structure(
+                    spec, *given, controls, measurements, ctx, uncertain, wider, start
+                )
             else:
-                made = designed(spec, *given, controls, measurements)
+                made = design_controller(spec, *given, controls, measurements)
         advance = ctx.track("closed loops", len(plants))
-        found = judged(plants, made.controller, advance)
+        found = evaluate_controller(plants, made.controller, advance)
         gamma = float(found.hinf[chosen].max()) if made.gamma is None else made.gamma
         return Synthesis(
-            controller=_named(made.controller, plants[0]),
-            others=tuple(_named(one, plants[0]) for one in made.others),
+            controller=_name_signals(made.controller, plants[0]),
+            others=tuple(_name_signals(one, plants[0]) for one in made.others),
             method=spec.method,
             norm={"h2": "h2", "dk": "mu"}.get(spec.method, "hinf"),
             gamma=gamma,
@@ -145,7 +152,7 @@ class SynthesisStage:
         start: Synthesis | None = None,
     ) -> Presentation:
         """Show norms, margins, gains against the inverse weights, and step responses."""
-        return presented(product, self.spec.step_duration_s)
+        return present_synthesis(product, self.spec.step_duration_s)
 
     def _chosen(self, models: LinearModels) -> NDArray[np.bool_]:
         """Return which models the controller is made for."""
@@ -169,7 +176,7 @@ class SynthesisStage:
         return chosen
 
 
-def _named(controller: LtiSystem, plant: LtiSystem) -> LtiSystem:
+def _name_signals(controller: LtiSystem, plant: LtiSystem) -> LtiSystem:
     """Return a controller with the names that its signals have in the plant."""
     controls, measurements = controller.shape
     return replace(
@@ -179,7 +186,7 @@ def _named(controller: LtiSystem, plant: LtiSystem) -> LtiSystem:
     )
 
 
-def _one(uncertain: UncertainModels | None) -> UncertainModel:
+def _single_model(uncertain: UncertainModels | None) -> UncertainModel:
     if uncertain is None or len(uncertain.models) != 1:
         count = 0 if uncertain is None else len(uncertain.models)
         raise InputError(
@@ -201,12 +208,12 @@ def _performance(
             f"measurements, the models have {controls} and {measurements}"
         )
     model = uncertain.models[0]
-    out, into = lft_of(model).closed_channels
+    out, into = to_lft(model).closed_channels
     outputs, inputs = model.system.outputs, model.system.inputs
     return outputs[out : len(outputs) - measurements], inputs[into : len(inputs) - controls]
 
 
-def _weighted(
+def _apply_weights(
     plants: list[LtiSystem], spec: MixedSensitivitySpec
 ) -> tuple[list[LtiSystem], tuple[LtiSystem, ...]]:
     """Return generalised plants of a mixed-sensitivity problem, and their weights by name."""
@@ -227,7 +234,7 @@ def _weight(spec: WeightSpec | None, period_s: float | None) -> LtiSystem | None
     if spec is None:
         return None
     if spec.shelving is not None:
-        return shelving_of(spec.shelving, period_s)
+        return build_shelving_weight(spec.shelving, period_s)
     if spec.performance is not None:
-        return performance_of(spec.performance, period_s)
+        return build_performance_weight(spec.performance, period_s)
     return gain(np.array([[spec.gain or 0.0]]), period_s)

@@ -12,13 +12,15 @@ from hillsphere.interfaces import Array
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["LARGEST_GRID", "draw_each_response", "draw_each_step", "size_of_steps_in"]
+__all__ = ["LARGEST_GRID", "draw_each_response", "draw_each_step", "step_figure_size"]
 
 LARGEST_GRID = 4
 """Up to so many measurements, each response has a panel of its own."""
 
 _PANELS = 15
+"""Steps drawn at most: five rows of three panels fill a page."""
 _COLUMNS = 3
+"""Panels in a row: axis labels of narrower panels overlap."""
 _TARGET = "#555555"
 _OTHERS = "#aaaaaa"
 
@@ -26,8 +28,8 @@ Lines = Sequence[tuple[Array, str, str]]
 """Responses (K, q, q) of a loop, of all outputs to a step of each command, colour and label."""
 
 
-def size_of_steps_in(measurements: int) -> tuple[float, float]:
-    """Return the size of the figure of so many measurements, in inches."""
+def step_figure_size(measurements: int) -> tuple[float, float]:
+    """Return the size in inches of the figure for a number of measurements."""
     if measurements <= LARGEST_GRID:
         return (7.0, 4.5 if measurements <= 2 else 1.6 * measurements + 0.6)
     rows = -(-min(measurements, _PANELS) // _COLUMNS)
@@ -55,7 +57,7 @@ def draw_each_response(figure: Figure, times_s: Array, lines: Lines, names: Sequ
 
 
 def draw_each_step(figure: Figure, times_s: Array, lines: Lines, names: Sequence[str]) -> None:
-    """Draw a panel for each step: what was commanded in colour, all other measurements in grey.
+    """Draw a panel for each step: the commanded output in colour, all other outputs in grey.
 
     The other measurement that moves most is named. Of more than fifteen steps the panels show
     those with the largest responses.

@@ -1,1 +1,1 @@
-"""The stage ``worst_cases``: what an analysis by µ has found, as cases of a flight."""
+"""The stage ``worst_cases``: worst perturbations of a µ analysis as cases of a flight."""

@@ -1,4 +1,4 @@
-"""The stage ``worst_cases``: from what µ finds to be worst to points of a sweep."""
+"""The stage ``worst_cases``: points of a sweep from the worst perturbations of a µ analysis."""
 
 from __future__ import annotations
 
@@ -7,19 +7,24 @@ import numpy as np
 from hillsphere.base.problems import did_you_mean
 from hillsphere.errors import InputError, StageError
 from hillsphere.interfaces import Array, Context
-from hillsphere.presentation import Cell, Column, Metric, Presentation, Table
+from hillsphere.presentation import Metric, Presentation
 from hillsphere.products.products import Ladder
+from hillsphere.show.tables import FieldColumns, column, tabulate, text_column
 from hillsphere_controllers.linear_products import UncertainModel, UncertainModels
 from hillsphere_controllers.stages.linearise.products import LinearisedFlight
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
-from hillsphere_controllers.stages.uncertain import lft_of
+from hillsphere_controllers.stages.table_cells import first_rows
+from hillsphere_controllers.stages.uncertain import to_lft
 from hillsphere_controllers.stages.worst_cases.products import WorstCases
 from hillsphere_controllers.stages.worst_cases.specs import WorstCasesSpec
 
 __all__ = ["WorstCasesStage"]
 
 _SHOWN = 60
+"""Rows of the table of cases at most; all cases are in the product."""
 _ROUNDING = 1e-6
+"""Normalised values below this share of the largest are rounding of the search and stay nominal; a
+lower bound of µ below it counts as this value."""
 
 
 class WorstCasesStage:
@@ -96,10 +101,10 @@ class WorstCasesStage:
                 continue
             if spec.controllers and controller not in spec.controllers:
                 continue
-            worst = _at_the_bounds(uncertain.models[place], one, analysis.size)
+            worst = _scale_to_bounds(uncertain.models[place], one, analysis.size)
             settable = {*flight.dispersed, *spec.inputs} & set(worst)
             moves = sum(worst[name] != nominal[name] for name in settable)
-            who = _said(controller, analysis.models[place], one)
+            who = _describe_case(controller, analysis.models[place], one)
             if not moves:
                 # the peak is that of the nominal loop, or of blocks that no flight has
                 unmoved.append(who)
@@ -136,7 +141,7 @@ class WorstCasesStage:
         if not found:
             raise StageError("needs.analysis: it has no worst case of what is asked for")
         groups = tuple(
-            f"{_said(controller, model, one)}, others {away:+g} σ"
+            f"{_describe_case(controller, model, one)}, others {away:+g} σ"
             for controller, model, one, away in found
         )
         steps = np.array(sizes)
@@ -168,61 +173,49 @@ class WorstCasesStage:
         flight: LinearisedFlight,
     ) -> Presentation:
         """Show them, in standard deviations."""
-        count = len(flight.dispersed)
+        count, cases = len(flight.dispersed), len(product.labels)
         sigma = np.where(flight.sigma > 0.0, flight.sigma, np.inf)
         size = (product.values[:count] - flight.nominal[1:, None]) / sigma[:, None]
-        rows: list[dict[str, Cell]] = []
-        for k in range(min(len(product.labels), _SHOWN)):
-            far = int(np.argmax(np.abs(size[:, k]))) if count else -1
-            rows.append(
-                {
-                    "case": product.labels[k],
-                    "mu": float(product.mu[k]),
-                    "frequency_rad_s": float(product.frequency_rad_s[k]),
-                    "moved": int(product.moved[k]),
-                    "farthest": flight.dispersed[far] if count else "",
-                    "sigmas": float(size[far, k]) if count else None,
-                    "norm_sigmas": float(np.sqrt(np.sum(size[:, k] ** 2))),
-                }
-            )
-        columns = (
-            Column("case", "", "case"),
-            Column("mu", "-", "lower bound of µ or gain", 4),
-            Column("frequency_rad_s", "rad/s", "at", 4),
-            Column("moved", "-", "parameters that it moves"),
-            Column("farthest", "", "parameter farthest from nominal"),
-            Column("sigmas", "-", "its standard deviations", 4),
-            Column("norm_sigmas", "-", "all together", 4),
-        )
-        notes = [
-            "Worst perturbations, brought to the size of the declared bounds: those of µ with "
-            "their largest entry at its bound, those of the worst-case gain as they are"
-            + (", and their parameters together to other sizes" if self.spec.scales else "")
-            + ". Taken together they are far less probable than each: the last column "
-            "is the root of the sum of squares, in standard deviations."
+        far = np.abs(size).argmax(axis=0) if count else np.zeros(cases, dtype=int)
+        farthest = [flight.dispersed[k] for k in far] if count else [""] * cases
+        largest = size[far, np.arange(cases)] if count else np.full(cases, np.nan)
+        of = FieldColumns(product, "cases")
+        columns = [
+            text_column("case", product.labels, "case"),
+            *map(of, ("mu", "frequency_rad_s", "moved")),
+            text_column("farthest", farthest, "parameter farthest from nominal"),
+            column("sigmas", largest, "its standard deviations", 4),
+            column("norm_sigmas", np.sqrt([np.sum(one**2) for one in size.T]), "all together", 4),
         ]
-        if len(product.labels) > _SHOWN:
-            notes.append(f"The first {_SHOWN} of {len(product.labels)} cases.")
+        notes = [
+            "Worst perturbations, scaled to the declared bounds: for µ with the largest entry at "
+            "its bound, for the worst-case gain as they are"
+            + (", with their parameters scaled together to other sizes" if self.spec.scales else "")
+            + ". Together they are far less probable than each alone: the last column is the root "
+            "sum of squares, in standard deviations."
+        ]
+        if cases > _SHOWN:
+            notes.append(f"The first {_SHOWN} of {cases} cases.")
         if product.unmoved:
             notes.append(
-                f"Without a case ({len(product.unmoved)}), since the worst perturbation moves "
-                "nothing that could be set or scaled in the flight: "
+                f"Without a case ({len(product.unmoved)}): the worst perturbation changes no "
+                "parameter that can be set or scaled in the flight: "
                 f"{'; '.join(product.unmoved)}."
             )
         return Presentation(
-            metrics={"worst_cases": Metric(len(product.labels))},
-            tables={"worst_cases": Table("Worst cases", columns, rows, notes)},
+            metrics={"worst_cases": Metric(cases)},
+            tables={"worst_cases": first_rows(tabulate("Worst cases", columns, notes), _SHOWN)},
             figures={},
         )
 
 
-def _said(controller: str, model: str, one: Analysed) -> str:
+def _describe_case(controller: str, model: str, one: Analysed) -> str:
     """Return whose worst case it is."""
     channel = f" of {one.channel}" if one.channel else ""
     return f"{controller}, {model}, {one.analysis.replace('_', ' ')}{channel}"
 
 
-def _at_the_bounds(model: UncertainModel, one: Analysed, size: float) -> dict[str, float]:
+def _scale_to_bounds(model: UncertainModel, one: Analysed, size: float) -> dict[str, float]:
     """Return the worst values by name, of the size of the declared bounds.
 
     Those of the worst-case gain are divided by the size it was asked for; others are scaled so that
@@ -235,7 +228,7 @@ def _at_the_bounds(model: UncertainModel, one: Analysed, size: float) -> dict[st
     small = np.zeros_like(one.normalised)
     if largest > _ROUNDING * whole:
         small = np.where(np.abs(one.normalised) > _ROUNDING * largest, one.normalised / size, 0.0)
-    by_name = {u.name: u for u in lft_of(model).uncertainties}
+    by_name = {u.name: u for u in to_lft(model).uncertainties}
     return {
         name: float(by_name[name].physical(np.array(value)))
         for name, value in zip(one.names, np.clip(small, -1.0, 1.0), strict=True)

@@ -1,4 +1,4 @@
-"""Systems in discrete time by their bilinear images: µ is the same, frequencies are bent."""
+"""Bilinear images of systems in discrete time: µ stays the same, frequencies are warped."""
 
 from __future__ import annotations
 
@@ -9,11 +9,17 @@ from hillsphere.lti import LtiSystem
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.systems.bilinear import continuous
 
-__all__ = ["beside_poles", "check_loop", "from_image", "in_continuous_time", "to_image"]
+__all__ = [
+    "check_loop",
+    "continuous_image",
+    "discrete_frequency",
+    "finite_frequency",
+    "image_frequency",
+]
 
 
 def check_loop(system: LtiSystem, structure: BlockStructure) -> None:
-    """Refuse a system that is not stable or that the blocks do not close.
+    """Check that a system is stable and fits the block structure.
 
     Raises
     ------
@@ -34,8 +40,8 @@ def check_loop(system: LtiSystem, structure: BlockStructure) -> None:
         )
 
 
-def in_continuous_time(system: LtiSystem, structure: BlockStructure) -> LtiSystem:
-    """Return a system, or its bilinear image, that `check_loop` lets pass.
+def continuous_image(system: LtiSystem, structure: BlockStructure) -> LtiSystem:
+    """Return a system in continuous time, or the bilinear image of one in discrete time.
 
     Raises
     ------
@@ -46,8 +52,8 @@ def in_continuous_time(system: LtiSystem, structure: BlockStructure) -> LtiSyste
     return system if system.dt_s is None else continuous(system)
 
 
-def to_image(omega_rad_s: float, dt_s: float | None) -> float:
-    """Return the frequency of the image in continuous time; the same if the system is that."""
+def image_frequency(omega_rad_s: float, dt_s: float | None) -> float:
+    """Return the image of a frequency, 2/dt tan(ω dt/2); the same in continuous time."""
     if dt_s is None:
         return omega_rad_s
     if omega_rad_s >= np.pi / dt_s:  # the tangent of a rounded right angle is finite
@@ -55,12 +61,12 @@ def to_image(omega_rad_s: float, dt_s: float | None) -> float:
     return float(2.0 / dt_s * np.tan(0.5 * dt_s * omega_rad_s))
 
 
-def from_image(omega_rad_s: float, dt_s: float | None) -> float:
-    """Return the frequency in discrete time of one of the image."""
+def discrete_frequency(omega_rad_s: float, dt_s: float | None) -> float:
+    """Return the frequency in discrete time, 2/dt atan(ω dt/2), of a frequency of the image."""
     return omega_rad_s if dt_s is None else float(2.0 / dt_s * np.arctan(0.5 * dt_s * omega_rad_s))
 
 
-def beside_poles(system: LtiSystem, omega_rad_s: float) -> float:
+def finite_frequency(system: LtiSystem, omega_rad_s: float) -> float:
     """Return a frequency far below all poles for zero, far above them for infinity."""
     size = np.abs(system.poles)
     size = size[size > 0.0] if size.any() else np.ones(1)

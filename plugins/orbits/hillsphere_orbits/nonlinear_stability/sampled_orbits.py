@@ -1,4 +1,4 @@
-"""Orbits that other stages hand on, flown once around on the equations of this one."""
+"""Orbits of earlier stages, propagated over one period with this stage's equations."""
 
 from __future__ import annotations
 
@@ -13,19 +13,25 @@ from hillsphere.interfaces import Array, Variable
 from hillsphere.products import PeriodicOrbits
 from hillsphere_orbits.stability import multipliers
 
-__all__ = ["Retraced", "require_states", "retrace"]
+__all__ = ["SampledOrbits", "require_states", "retrace"]
 
 _STATES = ("x", "y", "z", "vx", "vy", "vz")
 _SAME_EQUATIONS = 1e-7
+"""Largest closure beside the growth of errors over a period, natural units, of orbits that count as
+solutions of this plant's equations. It also bounds the error of the samples, which the step below
+keeps well under it."""
 _STEP = 0.05
 """Of a unit of time: for the eighth-order map well below `_SAME_EQUATIONS` about a moon that
 fills a good part of its Hill sphere, where the shortest period is about 3."""
 _LEAST = 240
+"""Least number of steps of a period: the amplitude is the largest of the samples, right to 1e-4."""
 _DOUBLINGS = 4
+"""Times that the steps are tried, doubled each time, before the orbits count as those of other
+equations."""
 
 
 @dataclass(frozen=True, eq=False)
-class Retraced:
+class SampledOrbits:
     """M orbits along one period, normalised.
 
     Parameters
@@ -67,8 +73,8 @@ def require_states(states: Sequence[Variable], what: str) -> None:
         )
 
 
-def retrace(stepper: StepMap, orbits: PeriodicOrbits, step: float = _STEP) -> Retraced:
-    """Fly orbits once around.
+def retrace(stepper: StepMap, orbits: PeriodicOrbits, step: float = _STEP) -> SampledOrbits:
+    """Propagate orbits over one period and check that they close.
 
     Parameters
     ----------
@@ -81,7 +87,7 @@ def retrace(stepper: StepMap, orbits: PeriodicOrbits, step: float = _STEP) -> Re
 
     Returns
     -------
-    Retraced
+    SampledOrbits
         Their states on the way.
 
     Raises
@@ -111,4 +117,4 @@ def retrace(stepper: StepMap, orbits: PeriodicOrbits, step: float = _STEP) -> Re
             f"(frame {system.frame}; {orbits.labels[worst]!r} closes to {error[worst]:.1e}); give "
             "the plant with which they were computed"
         )
-    return Retraced(way, period)
+    return SampledOrbits(way, period)

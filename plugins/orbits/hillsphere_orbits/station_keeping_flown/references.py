@@ -1,4 +1,4 @@
-"""What is to be held, gathered from the products of earlier stages."""
+"""References for station-keeping, from the products of earlier stages."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from math import inf, nan
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.errors import InputError, StageError
 from hillsphere.interfaces import Array, Plant
 from hillsphere.products import FlightSet, OrbitSet, PeriodicOrbits, Trajectories
@@ -20,15 +21,16 @@ from hillsphere_orbits.station_keeping_flown.reference_path import (
     paths_of_orbits,
 )
 
-__all__ = ["FLOWN", "Held", "Sources", "held_of"]
+__all__ = ["FLOWN", "Reference", "Sources", "references_of"]
 
 FLOWN = "flown"
 _ENDS = 1e-9
+"""Relative slack of durations: a flight just as long as asked must not fail by rounding."""
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
-    """A reference that is to be held.
+class Reference:
+    """A reference orbit or trajectory for station-keeping.
 
     Parameters
     ----------
@@ -59,7 +61,7 @@ class Held:
 
 @dataclass(frozen=True, eq=False)
 class Sources:
-    """Where references come from.
+    """Products that provide references, and the members to take.
 
     Parameters
     ----------
@@ -72,7 +74,7 @@ class Sources:
     rung : str
         Name of its rung.
     members : tuple of str
-        Names of those that are taken; empty for all.
+        Names of the members to take; empty for all.
     """
 
     orbits: tuple[OrbitSet, ...]
@@ -81,13 +83,13 @@ class Sources:
     rung: str
     members: tuple[str, ...]
 
-    def taken(self, labels: tuple[str, ...]) -> list[int]:
-        """Return the numbers of those taken."""
+    def select(self, labels: tuple[str, ...]) -> list[int]:
+        """Return the numbers of the members to take."""
         return [i for i, name in enumerate(labels) if not self.members or name in self.members]
 
 
-def held_of(plant: Plant, sources: Sources, duration_s: float) -> list[Held]:
-    """Return all that is to be held.
+def references_of(plant: Plant, sources: Sources, duration_s: float) -> list[Reference]:
+    """Return the references of all sources.
 
     Parameters
     ----------
@@ -100,7 +102,7 @@ def held_of(plant: Plant, sources: Sources, duration_s: float) -> list[Held]:
 
     Returns
     -------
-    list of Held
+    list of Reference
         In order.
 
     Raises
@@ -110,29 +112,29 @@ def held_of(plant: Plant, sources: Sources, duration_s: float) -> list[Held]:
     InputError
         If the ladder has no such rung, or nothing has a name that is asked for.
     """
-    found: list[Held] = []
+    references: list[Reference] = []
     known: list[str] = []
     if sources.orbits:
         members = members_of(*sources.orbits)
         known += members.labels
-        found += _of_orbits(plant, members, sources.taken(members.labels))
+        references += _of_orbits(plant, members, sources.select(members.labels))
     for product in sources.flights:
         known += product.flights.labels
-        chosen = _chosen(product.flights, sources.taken(product.flights.labels))
-        found += _of_flights(plant, chosen, duration_s)
+        chosen = _select_flights(product.flights, sources.select(product.flights.labels))
+        references += _of_flights(plant, chosen, duration_s)
     if sources.ladder is not None:
         known += sources.ladder.members
-        found += _of_ladder(plant, sources.ladder, sources, duration_s)
+        references += _of_ladder(plant, sources.ladder, sources, duration_s)
     if unknown := [name for name in sources.members if name not in known]:
         raise InputError(
             f"members: nothing is called {unknown[0]!r}; there are: {', '.join(known) or 'none'}"
         )
-    if not found:
-        raise StageError("the stages named in needs hand on nothing to hold")
-    return found
+    if not references:
+        raise StageError("the stages named in needs provide no reference to hold")
+    return references
 
 
-def _of_orbits(plant: Plant, orbits: PeriodicOrbits, which: list[int]) -> list[Held]:
+def _of_orbits(plant: Plant, orbits: PeriodicOrbits, which: list[int]) -> list[Reference]:
     if not which:
         return []
     some = replace(
@@ -145,15 +147,15 @@ def _of_orbits(plant: Plant, orbits: PeriodicOrbits, which: list[int]) -> list[H
         labels=tuple(orbits.labels[i] for i in which),
     )
     growth = np.log(np.maximum(np.abs(multipliers(some.monodromy)[0]), 1.0))
-    found = []
+    references = []
     for i, path in enumerate(paths_of_orbits(plant, some)):
         period = float(some.period_s[i])
         e_folding = period / float(growth[i]) if path.unstable else inf
-        found.append(Held(some.labels[i], path, FLOWN, period, e_folding))
-    return found
+        references.append(Reference(some.labels[i], path, FLOWN, period, e_folding))
+    return references
 
 
-def _chosen(flights: Trajectories, which: list[int]) -> Trajectories:
+def _select_flights(flights: Trajectories, which: list[int]) -> Trajectories:
     return replace(
         flights,
         plans=tuple(flights.plans[i] for i in which),
@@ -163,36 +165,36 @@ def _chosen(flights: Trajectories, which: list[int]) -> Trajectories:
     )
 
 
-def _of_flights(plant: Plant, flights: Trajectories, duration_s: float) -> list[Held]:
+def _of_flights(plant: Plant, flights: Trajectories, duration_s: float) -> list[Reference]:
     time = flow_of(plant).system.time_unit_s
-    found = []
+    references = []
     for label, path in zip(flights.labels, paths_of_flights(plant, flights), strict=True):
         if path.length * time < duration_s * (1.0 - _ENDS):
-            days = path.length * time / 86400.0
-            found.append(Held(label, None, f"not flown: it lasts {days:.4g} days only"))
+            days = path.length * time / DAY_S
+            references.append(Reference(label, None, f"not flown: it lasts {days:.4g} days only"))
         else:
-            found.append(Held(label, path))
-    return found
+            references.append(Reference(label, path))
+    return references
 
 
 def _of_ladder(
     plant: Plant, ladder: FidelityLadder, sources: Sources, duration_s: float
-) -> list[Held]:
+) -> list[Reference]:
     if sources.rung not in ladder.rungs:
         raise InputError(
             f"rung: the ladder has no rung {sources.rung!r}; it has {', '.join(ladder.rungs)}"
         )
     r = ladder.rungs.index(sources.rung)
-    found = []
-    for i in sources.taken(ladder.members):
+    references = []
+    for i in sources.select(ladder.members):
         label = ladder.members[i]
         if not ladder.converged[i, r]:
             why = ladder.status[r * len(ladder.members) + i]
-            found.append(Held(label, None, f"not flown: {why}"))
+            references.append(Reference(label, None, f"not flown: {why}"))
             continue
         t, x = ladder.reference(sources.rung, label)
-        found += _of_flights(plant, _flight(plant, ladder.frames[r], label, t, x), duration_s)
-    return found
+        references += _of_flights(plant, _flight(plant, ladder.frames[r], label, t, x), duration_s)
+    return references
 
 
 def _flight(plant: Plant, frame: str, label: str, t: Array, x: Array) -> Trajectories:

@@ -16,16 +16,20 @@ from numpy.typing import NDArray
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.mu.blocks import BlockStructure
-from hillsphere_controllers.mu.gain_ascent import GainAscent, Raised
-from hillsphere_controllers.mu.lower_bound import LowerBound, checked, moving_response
+from hillsphere_controllers.mu.gain_ascent import GainAscent, GainMaximum
+from hillsphere_controllers.mu.lower_bound import LowerBound, moving_response, verify_perturbation
 
 __all__ = ["bound_by_gain"]
 
 Complex = NDArray[np.complex128]
 
 _RANDOM = 4
+"""Random starts of the ascent at each frequency, besides the known Δ and the nominal one."""
 _STEPS = 12
+"""Levels at most. The interval between gain and level is about halved by each, so that twelve leave
+a thousandth."""
 _NEAR = 1e-6
+"""Relative difference of lower bounds that is not worth a further ascent."""
 
 
 def bound_by_gain(
@@ -38,7 +42,9 @@ def bound_by_gain(
     starts: Sequence[Mapping[str, float]] = (),
     seed: int = 0,
 ) -> LowerBound | None:
-    """Return a lower bound of µ, with its frequency; None if none is above the one known.
+    """Return a lower bound of robust performance from the gain under bounded Δ.
+
+    Returns None if no bound above the known one is found.
 
     Parameters
     ----------
@@ -58,12 +64,14 @@ def bound_by_gain(
     seed : int
         Of random starts.
     """
-    uncertainty = BlockStructure([b.squared() for b in structure.blocks[:-1]])
+    uncertainty = BlockStructure([b.enclosing_square() for b in structure.blocks[:-1]])
     best, known = None, 0.0 if low is None else low.value
     if not 0.0 < high < np.inf:
         return None
     generator = np.random.default_rng(seed)
     for omega in dict.fromkeys(places):
+        # at zero and infinite frequency M is real: complex blocks would need a complex Δ there,
+        # which no real system has
         fixed = not 0.0 < omega < np.inf
         if fixed and not uncertainty.purely_real:
             continue
@@ -75,6 +83,7 @@ def bound_by_gain(
         # no level at or below the one known is of use
         level = known * (1.0 + _NEAR) if known > 0.0 else high
         for _ in range(_STEPS):
+            # the largest gain g with Δ of size 1/β, for β = level
             raised = ascent.best(begun, 1.0 / level)
             found = _bound(ascent, structure, raised, level, omega)
             if found is not None and found.value > known:
@@ -84,6 +93,7 @@ def bound_by_gain(
             if found is None or not most > known * (1.0 + _NEAR):
                 break
             begun = [raised.x, begun[0]]
+            # g falls with β: the bound is the fixed point g(β) = β, bracketed by β and g
             level = 0.5 * (max(least, known) + min(most, high))
     return best
 
@@ -92,6 +102,7 @@ def _unit(low: LowerBound, structure: BlockStructure, size: int) -> Complex:
     """Return the Δ of a bound without performance, squared and of size one at most."""
     rows, columns = structure.places()
     q = np.zeros((structure.size, structure.size), dtype=complex)
+    # the bound's Δ has the norm 1/value
     q[columns[:, None], rows] = low.delta * low.value
     return q[:size, :size]
 
@@ -113,7 +124,7 @@ def _count(ascent: GainAscent, block: int) -> int:
 
 
 def _bound(
-    ascent: GainAscent, structure: BlockStructure, raised: Raised, level: float, omega: float
+    ascent: GainAscent, structure: BlockStructure, raised: GainMaximum, level: float, omega: float
 ) -> LowerBound | None:
     """Return the bound that a Δ of size 1/level and its gain prove."""
     if not np.isfinite(raised.gain) or raised.gain > 1e12 * level:
@@ -128,7 +139,8 @@ def _bound(
         return None
     delta = np.zeros(m.shape, dtype=complex)
     delta[:n, :n] = raised.q / level
+    # the performance block that closes the gain s₁ on the border of stability: Δ_p = v₁ u₁ᴴ/s₁
     delta[n:, n:] = np.outer(vh[0].conj(), u[:, 0].conj()) / s[0]
     fixed = not ascent.moving
     at = omega if fixed else float(omega * np.exp(raised.z))
-    return checked(m, delta.real + 0j if fixed else delta, structure, at)
+    return verify_perturbation(m, delta.real + 0j if fixed else delta, structure, at)

@@ -1,4 +1,4 @@
-"""The orbits that a mission asks for: members of the families at prescribed values."""
+"""Members of the families at prescribed values."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hillsphere.base.constants import HOUR_S
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere_orbits.continuation import Branch
@@ -18,14 +19,14 @@ from hillsphere_orbits.shooting import Shooting
 from hillsphere_orbits.swing_qso_families.description import integral_of, period_of, position_on
 from hillsphere_orbits.swing_qso_families.families import Chain
 
-__all__ = ["Asked", "orbits_asked"]
+__all__ = ["PrescribedMembers", "orbits_asked"]
 
 _TOLERANCE = 1e-9  # residual; Newton takes one more step from there
 
 
 @dataclass(frozen=True)
-class Asked:
-    """Orbits asked for, by family and position on its chain.
+class PrescribedMembers:
+    """Members at prescribed values, by family and position on its chain.
 
     Parameters
     ----------
@@ -54,8 +55,8 @@ def orbits_asked(
     jacobi_constants: Sequence[float],
     periods_s: Sequence[float],
     time_s: float,
-) -> Asked:
-    """Find every orbit of every family at the values asked for.
+) -> PrescribedMembers:
+    """Find every orbit of every family at the prescribed values.
 
     Parameters
     ----------
@@ -72,8 +73,8 @@ def orbits_asked(
 
     Returns
     -------
-    Asked
-        Perhaps none.
+    PrescribedMembers
+        Possibly empty.
 
     Raises
     ------
@@ -84,7 +85,7 @@ def orbits_asked(
     if jacobi_constants:
         wanted.append(("C", "", 1.0, integral_of, np.array(jacobi_constants)))
     if periods_s:
-        wanted.append(("T", " h", time_s / 3600.0, period_of, np.array(periods_s) / time_s))
+        wanted.append(("T", " h", time_s / HOUR_S, period_of, np.array(periods_s) / time_s))
     rows: list[tuple[int, float, str, Array]] = []
     lost: list[str] = []
     absent: list[str] = []
@@ -100,7 +101,7 @@ def orbits_asked(
                 for i in brackets(along, float(value)):
                     met.add(k)
                     u = i + (value - along[i]) / (along[i + 1] - along[i])
-                    z = _held(problem, chain.branch, quantity, float(value), float(u))
+                    z = _correct_at_value(problem, chain.branch, quantity, float(value), float(u))
                     if z is None:
                         lost.append(f"{label}: Newton's iteration did not converge")
                     else:
@@ -117,7 +118,7 @@ def orbits_asked(
     if absent and not rows and not lost:
         raise InputError("; ".join(absent))
     rows.sort(key=lambda row: row[:2])
-    return Asked(
+    return PrescribedMembers(
         [row[0] for row in rows],
         _different([row[2] for row in rows]),
         [row[3] for row in rows],
@@ -126,7 +127,7 @@ def orbits_asked(
     )
 
 
-def _held(
+def _correct_at_value(
     problem: Shooting, branch: Branch, quantity: Quantity, value: float, u: float
 ) -> Array | None:
     """Return the orbit (m, 1) at which a quantity has a value, near a position, if there is one."""
@@ -136,16 +137,16 @@ def _held(
         values, gradient = quantity(z)
         return (values - value)[None], gradient[None]
 
-    found = correct(problem, guess, hold, tolerance=_TOLERANCE)
+    corrected = correct(problem, guess, hold, tolerance=_TOLERANCE)
     i = int(np.clip(np.floor(u), 0, branch.size - 2))
     ends = branch.z[:, i : i + 2]
     chord = float(np.linalg.norm(ends[:, 1] - ends[:, 0]))
-    near = float(np.min(np.linalg.norm(found.z - ends, axis=0))) <= chord
-    return found.z if bool(found.converged[0]) and near else None
+    near = float(np.min(np.linalg.norm(corrected.z - ends, axis=0))) <= chord
+    return corrected.z if bool(corrected.converged[0]) and near else None
 
 
 def _different(labels: Sequence[str]) -> list[str]:
-    """Return the labels with a number where one stands more than once."""
+    """Return unique labels, numbered where one occurs more than once."""
     names: list[str] = []
     for label in labels:
         count = sum(other.split(" #")[0] == label for other in names)

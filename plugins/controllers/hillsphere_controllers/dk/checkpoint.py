@@ -1,4 +1,4 @@
-"""The state of a µ synthesis in a file, so that an interrupted one goes on where it was."""
+"""Checkpoint file of a µ synthesis, from which an interrupted one resumes."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from hillsphere.products.product_codec import load_product, save_product
 from hillsphere_controllers.dk.search import State
 from hillsphere_controllers.mu.blocks import BlockStructure
 
-__all__ = ["KeptState"]
+__all__ = ["CheckpointFile"]
 
 
-class KeptState:
-    """A file with the state after the last step.
+class CheckpointFile:
+    """A checkpoint: the state after the last step, in a file.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class KeptState:
         try:
             state = load_product(self._path)
         except InputError as error:
-            raise InputError(f"{error}; remove {self._path} to begin anew") from error
+            raise InputError(f"{error}; remove {self._path} to start again") from error
         if not isinstance(state, State) or state.key != self.key:
             raise InputError(
                 f"{self._path} holds the state of another synthesis; remove it, or name another "
@@ -85,6 +85,6 @@ class KeptState:
             save_product(self._path, state)
         except OSError as error:
             raise StageError(
-                f"{self._path} cannot be written: {error.strerror or error}; the step before is "
-                "kept: mend that and resume the run"
+                f"{self._path} cannot be written: {error.strerror or error}; the previous "
+                "step is stored: free the path and resume the run"
             ) from error

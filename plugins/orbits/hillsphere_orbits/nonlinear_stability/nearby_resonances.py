@@ -12,14 +12,15 @@ from scipy.interpolate import CubicSpline
 from hillsphere.interfaces import Array
 from hillsphere_orbits.qso.products import QsoFamily
 
-__all__ = ["Nearby", "nearby_resonances"]
+__all__ = ["NearbyResonance", "nearby_resonances"]
 
 _FEWEST = 4
+"""Fewest members of a stretch: a not-a-knot cubic spline needs four points."""
 _PLANES = ("planar", "vertical")
 
 
 @dataclass(frozen=True)
-class Nearby:
+class NearbyResonance:
     """A resonance near a member.
 
     Parameters
@@ -49,7 +50,7 @@ class Nearby:
     vy_offset_m_s: float
 
 
-def nearby_resonances(family: QsoFamily, n_max: int, distance_m: float) -> list[Nearby]:
+def nearby_resonances(family: QsoFamily, n_max: int, distance_m: float) -> list[NearbyResonance]:
     """Find every resonance of low order near a member of a family.
 
     Parameters
@@ -64,7 +65,7 @@ def nearby_resonances(family: QsoFamily, n_max: int, distance_m: float) -> list[
 
     Returns
     -------
-    list of Nearby
+    list of NearbyResonance
         By member, the nearest first.
     """
     x0, members = family.curve.x0[0], family.members
@@ -73,7 +74,7 @@ def nearby_resonances(family: QsoFamily, n_max: int, distance_m: float) -> list[
     has_integral = bool(np.isfinite(family.curve.integral).all())
     integral = CubicSpline(x, family.curve.integral[order] if has_integral else np.zeros_like(x))
     speed = members.length_m / members.time_s
-    found = []
+    resonances = []
     for plane, values in zip(_PLANES, family.curve_indices[:, order], strict=True):
         for d, n in _resonances(n_max):
             for place in _roots(x, values, 2.0 * cos(2.0 * pi * d / n)):
@@ -83,13 +84,13 @@ def nearby_resonances(family: QsoFamily, n_max: int, distance_m: float) -> list[
                     square = vy**2 + 2.0 * float(members.integral[i] - integral(place))
                     reached = has_integral and square >= 0.0
                     change = np.copysign(np.sqrt(square), vy) - vy if reached else np.nan
-                    found.append(
-                        Nearby(
+                    resonances.append(
+                        NearbyResonance(
                             int(i), plane, d, n, float(place),
                             float(place - members.x0[0, i]), float(change * speed),
                         )
                     )  # fmt: skip
-    return sorted(found, key=lambda r: (r.member, abs(r.distance_m), r.plane, r.d, r.n))
+    return sorted(resonances, key=lambda r: (r.member, abs(r.distance_m), r.plane, r.d, r.n))
 
 
 def _resonances(n_max: int) -> Iterator[tuple[int, int]]:

@@ -1,4 +1,4 @@
-"""A start from the controller of full order: what a structure can take over of it.
+"""A start of the search from the controller of full order, reduced to the structure.
 
 It solves the same problem without the structure, so that what is left of it is often near a good
 minimum; where it is not, it is one start among others. Its states are cut by balanced truncation. A
@@ -19,6 +19,8 @@ from hillsphere_controllers.systems.truncation import balanced_truncation
 __all__ = ["reduced_start"]
 
 _AFFINE = 1e-9
+"""Relative deviation from linearity up to which a structure counts as linear in its parameters:
+rounding of its evaluation."""
 
 
 def reduced_start(
@@ -53,12 +55,14 @@ def reduced_start(
             return None
         k, (nu, ny) = small.order, small.shape
         wanted = np.zeros((order + nu, order + ny))
+        # states that the reduced controller does not have stay uncoupled
         wanted[:order, :order] = -rate * np.eye(order)
         wanted[:k, :k], wanted[:k, order:] = small.a, small.b
         wanted[order:, :k], wanted[order:, order:] = small.c, small.d
     start = structure.gains(middle)
     units = np.eye(wanted.size).reshape(wanted.size, *wanted.shape)
-    slopes = structure.pulled_back(middle, units)
+    # K is linear in θ: the slopes of all its entries give θ by least squares
+    slopes = structure.pull_back(middle, units)
     step = np.linalg.lstsq(slopes, (wanted - start).ravel(), rcond=None)[0]
     if not np.isfinite(step).all():
         return None
@@ -86,5 +90,6 @@ def _constant(plant: LtiSystem, controller: LtiSystem) -> Array:
     a = a + np.vstack([b2 @ u, controller.b @ y])
     noise = well @ controller.d @ d21
     b = np.vstack([b1 + b2 @ noise, controller.b @ (d21 + d22 @ noise)])
+    # covariance of the closed loop's states, and from it the regression of u on y
     covariance = solve_continuous_lyapunov(a, -b @ b.T)
     return np.asarray(np.linalg.lstsq(y @ covariance @ y.T, y @ covariance @ u.T, rcond=1e-10)[0].T)

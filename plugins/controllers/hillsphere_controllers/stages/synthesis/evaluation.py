@@ -1,4 +1,4 @@
-"""What a controller does with plants, from their closed loops, whoever made it."""
+"""Evaluation of a controller on plants: norms, poles and margins of their closed loops."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from hillsphere_controllers.stages.frequencies import frequencies
 from hillsphere_controllers.stages.synthesis.products import Judged
 from hillsphere_controllers.systems.algebra import gain, lower_lft, series
 
-__all__ = ["inner_plant", "judged"]
+__all__ = ["evaluate_controller", "inner_plant"]
 
 
-def judged(
+def evaluate_controller(
     plants: Sequence[LtiSystem], controller: LtiSystem, advance: Callable[[int], None]
 ) -> Judged:
-    """Return what a controller does with generalised plants.
+    """Compute norms, poles and margins of a controller's closed loops with generalised plants.
 
     Parameters
     ----------

@@ -92,7 +92,7 @@ def synthesise_sampled(
             "plants must be in discrete time and of one period, got "
             f"{', '.join('continuous' if p is None else f'{p:g} s' for p in periods) or 'none'}"
         )
-    if not _kept(structure):
+    if not _is_free(structure):
         raise InputError(
             "in discrete time every entry of the controller must be free: the bilinear map, by "
             "which it is found, keeps no fixed entries, no PID and no transfer function"
@@ -153,9 +153,9 @@ def sampled_norms(plant: DesignPlant, controller: LtiSystem) -> list[float]:
     return norms
 
 
-def _kept(structure: Structure) -> bool:
+def _is_free(structure: Structure) -> bool:
     if isinstance(structure, Diagonal):
-        return all(_kept(part) for part in structure.parts)
+        return all(_is_free(part) for part in structure.parts)
     return isinstance(structure, FreeEntries) and bool(structure.free.all())
 
 
@@ -176,6 +176,7 @@ def _image(plant: DesignPlant, structure: Structure) -> DesignPlant:
     n, k = image.order, len(wanted)
     a = np.zeros((n + k, n + k))
     a[:n, :n] = image.a
+    # states of the filters (2/√T)/(s + 2/T), one for each output of an H2 channel
     a[n:, :n], a[n:, n:] = image.c[wanted], -2.0 / period * np.eye(k)
     b = np.concatenate([image.b, image.d[wanted]])
     c = np.zeros((k + image.shape[0], n + k))

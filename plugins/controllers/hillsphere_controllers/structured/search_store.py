@@ -1,4 +1,4 @@
-"""Searches that have ended, in files, so that a run that is resumed does not repeat them."""
+"""Store of the searches that have ended, so that a resumed run does not repeat them."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from hillsphere.errors import InputError, StageError
 from hillsphere.products.product_codec import canonical, load_product, save_product
 from hillsphere_controllers.structured.search import Found, Start
 
-__all__ = ["KeptSearches"]
+__all__ = ["SearchStore"]
 
 
-class KeptSearches:
+class SearchStore:
     """A directory with a file for every search that has ended by itself.
 
     Parameters
     ----------
     directory : Path
-        Where; of this problem alone. Made if it is not there.
+        Directory of this problem alone; it is created if it does not exist.
     note : callable
-        Told in a sentence what cannot be used.
+        Called with a sentence about each file that cannot be used.
     """
 
     def __init__(self, directory: Path, note: Callable[[str], None]) -> None:
@@ -30,10 +30,10 @@ class KeptSearches:
         try:
             directory.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise _unusable(directory, error) from error
+            raise _write_error(directory, error) from error
 
     def found(self, start: Start) -> Found | None:
-        """Return what the search from a start found, None if that is not known.
+        """Return the result of the search from a start, None if it is not stored.
 
         Raises
         ------
@@ -46,20 +46,20 @@ class KeptSearches:
         try:
             found = load_product(path)
         except InputError as error:
-            self._note(f"{error}; this search is done once more")
+            self._note(f"{error}; this search is repeated")
             return None
-        if isinstance(found, Found) and _same(found.start, start):
+        if isinstance(found, Found) and _is_same_start(found.start, start):
             return found
-        self._note(f"{path.name} is of another search, which is done once more")
+        self._note(f"{path.name} belongs to another search; this one is repeated")
         return None
 
     def keep(self, found: Found) -> Found:
-        """Keep what a search found, unless it was stopped: then it is to be done once more.
+        """Store the result of a search, unless it was interrupted: then it will be repeated.
 
         Returns
         -------
         Found
-            What the file gives back.
+            The result as the file gives it back.
 
         Raises
         ------
@@ -73,14 +73,14 @@ class KeptSearches:
         try:
             save_product(path, found)
         except OSError as error:
-            raise _unusable(path, error) from error
+            raise _write_error(path, error) from error
         return found
 
     def _path(self, start: Start) -> Path:
         return self._directory / f"search-{start.number:05d}.npz"
 
 
-def _same(one: Start, other: Start) -> bool:
+def _is_same_start(one: Start, other: Start) -> bool:
     if one.theta is None or other.theta is None:
         if one.theta is not other.theta:
             return False
@@ -91,8 +91,8 @@ def _same(one: Start, other: Start) -> bool:
     )  # fmt: skip
 
 
-def _unusable(path: Path, error: OSError) -> StageError:
+def _write_error(path: Path, error: OSError) -> StageError:
     return StageError(
-        f"{path} cannot be written: {error.strerror or error}; the searches that ended before are "
-        "kept: mend that and resume the run"
+        f"{path} cannot be written: {error.strerror or error}; the results of earlier "
+        "searches are stored: free the path and resume the run"
     )

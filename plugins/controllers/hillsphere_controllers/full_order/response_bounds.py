@@ -1,4 +1,4 @@
-"""What no controller reaches: lower bounds of γ that rounding cannot have made."""
+"""Lower bounds of γ for all controllers, proved in spite of rounding."""
 
 from __future__ import annotations
 
@@ -14,11 +14,13 @@ from hillsphere.lti import LtiSystem
 __all__ = ["response_bound", "solution_error"]
 
 _SAFETY = 10.0
+"""Units of rounding per order that an entry of the Hamiltonian matrix may be wrong by: above the
+usual error of sums of n products, so that a proved bound holds."""
 _EPS = float(np.finfo(float).eps)
 
 
 def response_bound(plant: LtiSystem, controls: int, measurements: int, omega_rad_s: Array) -> float:
-    """Return a gain from w to z that no controller lowers at one of some frequencies.
+    """Return a lower bound of the gain from w to z, for all controllers, from responses.
 
     What the controls do not reach of z, and what the measurements do not show of w, stays as it is
     without a controller (the necessary half of Parrott's theorem).
@@ -39,13 +41,14 @@ def response_bound(plant: LtiSystem, controls: int, measurements: int, omega_rad
         makes; 0 where there is none.
     """
     n = plant.order
+    # a random rotation of the states changes rounding alone: the difference measures its error
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(n, n)))[0]
     turned = LtiSystem(turn.T @ plant.a @ turn, turn.T @ plant.b, plant.c @ turn, plant.d)
     found = 0.0
     for omega in omega_rad_s:
         try:
             one, other = (
-                _untouched(system.response(np.array([omega]))[0], controls, measurements)
+                _residual_gain(system.response(np.array([omega]))[0], controls, measurements)
                 for system in (plant, turned)
             )
         except InputError:  # a pole on the axis
@@ -55,14 +58,16 @@ def response_bound(plant: LtiSystem, controls: int, measurements: int, omega_rad
     return found
 
 
-def _untouched(response: Array, k: int, q: int) -> float:
-    """Return the gain of what lies beside the range of P12 and beside the rows of P21."""
+def _residual_gain(response: Array, k: int, q: int) -> float:
+    """Return the gain of P11 orthogonal to the range of P12 and to the rows of P21."""
     p1, m1 = response.shape[0] - q, response.shape[1] - k
     direct, gains = response[:p1, :m1], [0.0]
     if p1 > k:
+        # directions of z that the controls do not reach
         beside = np.linalg.svd(response[:p1, m1:])[0][:, k:]
         gains.append(float(np.linalg.norm(beside.conj().T @ direct, 2)))
     if m1 > q:
+        # directions of w that the measurements do not show
         beside = np.linalg.svd(response[p1:, :m1])[2][q:].conj().T
         gains.append(float(np.linalg.norm(direct @ beside, 2)))
     return max(gains)
@@ -74,7 +79,7 @@ def solution_error(
     x: Array,
     floor: float,
 ) -> tuple[float, Array]:
-    """Return how far X is from the stabilising solution of a Riccati equation at most.
+    """Return a bound of the distance of X from the stabilising Riccati solution.
 
     From the residual and the inverse of the Lyapunov operator at X, from which Newton's method
     converges, in states in which X is the unit matrix but for signs (no unit decides).
@@ -102,6 +107,7 @@ def solution_error(
     unit = np.sqrt(np.abs(np.diag(x)))
     unit[unit == 0.0] = 1.0
     values, vectors = np.linalg.eigh(x / unit[:, None] / unit)
+    # coordinates in which |X| is the identity, eigenvalues below the floor raised to it
     root = np.sqrt(np.maximum(np.abs(values), floor))
     into, back = root[:, None] * vectors.T * unit, (vectors / root) / unit[:, None]
     z = into.T @ into
@@ -131,6 +137,7 @@ def solution_error(
     largest = float(np.linalg.norm(inverse, 2))
     rest = float(np.linalg.norm(closed.T @ mine + mine @ a + q, 2))
     size = float(np.linalg.norm(mine, 2))
+    # first Newton step: inverse Lyapunov operator times residual and data errors
     moved = largest * (rest + 2.0 * da * size + ds * size**2 + dq)
     # Kantorovich's condition
     steep = 4.0 * largest * (float(np.linalg.norm(s, 2)) + ds) * moved

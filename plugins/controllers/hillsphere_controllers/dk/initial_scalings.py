@@ -1,4 +1,4 @@
-"""Constant scalings to begin with, so that no unit decides where the alternation ends."""
+"""Initial constant scalings, so that units do not decide where the alternation ends."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hillsphere_controllers.dk.goals import core_size, reference_block
 from hillsphere_controllers.dk.multipliers import Multiplier
 from hillsphere_controllers.mu.blocks import BlockStructure
 
-__all__ = ["constant_scalings", "constants_like"]
+__all__ = ["constant_multipliers", "constant_scalings"]
 
 _SWEPT = 2.0 * np.log(10.0) * np.arange(-4.0, 4.1, 0.5)
 """Logarithms of the D that all blocks but one begin with: gains from 1e-4 to 1e4."""
@@ -24,7 +24,7 @@ _EVALUATIONS = 15
 def constant_scalings(
     structure: BlockStructure, gamma: Callable[[Sequence[Multiplier]], float]
 ) -> tuple[Multiplier, ...]:
-    """Return the constant scalings for which the K-step reaches the least γ that was found.
+    """Return the constant scalings with the lowest γ of the K-step that was found.
 
     Parameters
     ----------
@@ -55,6 +55,7 @@ def constant_scalings(
 
     if not moving:
         return made(np.zeros(0))
+    # first one common factor over eight decades, then each by itself (Nelder and Mead)
     swept = [cost(np.full(len(moving), log)) for log in _SWEPT]
     begun = np.full(len(moving), _SWEPT[int(np.argmin(swept))])
     if not np.isfinite(min(swept)):
@@ -65,7 +66,7 @@ def constant_scalings(
     return made(found.x)
 
 
-def constants_like(structure: BlockStructure, sizes: Array) -> tuple[Multiplier, ...]:
+def constant_multipliers(structure: BlockStructure, sizes: Array) -> tuple[Multiplier, ...]:
     """Return constant scalings of the sizes (n,) of the diagonal of D of the squared matrix."""
     fixed = reference_block(structure)
     return tuple(

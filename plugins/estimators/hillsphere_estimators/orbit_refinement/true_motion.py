@@ -1,4 +1,4 @@
-"""True flights of bodies from one time to the next, for stages that filter along them."""
+"""Simulated true motion of bodies from one time to the next."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ import numpy as np
 from hillsphere.interfaces import Array
 from hillsphere_estimators.orbit_refinement.motion import BodiesModel
 
-__all__ = ["flown"]
+__all__ = ["simulate_motion"]
 
 
-def flown(
+def simulate_motion(
     model: BodiesModel, x: Array, times_s: Array, random: np.random.Generator | None
 ) -> list[Array]:
-    """Return the true states at each time, with random accelerations if numbers are given.
+    """Return the true states at each time.
 
     Parameters
     ----------
     model : BodiesModel
-        Motion, and how large the accelerations are.
+        Motion, and standard deviations of the accelerations.
     x : ndarray, shape (n, N)
-        At the first time.
+        States at the first time.
     times_s : ndarray, shape (K,)
         Times, s.
     random : Generator, optional
-        Of the accelerations.
+        Random numbers of the accelerations; none: there are no accelerations.
 
     Returns
     -------
@@ -34,13 +34,14 @@ def flown(
         K of them.
     """
     cases = x.shape[1]
-    none, case, found = np.zeros((0, cases)), np.arange(cases), [x]
+    none, case, states = np.zeros((0, cases)), np.arange(cases), [x]
     for before, after in pairwise(times_s.tolist()):
         last, now = np.full(cases, before), np.full(cases, after)
         there = model.advance(x, last, now, none, case)
         if random is not None:
+            # a root of Q times white noise has the covariance Q
             root = model.process_noise(x, last, now, none)
             there = there + np.einsum("nij,nj->in", root, random.normal(size=root.shape[::2]))
         x = there
-        found.append(x)
-    return found
+        states.append(x)
+    return states

@@ -1,0 +1,48 @@
+"""Cells and rows of the stages' tables: infinite values are blank, long tables are cut."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.interfaces import Array
+from hillsphere.presentation import Table
+
+__all__ = ["finite_fields", "finite_or_blank", "first_rows"]
+
+Product = TypeVar("Product")
+
+
+def finite_or_blank(values: Array | Sequence[float]) -> NDArray[np.float64]:
+    """Return values with NaN, which tables show as blank, in place of infinite ones."""
+    given = np.asarray(values, dtype=float)
+    return np.where(np.isfinite(given), given, np.nan)
+
+
+def finite_fields(product: Product, *names: str) -> Product:
+    """Return a product whose named fields have NaN in place of infinite values."""
+    fields = {name: finite_or_blank(getattr(product, name)) for name in names}
+    return cast(Product, replace(cast(Any, product), **fields))
+
+
+def first_rows(table: Table, count: int, what: str = "") -> Table:
+    """Return a table cut to a number of rows.
+
+    Parameters
+    ----------
+    table : Table
+        The whole table.
+    count : int
+        Rows at most.
+    what : str
+        What the rows are, ``"models"``, for a note that the table is cut; empty for no note.
+    """
+    total = len(table.rows)
+    if total <= count:
+        return table
+    notes = [*table.notes, f"The first {count} of {total} {what}."] if what else table.notes
+    return replace(table, rows=table.rows[:count], notes=notes)
