@@ -1,4 +1,4 @@
-"""The engine: what is written in `hillsphere.symbolic.expressions`, compiled and propagated.
+"""Compilation and propagation of equations of motion in `hillsphere.symbolic` expressions.
 
 `system` makes equations of a plant; `StepMap` and `Taylor` propagate them, `Derivatives` and
 `ArrayFunction` evaluate them.

@@ -1,4 +1,4 @@
-"""What estimators pass on: beliefs, sets of measurements, and what these brought.
+"""Data of estimators: beliefs, sets of measurements, and innovations.
 
 The public names of `hillsphere.interfaces.beliefs`.
 """

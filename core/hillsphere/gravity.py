@@ -1,4 +1,4 @@
-"""Gravity models evaluated: on arrays of points, placed elsewhere, and differentiated.
+"""Evaluation of gravity models: on arrays of points, at shifted positions, and their gradients.
 
 The public names of `hillsphere.engine.gravity`.
 """

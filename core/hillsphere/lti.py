@@ -1,4 +1,4 @@
-"""Linear time-invariant systems, as they pass between stages.
+"""Linear time-invariant systems in state space.
 
 The public names of `hillsphere.base.lti`.
 """

@@ -1,4 +1,4 @@
-"""What a stage shows of its result: metrics, tables and figures, without drawing anything yet.
+"""Presentation of a stage's result: metrics, tables and figures, which are drawn later.
 
 The public names of `hillsphere.show.presentation`.
 """

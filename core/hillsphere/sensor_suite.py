@@ -1,4 +1,4 @@
-"""Several sensors as one: what they show together, and sets of their measurements.
+"""A suite of several sensors, whose measurements form one set.
 
 The public names of `hillsphere.engine.sensor_suite`.
 """

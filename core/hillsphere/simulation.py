@@ -1,9 +1,9 @@
-"""The closed loop: plant, navigation, law and actuator, N cases at once.
+"""Closed-loop simulation of plant, navigation, control law and actuator for N cases at once.
 
-`simulate` flies cases once; `Simulator` compiles a plant and a law for many flights. Around them:
-laws (`hillsphere.interfaces.Compensator` at samples, `ContinuousLaw` between them too), what they
-see (`Navigation`), follow (`Reference`) and command (`Actuator`), and what ends a flight (the
-plant's events, `Limit`, a budget). `Flights` says how each case ended.
+`simulate` flies cases once; `Simulator` compiles a plant and a law for many flights. Laws are
+sampled (`hillsphere.interfaces.Compensator`) or continuous (`ContinuousLaw`); their input comes
+from a `Navigation`, their reference from a `Reference`, and an `Actuator` executes their command.
+Flights end by the plant's events, a `Limit`, or a Δv budget. `Flights` holds the results.
 """
 
 from hillsphere.base.seeds import draws

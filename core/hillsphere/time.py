@@ -1,4 +1,4 @@
-"""Epochs in a named time scale, kept in two parts so that nanoseconds survive.
+"""Epochs in a named time scale, as two-part Julian dates, which resolve nanoseconds.
 
 The public names of `hillsphere.base.time`.
 """

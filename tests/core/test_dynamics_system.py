@@ -257,7 +257,7 @@ class Odd:
         ("event", "Odd: events holds variables that are not states: ['hidden']"),
         ("switch", "Odd: switches holds variables that are not states: ['hidden']"),
         ("term", "Odd: time_terms holds variables that are not states: ['hidden']"),
-        ("term's name", "Odd: time_terms are called like parameters: ['rate']"),
+        ("term's name", "Odd: time_terms have names of parameters: ['rate']"),
     ],
 )
 def test_inconsistent_plants_are_refused(fault: str, message: str) -> None:

@@ -145,7 +145,7 @@ def test_shadr_values(tmp_path: Path) -> None:
         ("-.309e-2", "1_000", ":20: C: expected a finite number, got '1_000'"),
         ("+1.81e-3", "x", ":20: S: expected a finite number, got 'x'"),
         ("gfc     3    1", "gfc     3    4", ":20: order m must be ≤ degree n, got n = 3, m = 4"),
-        ("gfc     3    1", "gfc     2    2", ":20: degree 2, order 2 stands in line 19 already"),
+        ("gfc     3    1", "gfc     2    2", ":20: degree 2, order 2 is already given in line 19"),
         ("gfc     3    1", "gfc     -3   1", ":20: degree: expected an integer ≥ 0, got '-3'"),
         ("-4.698D-02 0.0", "-4.698D-02 0.5", ":17: S of order 0 multiplies sin 0 and must be 0"),
         ("gfc     3    1", "gfc     1    1", ": no row of degree 3; the head says 3"),
@@ -177,7 +177,7 @@ def test_icgem_faults(tmp_path: Path, old: str, new: str, fault: str) -> None:
         ("3,   3,   1", "2,   2,   1", ":5: degree 3 is beyond the 2 of the head"),
         ("3,   3,   1", "4,   4,   1", ": no row of degree 4; the head says 4"),
         ("    3,    1,-3.09E-03, 1.81E-03, 0.0, 0.0", "3 1 2 3", ":5: expected degree, order, C"),
-        ("    3,    1,", "    2,    2,", ":5: degree 2, order 2 stands in line 4 already"),
+        ("    3,    1,", "    2,    2,", ":5: degree 2, order 2 is already given in line 4"),
         ("-2.02E-04", "inf", ":4: S: expected a finite number, got 'inf'"),
     ],
 )

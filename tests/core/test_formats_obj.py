@@ -41,7 +41,7 @@ def test_a_tetrahedron(tmp_path: Path) -> None:
     ("old", "new", "message"),
     [
         ("f 2 3 4", "f 2 3 4 1", r":13: faces must be triangles, got 4 corners"),
-        ("f 2 3 4", "f 2 3 5", r":13: a face names vertex 5, and 4 stand before it"),
+        ("f 2 3 4", "f 2 3 5", r":13: a face names vertex 5, but only 4 precede it"),
         ("f 2 3 4", "f 0 3 4", r"names vertex 0"),
         ("f -4 -1 -2", "f -5 -1 -2", r"names vertex -5"),
         ("f 2 3 4", "f 2 x 4", r"vertex of a face: expected an integer"),
@@ -77,7 +77,7 @@ def test_shape_harmonics(tmp_path: Path) -> None:
         ("0 0 7 0\n3 0 1 0\n", "no row of degree 2"),
         ("0 0 7 0\n2 3 1 0\n", "order m must be ≤ degree n"),
         ("0 0 7 0\n1 0 1\n", "got 3 columns"),
-        ("0 0 7 0\n1 0 1 0\n1 0 2 0\n", ":3: degree 1, order 0 stands in line 2"),
+        ("0 0 7 0\n1 0 1 0\n1 0 2 0\n", ":3: degree 1, order 0 is already given in line 2"),
         ("1 0 1 0\n", "no row '0 0 C 0'"),
         ("", "no row '0 0 C 0'"),
     ],

@@ -71,9 +71,9 @@ BAD = [
     ("gravity.rock.density_g_cm3=1470", "must be ≤ 30 g/cm³, got 1470 g/cm³"),
     ("gravity.rock.density_kg_m3=0.9", "must be ≥ 1 kg/m³, got 0.9 kg/m³"),
     ('dispersions.spare.parameters=["Z9,9"]', "gravity.rock has no quantity 'Z9,9'"),
-    ("dispersions.spare.sigma=[0.1, 0.2]", "sigma is given for 2 quantities, but parameters finds"),
+    ("dispersions.spare.sigma=[0.1, 0.2]", "sigma is given for 2 quantities, but parameters"),
     ("dispersions.spare.correlation=[[1.0, 0.1], [0.1, 1.0]]", "correlation is given for 2 quanti"),
-    ('dispersions.spare.unit="deg"', "its numbers stand for rad, but axis_x is in m"),
+    ('dispersions.spare.unit="deg"', "its numbers are in rad, but axis_x is in m"),
 ]  # fmt: skip
 
 
@@ -177,7 +177,7 @@ class Plugin:
     ("kind", "message"),
     [
         ("thawed", "must be a frozen dataclass"),
-        ("silent", "does not say what it produces"),
+        ("silent", "declares no product"),
         ("word", "is not a class"),
     ],
 )

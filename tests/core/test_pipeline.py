@@ -463,7 +463,7 @@ def test_types_are_checked_before_anything_runs() -> None:
     # As a mission made in Python could be: the file loader refuses it by itself.
     wrong = SpeakSpec.model_validate({"needs": {"word": "first"}})
     specs = {**loaded.specs, "stage": {**loaded.specs["stage"], "twice": wrong}}
-    with pytest.raises(PluginError, match="does not say what it produces"):
+    with pytest.raises(PluginError, match="declares no product"):
         run_mission(replace(loaded, specs=specs), out="out")
 
     class Speaks(SpeakSpec):

@@ -346,7 +346,8 @@ def refused(registry: Registry, *lines: str) -> None:
         resume_run("out", mission=SMALL, registry=registry)
     first, *found, last = str(told.value).splitlines()
     assert first == (
-        "run 'out' cannot be continued: what its results depend on has changed (then -> now):"
+        "run 'out' cannot be continued: facts that its results depend on have changed "
+        "(then -> now):"
     )
     assert last.startswith("undo that, or begin a new run: hillsphere run small.toml")
     assert len(found) == len(lines)

@@ -101,7 +101,8 @@ def test_the_command_that_is_printed_is_the_one_to_use(place: Path) -> None:
     code, said = hillsphere(place, "resume", "out")
     assert (code, said) == (
         2,
-        "'out' names what is not taken from a run directory, which anybody may have written:\n"
+        "'out' names choices that are not taken from a run directory, which another user may have "
+        "written:\n"
         f"  the mission file '{place}/waves.toml'\n"
         "if that is what you want, give it again; the whole command:\n"
         f"  hillsphere resume out --mission {place}/waves.toml\n",

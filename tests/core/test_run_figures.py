@@ -182,7 +182,7 @@ def test_a_changed_mission_is_refused(place: Place) -> None:
     (place.path / "waves.toml").write_text(MISSION.replace("[0, 1]", "[0, 2]"), "utf-8")
     code, out, err = place("figures", "out", *AGAIN)
     assert (code, out) == (2, "")
-    assert "what its results depend on has changed" in err
+    assert "facts that its results depend on have changed" in err
     assert place.pngs() == {}
 
 

@@ -361,7 +361,7 @@ BAD: list[tuple[str, dict[str, Any], dict[str, Any], str]] = [
     ("substeps", {}, {"substeps": 0}, "substeps must be at least 1"),
     ("tolerance", {}, {"tolerance": 0.0}, "tolerance must be positive"),
     ("actuator", {}, {"actuator": Thruster()}, "dimension"),
-    ("table", {}, {"reference": SampledReference(np.zeros((2, 2)))}, "sample 2 was asked for"),
+    ("table", {}, {"reference": SampledReference(np.zeros((2, 2)))}, "sample 2 was requested"),
     ("parameter", {}, {"run_time": ["gm"]}, "no parameter 'gm'"),
 ]
 

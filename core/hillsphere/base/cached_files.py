@@ -58,10 +58,10 @@ def drop_oldest(directory: Path, suffixes: Collection[str], max_bytes: int) -> N
         if path.suffix not in suffixes:
             continue
         try:
-            found = path.lstat()
+            status = path.lstat()
         except FileNotFoundError:  # another process removed it
             continue
-        entries.append((found.st_mtime, found.st_size, path))
+        entries.append((status.st_mtime, status.st_size, path))
     total = sum(size for _, size, _ in entries)
     for _, size, path in sorted(entries, key=lambda entry: entry[0]):
         if total <= max_bytes:

@@ -52,10 +52,10 @@ def environment() -> dict[str, Any]:
 
 def package_versions(names: Iterable[str] = PACKAGES) -> dict[str, str]:
     """Return the versions of installed distributions; those not installed are left out."""
-    found = {}
+    versions = {}
     for name in names:
         try:
-            found[name] = metadata.version(name)
+            versions[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             continue
-    return found
+    return versions

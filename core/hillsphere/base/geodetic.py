@@ -106,7 +106,7 @@ def geodetic(r_ecef_m: Array, ellipsoid: Ellipsoid = WGS84) -> tuple[Array, Arra
     r_ecef_m : ndarray, shape (3, N)
         Positions, m.
     ellipsoid : Ellipsoid
-        To which the coordinates shall refer.
+        The ellipsoid of the coordinates.
 
     Returns
     -------

@@ -48,10 +48,10 @@ def parse_json(text: str) -> Any:
         If it is not JSON, has NaN or an infinity, or is nested deeper than `MAX_DEPTH`.
     """
     try:
-        found = json.loads(text, parse_constant=_refuse_constant)
+        content = json.loads(text, parse_constant=_refuse_constant)
     except RecursionError:
         raise ValueError(f"it is nested deeper than {MAX_DEPTH} levels") from None
-    level = [found]
+    level = [content]
     for _ in range(MAX_DEPTH):
         level = [
             item
@@ -60,9 +60,9 @@ def parse_json(text: str) -> Any:
             for item in (value.values() if isinstance(value, dict) else value)
         ]
         if not level:
-            return found
+            return content
     raise ValueError(f"it is nested deeper than {MAX_DEPTH} levels")
 
 
 def _refuse_constant(name: str) -> NoReturn:
-    raise ValueError(f"{name} is no number of JSON's")
+    raise ValueError(f"{name} is not a JSON number")

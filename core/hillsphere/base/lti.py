@@ -141,7 +141,7 @@ class LtiSystem:
         except np.linalg.LinAlgError:
             raise InputError(
                 "a frequency is that of a pole on the stability boundary, where the response is "
-                "infinite; ask beside it"
+                "infinite; choose another frequency"
             ) from None
         return made
 

@@ -37,15 +37,15 @@ def match_names(
     InputError
         If a pattern matches no name; the message gives the nearest name.
     """
-    found: dict[str, None] = {}
+    matched: dict[str, None] = {}
     for pattern in patterns:
         form = _compile_pattern(pattern)
         hits = [name for name in names if form.fullmatch(name)]
         if not hits:
             hint = did_you_mean(pattern, names, otherwise="there are") or "; it offers none"
             raise InputError(f"{where} has no {what} {pattern[:60]!r}{hint}")
-        found.update(dict.fromkeys(hits))
-    return tuple(found)
+        matched.update(dict.fromkeys(hits))
+    return tuple(matched)
 
 
 def _compile_pattern(pattern: str) -> re.Pattern[str]:

@@ -83,8 +83,8 @@ def _array(data: bytes) -> np.ndarray[Any, Any]:
     if version not in _HEADERS:
         raise ValueError(f"an array has a header of version {version}")
     shape, _, dtype = _HEADERS[version](stream)
-    # numpy asks for the memory of what the header claims before it reads. Of entries without bytes
-    # there may be any number: they count as one byte each.
+    # numpy allocates the memory that the header claims before it reads, so that the claim is
+    # checked here. Entries without bytes count as one byte each, which bounds their number.
     there = len(data) - stream.tell()
     if min(shape, default=0) < 0 or prod(shape) * max(dtype.itemsize, 1) > there:
         raise ValueError(

@@ -282,12 +282,12 @@ def doubts(orientation: EarthOrientation, epoch: Epoch, t_s: Array) -> tuple[str
     tuple of str
         Sentences: the table ends before the times, or UT1 = UTC was assumed. Empty if neither.
     """
-    found = []
+    sentences = []
     if (lapse := orientation.lapse(epoch, t_s)) is not None:
-        found.append(lapse + ".")
+        sentences.append(lapse + ".")
     if orientation == UT1_IS_UTC:
-        found.append("UT1 is taken as UTC: the Earth may be turned by up to 4e-3°.")
-    return tuple(found)
+        sentences.append("UT1 is taken as UTC: the Earth may be turned by up to 4e-3°.")
+    return tuple(sentences)
 
 
 def tai_of(epoch: Epoch) -> tuple[float, float]:

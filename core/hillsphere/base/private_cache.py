@@ -31,11 +31,11 @@ _MOST_LINKS = 40
 _PREFIX = "hillsphere-cache-"
 
 
-def is_private(found: os.stat_result) -> bool:
+def is_private(status: os.stat_result) -> bool:
     """Return whether a file with this status is this user's and only this user may write to it."""
     if sys.platform == "win32":  # the cache is in the user's own profile, whose access is Windows's
         return True
-    return found.st_uid == os.geteuid() and not found.st_mode & _OTHERS_WRITE
+    return status.st_uid == os.geteuid() and not status.st_mode & _OTHERS_WRITE
 
 
 def cache_fault(directory: Path) -> str:
@@ -78,21 +78,21 @@ def cache_fault(directory: Path) -> str:
         if above.st_mode & _OTHERS_WRITE and not above.st_mode & stat.S_ISVTX:
             return f"others may write to {here}"
         name = waiting.pop()
-        if name == "..":  # of a link's target; what stands above was judged before
+        if name == "..":  # of a link's target; the directories above were checked before
             here = here.parent
             above = os.lstat(here)
             continue
         place = here / name
         try:
-            found = os.lstat(place)
+            status = os.lstat(place)
         except FileNotFoundError:
-            with suppress(FileExistsError):  # another process of ours, or it is judged below
+            with suppress(FileExistsError):  # made by another process meanwhile, checked below
                 place.mkdir(mode=0o700)
-            found = os.lstat(place)
+            status = os.lstat(place)
         # In a sticky directory others could have made this name, but cannot replace ours.
-        if found.st_uid not in (0, os.geteuid()):
+        if status.st_uid not in (0, os.geteuid()):
             return f"{place} belongs to another user"
-        if stat.S_ISLNK(found.st_mode):
+        if stat.S_ISLNK(status.st_mode):
             links += 1
             if links > _MOST_LINKS:
                 return f"{place} is part of a loop of symbolic links"
@@ -101,9 +101,9 @@ def cache_fault(directory: Path) -> str:
                 here, above = Path("/"), os.lstat("/")
             waiting += [part for part in reversed(target.parts) if part != "/"]
             continue
-        if not stat.S_ISDIR(found.st_mode):
+        if not stat.S_ISDIR(status.st_mode):
             raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(place))
-        here, above = place, found
+        here, above = place, status
     if above.st_uid != os.geteuid():
         return f"{here} belongs to another user"
     if above.st_mode & _OTHERS_WRITE:
@@ -122,12 +122,12 @@ def _entry_fault(directory: Path) -> str:
         with os.scandir(place) as entries:
             for entry in entries:
                 try:
-                    found = entry.stat(follow_symlinks=False)
+                    status = entry.stat(follow_symlinks=False)
                 except FileNotFoundError:  # another process removed it
                     continue
-                if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
+                if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
                     return f"{entry.path} is neither a file nor a directory"
-                if not is_private(found):
+                if not is_private(status):
                     return f"{entry.path} belongs to another user, or others may write to it"
     return ""
 

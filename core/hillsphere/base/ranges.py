@@ -53,7 +53,7 @@ GM_M3_S2: Mapping[str, float] = {
 STAR_GM_M3_S2: Mapping[str, float] = {
     "gt": 0, "ge": 1e18, "le": 1e25,
 }  # fmt: skip
-"""What bodies orbit as planets do: a tenth of the lightest star (0.08 Suns is 1.06e19), and up.
+"""Central bodies of planets: from a tenth of the lightest star (0.08 Suns is 1.06e19) upwards.
 The Sun's 1.327e11 km³/s² under a key in m³/s² lies below."""
 
 PLANET_GM_M3_S2: Mapping[str, float] = {"gt": 0, "ge": 1e9, "le": 1e18}
@@ -95,9 +95,9 @@ def within_largest(dimension: str, bounds: Mapping[str, float]) -> dict[str, flo
     dict
         These, and ±`LARGEST` on the side where there is none.
     """
-    found = dict(bounds)
-    if "le" not in found and "lt" not in found:
-        found["le"] = LARGEST[dimension]
-    if "ge" not in found and "gt" not in found:
-        found["ge"] = -LARGEST[dimension]
-    return found
+    completed = dict(bounds)
+    if "le" not in completed and "lt" not in completed:
+        completed["le"] = LARGEST[dimension]
+    if "ge" not in completed and "gt" not in completed:
+        completed["ge"] = -LARGEST[dimension]
+    return completed

@@ -78,10 +78,10 @@ def open_regular(
     """
     name = os.fspath(path)
     try:
-        found = os.stat(name, follow_symlinks=follow_links)
+        status = os.stat(name, follow_symlinks=follow_links)
     except ValueError as error:  # a null character in the path
         raise OSError(errno.EINVAL, str(error), name) from error
-    check_regular(found, name)
+    check_regular(status, name)
     # The name may lead to something else by now: O_NONBLOCK keeps the opening of a FIFO from
     # waiting, and O_NOCTTY a terminal from becoming that of this process.
     flags = os.O_RDONLY | os.O_CLOEXEC if os.name != "nt" else os.O_RDONLY | os.O_BINARY  # type: ignore[attr-defined,unused-ignore]
@@ -100,13 +100,13 @@ def open_regular(
         raise
 
 
-def check_regular(found: os.stat_result, name: str) -> None:
+def check_regular(status: os.stat_result, name: str) -> None:
     """Raise the `OSError` of `open_regular` unless the status is that of a regular file."""
-    if stat.S_ISREG(found.st_mode):
+    if stat.S_ISREG(status.st_mode):
         return
-    if stat.S_ISDIR(found.st_mode):
+    if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), name)
-    kind = next((what for test, what in _KINDS if test(found.st_mode)), "of an unknown kind")
+    kind = next((what for test, what in _KINDS if test(status.st_mode)), "of an unknown kind")
     raise NotRegularError(errno.EINVAL, f"it is {kind}, not a regular file", name)
 
 

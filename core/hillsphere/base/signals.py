@@ -34,7 +34,7 @@ INTERRUPTED = 130
 """Exit code, as `hillsphere.cli.endings` explains."""
 
 child_groups: set[int] = set()
-"""Process groups of workers: whoever starts one adds it, and takes it away once it has ended."""
+"""Process groups of workers; code that starts a group adds it, and removes it after its end."""
 
 _handlers: set[Callable[..., Any]] = set()
 """Handlers of `stop_signals` that are in place."""

@@ -82,14 +82,14 @@ class Epoch:
         except erfa.ErfaError as error:
             raise InputError(f"{text!r} is no date: {error}") from error
         # ERFA takes 24:00 and 61 s and rolls them over; a user who writes them has slipped.
-        found = cls(float(whole), float(part), scale)
+        epoch = cls(float(whole), float(part), scale)
         slipped = hour > 23 or minute > 59 or second >= 61.0
         if second >= 60.0 and not slipped:
             # only the last minute of a day with a leap second has a second 60
-            slipped = ":60." not in found.isot(np.zeros(1), 9)[0]
+            slipped = ":60." not in epoch.isot(np.zeros(1), 9)[0]
         if slipped:
             raise InputError(f"{text!r} is no time of day")
-        return found
+        return epoch
 
     def to(self, scale: str) -> Epoch:
         """Return the same instant in another scale.

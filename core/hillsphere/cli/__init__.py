@@ -1,8 +1,8 @@
 """The command line ``hillsphere``.
 
-`main` is the entry point. `commands` holds the commands, `plugin_commands` loads those of
-plugins when they are called, `endings` turns what went wrong into one message and an exit code,
-`output` writes results. Nothing numerical is imported before a command needs it.
+`main` is the entry point. `commands` and `run_commands` hold the commands, `plugin_commands` loads
+those of plugins when they are called, `endings` turns an error into one message and an exit code,
+`output` writes results. Numerical modules are imported only when a command needs them.
 """
 
 from hillsphere.cli.endings import main

@@ -1,4 +1,4 @@
-"""The application that the commands belong to, and what several of them share."""
+"""The typer application of all commands, and their common options and functions."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def registry_of(strict: bool) -> Registry:
 def load(
     name: str, sets: list[str] | None, profile: str | None, registry: Registry, allow_path: bool
 ) -> Mission:
-    """Load a mission as the options of a command say."""
+    """Load a mission according to the options of a command."""
     from hillsphere.mission.load import load_mission
 
     return load_mission(

@@ -1,6 +1,6 @@
-"""The commands about missions, plugins and the installation.
+"""Commands about missions, plugins and the installation.
 
-Each command imports what it needs when it is called; those about runs are in `run_commands`.
+Each command imports its modules when it is called; commands about runs are in `run_commands`.
 """
 
 from __future__ import annotations
@@ -99,11 +99,11 @@ def missions(json: Json = False) -> None:
     """List the packaged missions."""
     from hillsphere.mission.load import packaged_missions
 
-    found = packaged_missions()
+    packaged = packaged_missions()
     if json:
-        write_json([{"name": name, "title": title} for name, title in found])
+        write_json([{"name": name, "title": title} for name, title in packaged])
     else:
-        write_table(found)
+        write_table(packaged)
 
 
 @app.command()
@@ -195,14 +195,15 @@ def _problem(problem: Problem | str) -> dict[str, Any]:
 def _check_profiles(
     mission: Mission, name: str, sets: list[str] | None, registry: Registry, allow_path: bool
 ) -> list[str]:
-    """Raise `MissionError` with what is wrong under any profile of a mission sound without one.
+    """Check a mission, valid without a profile, under each of its profiles.
 
-    A setting may be meant for what a profile drops; which ones are is returned, as sentences.
+    A setting may concern a table that a profile drops; such settings are returned as sentences.
+    Raises `MissionError` with all faults.
     """
     from hillsphere.base.problems import MissionError
     from hillsphere.runs.mission_check import check_mission
 
-    found: dict[Problem, list[str]] = {}
+    problems: dict[Problem, list[str]] = {}
     idle: list[str] = []
     for profile in mission.profiles:
         try:
@@ -214,11 +215,11 @@ def _check_profiles(
                         f"profile {profile}: {problem.source} has no effect, {problem.message}"
                     )
                 else:
-                    found.setdefault(problem, []).append(profile)
-    if found:
+                    problems.setdefault(problem, []).append(profile)
+    if problems:
         raise MissionError(
             replace(problem, message=f"{problem.message} (with profile {', '.join(profiles)})")
-            for problem, profiles in found.items()
+            for problem, profiles in problems.items()
         )
     return idle
 
@@ -232,7 +233,7 @@ def _extent(mission: Mission) -> str:
 
 
 def _contested_components(registry: Registry) -> dict[tuple[str, str], str]:
-    """Return what two plugins offer, or a plugin and the framework, each with a message."""
+    """Return components that two plugins, or a plugin and the core, offer, with a message each."""
     own = {
         str(command.name or command.callback.__name__)
         for command in app.registered_commands

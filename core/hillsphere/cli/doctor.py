@@ -29,11 +29,11 @@ class Finding:
     Parameters
     ----------
     group, name : str
-        What was looked at.
+        Group and name of the examined item.
     state : {"ok", "absent", "fail"}
-        ``"absent"`` is said of what is optional and not installed.
+        ``"absent"``: an optional item is not installed.
     detail : str
-        What was found.
+        Result as text.
     """
 
     group: str
@@ -43,7 +43,7 @@ class Finding:
 
     @property
     def ok(self) -> bool:
-        """Whether nothing is wrong."""
+        """Whether the item did not fail."""
         return self.state != "fail"
 
 
@@ -55,15 +55,15 @@ def examine(
     Parameters
     ----------
     registry : Registry, optional
-        Plugins to look at; by default all that are installed.
+        Plugins to examine; by default all installed ones.
     contested : mapping, optional
-        (kind, type) to a message, of components that nobody can use as two offer them; by default
-        those of the registry.
+        (kind, type) → message, for components that cannot be used since two plugins offer them; by
+        default those of the registry.
 
     Returns
     -------
     list of Finding
-        In the order in which they should be read.
+        Results in the order of presentation.
     """
     registry = default_registry() if registry is None else registry
     contested = registry.contested if contested is None else contested
@@ -147,7 +147,7 @@ def _compile_cache(directory: Path) -> Iterator[Finding]:
 
 
 def file_system(path: Path, mounts: Path) -> str:
-    """Type of the file system that holds a path.
+    """Return the type of the file system that contains a path.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def file_system(path: Path, mounts: Path) -> str:
     Returns
     -------
     str
-        E.g. ``"ext4"`` or ``"nfs4"``; empty where the platform has no such table.
+        For example ``"ext4"`` or ``"nfs4"``; empty if the platform has no such table.
     """
     if not mounts.exists():
         return ""

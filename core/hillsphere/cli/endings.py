@@ -1,4 +1,4 @@
-"""How a command ends: one message on stderr and one of `ExitCode`, never a traceback at a user."""
+"""Ends of commands: one message on stderr and an `ExitCode`, never a traceback for the user."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ def main() -> NoReturn:
             say(fault)
         code = ExitCode.BAD_INPUT if fault else run(sys.argv[1:])
     except KeyboardInterrupt:
-        # A second signal met what the first had begun.
+        # A second signal arrived during the handling of the first.
         code = ExitCode.INTERRUPTED
     _ignore_signals()
-    # Interpreter shutdown flushes stdout once more; what is wrong with it must not show there.
+    # Interpreter shutdown flushes stdout once more, and would report an error of it by itself.
     code = _code_of_stdout(flush_stdout(), code)
     sys.exit(int(code))
 
@@ -54,7 +54,7 @@ def run(arguments: Sequence[str]) -> int:
     Returns
     -------
     int
-        One of `ExitCode`, or what a plugin's command exits with.
+        An `ExitCode`, or the exit code of a plugin's command.
 
     Notes
     -----
@@ -70,7 +70,7 @@ def run(arguments: Sequence[str]) -> int:
         drop(sys.stdout)
         return ExitCode.SUCCESS
     except OSError as error:
-        # Failures to write anything but stdout name a file, or were told as such where they arose.
+        # Errors of files other than stdout have a filename, or were converted where they arose.
         if error.filename is not None or error.errno not in _UNWRITABLE:
             return _internal(error)
         drop(sys.stdout)
@@ -117,7 +117,7 @@ def _usage_message(error: BaseException) -> str:
 
 
 def _environment_fault() -> str:
-    """Return what makes any command impossible here, or an empty text."""
+    """Return the fault of the environment that prevents any command, or an empty text."""
     if "stdout" in replace_closed():
         return "standard output is closed; redirect it to /dev/null if it is not wanted"
     try:
@@ -128,7 +128,7 @@ def _environment_fault() -> str:
 
 
 def _code_of_stdout(error: OSError | None, code: int) -> int:
-    """Return the exit code of a command that ended with `code` and left stdout in that state."""
+    """Return the exit code of a command that ended with `code`, given the error of stdout."""
     if error is None or isinstance(error, BrokenPipeError):
         return code  # a reader that has had enough is no fault
     say(f"standard output cannot be written: {error.strerror or error}")
@@ -154,7 +154,7 @@ def _ignore_signals() -> None:
 
 
 def _ignore_for_good() -> None:
-    """Ignore signals while the interpreter shuts down, which gives functions' signals back."""
+    """Ignore signals for good, since the shutdown of Python resets its handlers to the defaults."""
     for number in STOPPING:
         signal.signal(number, signal.SIG_IGN)
 
@@ -185,7 +185,7 @@ def _internal(error: Exception) -> int:
 
 
 def _culprit(error: Exception) -> str:
-    """Return whose error it is; `CommandGroup.invoke` notes on it whether it is a plugin's."""
+    """Return the plugin that `CommandGroup.invoke` noted on an error, or ``"internal error"``."""
     notes: list[str] = getattr(error, "__notes__", [])
     return next((note for note in notes if note.startswith("plugin ")), "internal error")
 
@@ -199,7 +199,7 @@ def _log(text: str) -> str:
     directory.mkdir(mode=0o700, parents=True, exist_ok=True)
     path = directory / f"traceback-{datetime.now(UTC):%Y%m%dT%H%M%S%fZ}-{os.getpid()}.txt"
     command = " ".join(sys.argv)
-    # "x": never into what stands there.
+    # Mode "x" never writes to an existing file.
     with path.open("x", encoding="utf-8", errors="backslashreplace") as log:
         log.write(f"{command}\n\n{text}")
     return str(path)

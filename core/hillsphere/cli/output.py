@@ -1,4 +1,4 @@
-"""What commands write to stdout: aligned text for people, JSON for scripts."""
+"""Output of commands to stdout: aligned text for users, JSON for scripts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["number", "write", "write_json", "write_table"]
 
 
 def write(text: str) -> None:
-    """Write lines to stdout; characters that its encoding lacks, or that steer it, are escaped."""
+    """Write lines to stdout; control characters and those outside its encoding are escaped."""
     encoding = sys.stdout.encoding or "utf-8"
     sys.stdout.write(harmless(text).encode(encoding, "backslashreplace").decode(encoding) + "\n")
     sys.stdout.flush()
@@ -25,7 +25,7 @@ def write_json(value: Any) -> None:
 
 
 def write_table(rows: Iterable[Sequence[str]], header: Sequence[str] = ()) -> None:
-    """Write rows of text in aligned columns, the last one ragged; nothing for no rows."""
+    """Write rows of text in columns, all but the last of equal width; nothing without rows."""
     body = [list(row) for row in rows]
     if not body:
         return
@@ -37,7 +37,7 @@ def write_table(rows: Iterable[Sequence[str]], header: Sequence[str] = ()) -> No
 
 
 def number(value: Any) -> str:
-    """Show a metric's value: ten significant digits, trailing zeros dropped."""
+    """Format a metric's value with ten significant digits, without trailing zeros."""
     if isinstance(value, bool) or not isinstance(value, float):
         return "-" if value is None else str(value)
     return f"{value:.10g}"

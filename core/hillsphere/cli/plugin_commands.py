@@ -1,4 +1,4 @@
-"""Commands of plugins: named in ``--help``, imported only when they are called."""
+"""Commands of plugins, which ``--help`` lists and which are imported when they are called."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ def shadowed_commands(registry: Registry, own: Container[str]) -> dict[tuple[str
 
 
 class CommandGroup(TyperGroup):
-    """The framework's own commands and, after them, those of installed plugins.
+    """The framework's own commands, followed by those of installed plugins.
 
-    A plugin cannot take the place of one of the framework's commands. A plugin that is broken
-    shows its error when its command is called, and leaves the others alone.
+    A plugin cannot replace a command of the framework. The error of a broken plugin is shown when
+    its command is called; other commands are not affected.
     """
 
     def invoke(self, ctx: Any) -> Any:
-        """Run a command; an error that leaves a plugin's command carries the plugin's name."""
+        """Run a command; an error of a plugin's command is marked with the plugin's name."""
         try:
             return super().invoke(ctx)
         except Exception as error:
@@ -67,7 +67,7 @@ class CommandGroup(TyperGroup):
         return [*super().list_commands(ctx), *self._from_plugins]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a command by name; a plugin's is a stand-in that loads it when called."""
+        """Return a command by name; a plugin's command is loaded when it is called."""
         own = super().get_command(ctx, cmd_name)
         if own is None and (message := default_registry().contested.get(("command", cmd_name))):
             raise PluginError(message)
@@ -77,7 +77,7 @@ class CommandGroup(TyperGroup):
 
 
 class _Deferred(TyperCommand):
-    """Stand-in for a plugin's command: help from the registry, everything else from the plugin."""
+    """Proxy of a plugin's command: its summary is from the registry, the rest from the plugin."""
 
     def __init__(self, record: Registered) -> None:
         self._record = record
@@ -85,7 +85,7 @@ class _Deferred(TyperCommand):
         super().__init__(name=component.type, help=component.summary, rich_markup_mode=None)
 
     def make_context(self, info_name: Any, args: Any, parent: Any = None, **extra: Any) -> Any:
-        """Import the plugin's typer application and hand over to it."""
+        """Import the plugin's typer application and delegate to it."""
         import typer
 
         application = self._record.load_target()

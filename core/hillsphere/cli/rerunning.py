@@ -1,4 +1,4 @@
-"""``hillsphere rerun``: a single case of a campaign once more, with its history."""
+"""``hillsphere rerun``: repetition of a single case of a campaign, with its history."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def rerun_and_show(
     registry: Registry,
     json: bool,
 ) -> ExitCode:
-    """Repeat a case; write what came of it, and whether that is the same, to stdout.
+    """Repeat a case; write its result, and whether it is bit-identical, to stdout.
 
     Parameters
     ----------
@@ -43,51 +43,51 @@ def rerun_and_show(
     figures : bool
         Write the figure of the history as PNG too.
     registry : Registry
-        Where components come from.
+        Registry of components.
     json : bool
         Write JSON instead of tables.
 
     Returns
     -------
     ExitCode
-        ``FAILED`` if the case is not the same as in the run.
+        ``FAILED`` if the result differs from that of the run.
     """
-    found = rerun_case(
+    rerun = rerun_case(
         run, case, stage=stage, mission=mission, allow_path=allow_path, figures=figures,
         registry=registry,
     )  # fmt: skip
     if json:
-        write_json(_plain(found))
+        write_json(_plain(rerun))
     else:
-        _show(found)
-    return ExitCode.FAILED if found.differences else ExitCode.SUCCESS
+        _show(rerun)
+    return ExitCode.FAILED if rerun.differences else ExitCode.SUCCESS
 
 
-def _show(found: Rerun) -> None:
-    where = f" at {found.point}" if found.point else ""
-    write(f"{found.campaign}: case {found.case} of stage {found.stage}{where}, draw {found.draw}")
-    now = found.now
+def _show(rerun: Rerun) -> None:
+    where = f" at {rerun.point}" if rerun.point else ""
+    write(f"{rerun.campaign}: case {rerun.case} of stage {rerun.stage}{where}, draw {rerun.draw}")
+    now = rerun.now
     write(f"  {_ending(now)}")
     for message in now.messages:
         write(f"  {message}")
-    if found.then is None:
+    if rerun.then is None:
         write("  the run has not computed this case")
-    elif found.differences:
+    elif rerun.differences:
         write("  NOT the same as in the run (then -> now):")
-        for line in found.differences:
+        for line in rerun.differences:
             write(f"    {line}")
     else:
         write("  the same as in the run, to the last bit")
     write_table(
         [f"  {name}", number(value), "" if unit == "-" else unit]
         for name, value, unit in [
-            *((name, value, unit) for name, (value, unit) in found.inputs.items()),
+            *((name, value, unit) for name, (value, unit) in rerun.inputs.items()),
             *zip(now.metrics, now.values[:, 0].tolist(), now.units, strict=True),
         ]
     )
-    if found.traceback:
-        write(found.traceback.rstrip("\n"))
-    for path in found.files:
+    if rerun.traceback:
+        write(rerun.traceback.rstrip("\n"))
+    for path in rerun.files:
         write(f"history: {path}")
 
 
@@ -98,21 +98,21 @@ def _ending(row: BlockOutcome) -> str:
     return f"{word}: {row.status[0]}{cause}"
 
 
-def _plain(found: Rerun) -> dict[str, Any]:
+def _plain(rerun: Rerun) -> dict[str, Any]:
     return {
-        "stage": found.campaign,
-        "repeats": found.stage,
-        "case": found.case,
-        "draw": found.draw,
-        "point": found.point,
+        "stage": rerun.campaign,
+        "repeats": rerun.stage,
+        "case": rerun.case,
+        "draw": rerun.draw,
+        "point": rerun.point,
         "inputs": {
-            name: {"value": value, "unit": unit} for name, (value, unit) in found.inputs.items()
+            name: {"value": value, "unit": unit} for name, (value, unit) in rerun.inputs.items()
         },
-        "now": _plain_row(found.now),
-        "then": None if found.then is None else _plain_row(found.then),
-        "differences": list(found.differences),
-        "traceback": found.traceback,
-        "files": [str(path) for path in found.files],
+        "now": _plain_row(rerun.now),
+        "then": None if rerun.then is None else _plain_row(rerun.then),
+        "differences": list(rerun.differences),
+        "traceback": rerun.traceback,
+        "files": [str(path) for path in rerun.files],
     }
 
 

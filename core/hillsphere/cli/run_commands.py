@@ -1,4 +1,4 @@
-"""The commands that make runs and work with them; each imports what it needs when it is called."""
+"""Commands that make and use runs; each imports its modules when it is called."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def resume(
 
 
 def _executor(type_: str | None, workers: int | None, scheduler: str | None) -> dict[str, Any]:
-    """Return the table of the executor that is asked for; empty if none is."""
+    """Return the table of the requested executor; empty without a request."""
     if scheduler is not None and type_ is None:
         type_ = "dask"
     if workers == 0:

@@ -1,4 +1,4 @@
-"""``hillsphere run`` and ``resume``: run a mission and show what came of it."""
+"""``hillsphere run`` and ``resume``: run a mission and show its results."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ def run_and_show(
     Parameters
     ----------
     mission : Mission
-        What to run.
+        The mission.
     registry : Registry
-        Where its components come from.
+        Registry of executors and plugins.
     out : Path or None
         Run directory.
     use_cache : bool
@@ -55,7 +55,7 @@ def run_and_show(
     Returns
     -------
     ExitCode
-        ``FAILED`` if a stage failed; which one and why is told on stderr.
+        ``FAILED`` if a stage failed; stderr then names the stage and the error.
     """
     result = run_mission(
         mission, out=out, use_cache=use_cache, executor=executor, figures=figures,
@@ -75,7 +75,7 @@ def resume_and_show(
     quiet: bool,
     json: bool,
 ) -> ExitCode:
-    """Continue a run and show it like `run_and_show`; say so if there is nothing to continue.
+    """Continue a run and show it as `run_and_show` does, or report that it is finished.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def resume_and_show(
     allow_path : bool
         Whether it may read files outside its directory.
     registry : Registry
-        Where its components come from.
+        Registry of components.
     executor : mapping
         Table of the executor; empty for that of the earlier run.
     figures : bool

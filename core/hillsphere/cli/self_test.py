@@ -1,6 +1,6 @@
-"""Self-test of an installation: the compile layer against closed forms.
+"""Self-test of an installation: compiled code and propagators against closed forms.
 
-Seconds, not a test suite: one compiled expression, one Kepler orbit by each propagator.
+It takes seconds: one compiled expression, and one Kepler orbit by each propagator.
 """
 
 from __future__ import annotations
@@ -132,4 +132,4 @@ CHECKS: Mapping[str, Callable[[], str]] = {
     "Kepler orbit, step map": _step_map,
     "Kepler orbit, Taylor": _taylor,
 }
-"""Name to check: returns what it measured, raises `HillsphereError` if that is too much."""
+"""Name → check, which returns its result as text and raises `HillsphereError` if it fails."""

@@ -1,4 +1,4 @@
-"""The standard streams: one that is closed, full or no longer read must not break a command."""
+"""Standard streams that are closed, full or no longer read, which must not break a command."""
 
 from __future__ import annotations
 
@@ -10,19 +10,18 @@ from typing import TextIO
 __all__ = ["drop", "flush_stdout", "harmless", "replace_closed", "say"]
 
 _STEERING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
-"""Control characters but tab and line feed, and those that turn the direction of writing."""
+"""Control characters except tab and line feed, and those that change the writing direction."""
 
 
 def replace_closed() -> list[str]:
-    """Put the null device in the place of standard streams that are closed.
+    """Replace closed standard streams by the null device.
 
-    Without it the next file that is opened would take their descriptor, and receive what is meant
-    for them.
+    Otherwise the next opened file would get their descriptor, and receive their output.
 
     Returns
     -------
     list of str
-        ``"stdin"``, ``"stdout"``, ``"stderr"``: those that were closed.
+        Names of the streams that were closed: ``"stdin"``, ``"stdout"``, ``"stderr"``.
     """
     closed = [name for name in ("stdin", "stdout", "stderr") if getattr(sys, name) is None]
     for name in closed:
@@ -50,10 +49,10 @@ def say(message: str) -> None:
 
 
 def harmless(text: str) -> str:
-    """Return a text with the characters escaped that would steer a terminal.
+    """Return a text with control characters escaped.
 
-    Messages quote names, titles and settings that somebody else may have written: an escape
-    sequence among them could rewrite what is shown, or what is pasted.
+    Messages quote names, titles and settings from untrusted files: an escape sequence in them could
+    change the displayed or the pasted text.
     """
     return _STEERING.sub(lambda match: f"\\u{ord(match.group()):04x}", text)
 
@@ -64,8 +63,8 @@ def flush_stdout() -> OSError | None:
     Returns
     -------
     OSError or None
-        Why it cannot be written; what it still held is dropped then, lest the interpreter try
-        again when it shuts down.
+        The error of writing. Buffered output is then discarded, so that the interpreter does not
+        try again at shutdown.
     """
     try:
         sys.stdout.flush()
@@ -76,7 +75,7 @@ def flush_stdout() -> OSError | None:
 
 
 def drop(stream: TextIO) -> None:
-    """Send what a stream holds, and all that follows, to the null device."""
+    """Redirect a stream, with its buffered output, to the null device."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, stream.fileno())
     os.close(nowhere)

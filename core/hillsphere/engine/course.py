@@ -108,18 +108,18 @@ class Course:
             return np.broadcast_to(self._x, (len(self._x), len(t)))
         # The lanes of a block mostly fly at the same time.
         if len(t) > 1 and (t == t[0]).all():
-            # Several limits and deviations are taken from the course at the same time.
+            # Several limits and deviations evaluate the reference at the same time: cache it.
             if self._last is None or self._last[0] != t[0]:
                 self._last = float(t[0]), self.at(t[:1])
             return np.broadcast_to(self._last[1], (len(self._x), len(t)))
-        # A NaN stays: what never began is nowhere.
+        # A NaN time, of a case that never began, gives NaN.
         within = np.clip(t, 0.0, self.length_s)
         out = np.empty((len(self._x), len(t)))
         out[self.rows.positions] = self._cubic(within)
         out[self.rows.velocities] = self._cubic(within, 1)
         for row in self.rows.others:
             out[row] = np.interp(within, self._t, self._x[row])
-        # At the given times the given states, to the last bit.
+        # At the nodes return the given states without the rounding of the interpolation.
         near = np.clip(np.searchsorted(self._t, within), 0, len(self._t) - 1)
         same = np.abs(self._t[near] - within) <= self._slack
         out[:, same] = self._x[:, near[same]]
@@ -134,7 +134,9 @@ class Course:
         """
         if self._cubic is None:
             return 0.0, 0.0
-        c, dt = self._cubic.c, np.diff(self._t)[:, None]  # c₀ s³ + c₁ s² + c₂ s + c₃, s from 0
+        # On each interval the position is c₀ s³ + c₁ s² + c₂ s + c₃ with 0 ≤ s ≤ dt. The Bernstein
+        # coefficients of its derivative are those at the ends, and c₂ + c₁ dt between them.
+        c, dt = self._cubic.c, np.diff(self._t)[:, None]
         first, last = c[2], (3.0 * c[0] * dt + 2.0 * c[1]) * dt + c[2]
         between = c[2] + c[1] * dt
         speed = np.maximum(np.maximum(np.abs(first), np.abs(last)), np.abs(between))
@@ -194,15 +196,15 @@ class Course:
         """
         if self._u is None:
             return None
-        found = []
+        commands = []
         for begin in t.tolist():
             end = begin + period_s
             changes = (self._t > begin + self._slack) & (self._t < end - self._slack)
             times = np.concatenate([[begin], self._t[changes], [end]])
             u = self.command(times[:-1])
             assert u is not None
-            found.append(CommandSteps(np.diff(times) / period_s, u.T[:, :, None].copy()))
-        return found if any(len(one.shares) > 1 for one in found) else None
+            commands.append(CommandSteps(np.diff(times) / period_s, u.T[:, :, None].copy()))
+        return commands if any(len(one.shares) > 1 for one in commands) else None
 
     @property
     def _slack(self) -> float:
@@ -243,10 +245,10 @@ def course_along(plant: Plant, rows: Rows, product: FlightSet, name: str) -> Cou
         times.
     """
     flights = product.flights
-    found = [i for i, label in enumerate(flights.labels) if name in ("", label)]
-    if len(found) != 1:
+    lanes = [i for i, label in enumerate(flights.labels) if name in ("", label)]
+    if len(lanes) != 1:
         known = ", ".join(repr(label) for label in flights.labels) or "none"
-        many = f"{len(found)} trajectories are" if found else "no trajectory is"
+        many = f"{len(lanes)} trajectories are" if lanes else "no trajectory is"
         called = f"called {name!r}" if name else "there"
         raise InputError(f"follow: {many} {called}; needs.reference has {known}")
     if flights.frame != plant.frame:
@@ -254,7 +256,7 @@ def course_along(plant: Plant, rows: Rows, product: FlightSet, name: str) -> Cou
             f"the reference is given in frame {flights.frame!r}, the plant moves in "
             f"{plant.frame!r}; follow it with a plant in its frame"
         )
-    (lane,) = found
+    (lane,) = lanes
     there = np.isfinite(flights.t_s[:, lane])
     t = flights.t_s[there, lane]
     place = {state: i for i, state in enumerate(flights.states)}

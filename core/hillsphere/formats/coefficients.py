@@ -132,7 +132,7 @@ class LineReader:
             raise self.fault(f"order m must be ≤ degree n, got n = {n}, m = {m}")
         earlier = self._first_line.setdefault((n, m), self.number)
         if earlier != self.number:
-            raise self.fault(f"degree {n}, order {m} stands in line {earlier} already")
+            raise self.fault(f"degree {n}, order {m} is already given in line {earlier}")
         row = Coefficient(
             n, m, *(self.real(w, k) for w, k in zip(words[2:6], _COLUMNS, strict=False))
         )
@@ -142,8 +142,8 @@ class LineReader:
 
     def check_degrees(self, rows: list[Coefficient], max_degree: int) -> None:
         """Refuse a table in which a whole degree from 2 up is missing: a torn or wrong file."""
-        found = {row.n for row in rows}
-        if missing := [n for n in range(2, max_degree + 1) if n not in found]:
+        degrees = {row.n for row in rows}
+        if missing := [n for n in range(2, max_degree + 1) if n not in degrees]:
             more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
             raise self.fault(
                 f"no row of degree {missing[0]}{more}; the head says {max_degree}", line=0

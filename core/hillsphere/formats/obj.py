@@ -66,12 +66,12 @@ def read_obj(path: str | Path) -> tuple[Array, Integers]:
 def _face(lines: LineReader, words: Sequence[str], known: int) -> tuple[int, ...]:
     if len(words) != 3:
         raise lines.fault(f"faces must be triangles, got {len(words)} corners; triangulate it")
-    found = []
+    vertices = []
     for word in words:
         text = word.partition("/")[0]
         number = lines.integer(text.removeprefix("-"), "vertex of a face")
         index = known - number if text.startswith("-") else number - 1
         if not (number and 0 <= index < known):
-            raise lines.fault(f"a face names vertex {text}, and {known} stand before it")
-        found.append(index)
-    return tuple(found)
+            raise lines.fault(f"a face names vertex {text}, but only {known} precede it")
+        vertices.append(index)
+    return tuple(vertices)

@@ -164,7 +164,7 @@ def histories_to_keep(history: bool | Sequence[str], names: Sequence[str]) -> tu
     if isinstance(history, bool):
         return tuple(names) if history else ()
     try:
-        found = frozenset(match_names(history, names, "the stage", "history"))
+        chosen = frozenset(match_names(history, names, "the stage", "history"))
     except InputError:
         return tuple(names)
-    return tuple(name for name in names if name in found)
+    return tuple(name for name in names if name in chosen)

@@ -148,13 +148,13 @@ def _step(place: _Place, part: int | str) -> _Place:
     if isinstance(annotation, type) and issubclass(annotation, Spec) and isinstance(part, str):
         return _field(place, annotation, part)
     if isinstance(part, int) and isinstance(value, list | tuple):
-        found = value[part] if part < len(value) else None
+        item = value[part] if part < len(value) else None
     elif isinstance(value, Mapping) and part in value:
-        found = value[part]
+        item = value[part]
     else:
         return place  # a label of pydantic's own, such as "[key]"
     return replace(
-        place, key=(*place.key, part), value=found, annotation=inner(item_of(annotation, part))
+        place, key=(*place.key, part), value=item, annotation=inner(item_of(annotation, part))
     )
 
 
@@ -344,8 +344,8 @@ _WORDS: dict[str, Callable[[_Place, Mapping[str, Any]], str]] = {
 def _unknown_and_missing(table: _Table) -> Iterator[tuple[str, str]]:
     """Explain unknown and missing keys together: a misspelt key is one fault, not two."""
     fields = {name: _keys(table.spec, name) for name in table.spec.model_fields}
-    # All keys, as a misspelt one may stand beside the right one (as with --set); absent ones first,
-    # as they are the likelier ones.
+    # All keys are candidates, since --set can add a misspelt key beside the right one. Absent keys
+    # come first, since they are more likely to be meant.
     is_given = {name: any(key in table.value for key in keys) for name, keys in fields.items()}
     valid = {key: name for name in sorted(fields, key=is_given.__getitem__) for key in fields[name]}
     missing = dict.fromkeys(table.missing)

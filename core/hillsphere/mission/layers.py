@@ -165,8 +165,8 @@ class Layers:
     def _origin(self, key: Key) -> Origin | None:
         # Replacing a whole table leaves the older origins inside it behind: the latest one holds.
         heads = (self._origins.get(key[:length]) for length in range(len(key), 0, -1))
-        found = [origin for origin in heads if origin is not None]
-        return max(found, key=lambda origin: origin.layer, default=None)
+        origins = [origin for origin in heads if origin is not None]
+        return max(origins, key=lambda origin: origin.layer, default=None)
 
 
 def parse_setting(text: str) -> Setting:

@@ -47,12 +47,12 @@ class Derived:
     def problem(self, key: Key, message: str) -> Problem:
         """Return a problem where the value was written, which may be in a copied table."""
         where, name, _ = self._written(key)
-        found = self.layers.layers.problem(where, message)
+        problem = self.layers.layers.problem(where, message)
         if name is None:
-            return found
+            return problem
         kind, own = str(key[0]), str(key[1])
         return replace(
-            found,
+            problem,
             user="" if name == own else f"{kind}.{own}",
             given="" if where[1] == name else self.layers.values_text(kind, name),
         )
@@ -103,7 +103,7 @@ def resolve_likes(layers: Expanded, kinds: Iterable[str]) -> Derived:
     Derived
         The tables and their faults.
     """
-    found = Derived(layers, dict(layers.tables), problems=list(layers.drop_problems))
+    derived = Derived(layers, dict(layers.tables), problems=list(layers.drop_problems))
     for kind in kinds:
         written = layers.tables.get(kind)
         if not isinstance(written, dict):
@@ -112,56 +112,56 @@ def resolve_likes(layers: Expanded, kinds: Iterable[str]) -> Derived:
         used: set[str] = set()
         for name, table in written.items():
             if isinstance(table, dict) and layers.dropped_at(kind, name) is None:
-                _derive(kind, name, found, done, used)
-        found.tables[kind] = {
+                _derive(kind, name, derived, done, used)
+        derived.tables[kind] = {
             name: done.get(name, table)
             for name, table in written.items()
             if layers.dropped_at(kind, name) is None
         }
         for name in dict.fromkeys((*written, *layers.layers.tables[kind])):
             if (laid := layers.laid_on_dropped(kind, name, used)) is not None:
-                found.problems.append(laid)
-    return found
+                derived.problems.append(laid)
+    return derived
 
 
 def _derive(
-    kind: str, root: str, found: Derived, done: dict[str, dict[str, Any]], used: set[str]
+    kind: str, root: str, derived: Derived, done: dict[str, dict[str, Any]], used: set[str]
 ) -> None:
     """Resolve the chain of one table from its far end, without recursion."""
-    written: Mapping[str, Any] = found.layers.tables[kind]
+    written: Mapping[str, Any] = derived.layers.tables[kind]
     chain: list[str] = []
     place: dict[str, int] = {}
     name = root
-    while name not in done and (kind, name) not in found.unsound:
+    while name not in done and (kind, name) not in derived.unsound:
         place[name] = len(chain)
         chain.append(name)
         if "like" not in written[name]:
             break
         base = written[name]["like"]
-        fault = _fault(kind, base, found.layers.tables)
+        fault = _fault(kind, base, derived.layers.tables)
         if fault is None and base in place:
             circle = " → ".join([*chain[place[base] :], base])
             fault = f"goes in a circle: {circle}"
         if fault is not None:
-            found.problems.append(found.problem((kind, name, "like"), fault))
-            found.unsound.add((kind, name))
+            derived.problems.append(derived.problem((kind, name, "like"), fault))
+            derived.unsound.add((kind, name))
             chain.pop()
             break
-        found.bases[kind, name] = base
+        derived.bases[kind, name] = base
         used.add(base)
         name = base
     for name in reversed(chain):
-        base = found.bases.get((kind, name), "")
+        base = derived.bases.get((kind, name), "")
         if not base:
             done[name] = dict(written[name])
-        elif (kind, base) in found.unsound:
-            found.unsound.add((kind, name))
+        elif (kind, base) in derived.unsound:
+            derived.unsound.add((kind, name))
         else:
             own = {key: value for key, value in written[name].items() if key != "like"}
             fault = _other_type(base, done[base], own)
             if fault:
-                found.problems.append(found.problem((kind, name, "type"), fault))
-                found.unsound.add((kind, name))
+                derived.problems.append(derived.problem((kind, name, "type"), fault))
+                derived.unsound.add((kind, name))
             else:
                 done[name] = _merge(done[base], own)
 

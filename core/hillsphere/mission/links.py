@@ -22,10 +22,10 @@ Node: TypeAlias = tuple[str, str]
 
 def links_of(spec: Spec) -> dict[Node, Key]:
     """Return the tables that a Spec refers to, each with the location of its first reference."""
-    found: dict[Node, Key] = {}
+    links: dict[Node, Key] = {}
     for where, kind, ref in spec.references():
-        found.setdefault((kind, ref.name), where)
-    return found
+        links.setdefault((kind, ref.name), where)
+    return links
 
 
 def check_links(tables: Tables, layers: Derived) -> None:
@@ -36,7 +36,7 @@ def check_links(tables: Tables, layers: Derived) -> None:
     tables : Tables
         The validated tables; problems are added to theirs.
     layers : Derived
-        Where everything stands.
+        Tables with the origin of every value, for messages.
     """
     edges: dict[Node, dict[Node, Key]] = {}
     for kind, name, spec in tables:
@@ -187,7 +187,7 @@ def resolve_data_paths(
     tables : Tables
         The validated tables; Specs are replaced, problems added.
     layers : Derived
-        Where everything stands.
+        Tables with the origin of every value, for messages.
     directory : str
         Directory of the mission file. Input files are looked for there, then in the packaged data.
     allow_path : bool
@@ -216,17 +216,17 @@ def _resolve(path: str, roots: list[str], *, allow_path: bool) -> tuple[str, str
     outside = False
     for root in roots:
         real_root = os.path.realpath(root)
-        found = os.path.realpath(os.path.join(root, path))
-        inside = os.path.commonpath([real_root, found]) == real_root
+        real_path = os.path.realpath(os.path.join(root, path))
+        inside = os.path.commonpath([real_root, real_path]) == real_root
         if not (inside or allow_path):
             outside = True
-        elif os.path.isfile(found):
-            if not os.access(found, os.R_OK):
+        elif os.path.isfile(real_path):
+            if not os.access(real_path, os.R_OK):
                 return "", f"{text!r} cannot be read: permission denied"
-            return found, ""
-        elif os.path.isdir(found):
+            return real_path, ""
+        elif os.path.isdir(real_path):
             return "", f"{text!r} is a directory; an input file is needed"
-        elif os.path.exists(found):
+        elif os.path.exists(real_path):
             return "", f"{text!r} is not a regular file; an input file is needed"
     if outside:
         return "", (

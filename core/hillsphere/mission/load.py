@@ -164,28 +164,28 @@ def load_mission(
     if each.problems:
         raise MissionError(_sort_and_limit(problems + each.problems, source))
     written = resolve_likes(each, MISSION_KINDS)
-    found = validate_tables(written, registry)
-    check_links(found, written)
+    validated = validate_tables(written, registry)
+    check_links(validated, written)
     directory = os.path.dirname(os.path.realpath(path))
-    resolve_data_paths(found, written, directory, allow_path=allow_path)
-    problems += written.problems + found.problems
-    if problems or found.head is None:
+    resolve_data_paths(validated, written, directory, allow_path=allow_path)
+    problems += written.problems + validated.problems
+    if problems or validated.head is None:
         raise MissionError(_sort_and_limit(problems, source))
     return Mission(
         format=FORMAT,
-        name=found.head.name,
-        title=found.head.title,
-        seed=found.head.seed,
-        description=found.head.description,
+        name=validated.head.name,
+        title=validated.head.title,
+        seed=validated.head.seed,
+        description=validated.head.description,
         path=Path(os.path.abspath(path)),
         directory=Path(directory),
         text=text,
         profile=profile,
         sets=tuple(sets),
         profiles=tuple(profiles),
-        specs=found.specs,
-        components=found.components,
-        places=_places(found, written),
+        specs=validated.specs,
+        components=validated.components,
+        places=_places(validated, written),
     )
 
 

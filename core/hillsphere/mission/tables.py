@@ -113,33 +113,33 @@ def validate_tables(layers: Derived, registry: Registry) -> Tables:
     Tables
         Specs and problems.
     """
-    found = Tables()
+    validated = Tables()
     tables = layers.tables
     if not tables:
         message = f"holds no keys; a mission begins with format = {FORMAT}, name, title and seed"
-        found.problems.append(layers.problem((), message))
-        return found
+        validated.problems.append(layers.problem((), message))
+        return validated
     if (problem := _format_problem(layers)) is not None:
-        found.problems.append(problem)
+        validated.problems.append(problem)
         if "format" in tables:
-            return found  # another format has other keys
+            return validated  # another format has other keys
     head = {key: tables[key] for key in Head.model_fields if key in tables}
-    found.head, faults = faults_of(Head, head)
-    found.problems += [
+    validated.head, faults = faults_of(Head, head)
+    validated.problems += [
         replace(layers.problem(fault.key, fault.message), is_remark=fault.is_remark)
         for fault in faults
     ]
     for key, value in tables.items():
         if key in MISSION_KINDS:
-            _kind(key, value, layers, registry, found)
+            _kind(key, value, layers, registry, validated)
         elif key not in TOP_KEYS:
-            found.problems.append(layers.problem((key,), unknown_top_key(key)))
-        if len(found.problems) > MOST_PROBLEMS:
+            validated.problems.append(layers.problem((key,), unknown_top_key(key)))
+        if len(validated.problems) > MOST_PROBLEMS:
             break
     if "stage" not in tables or tables["stage"] == {}:
         message = "nothing to run; a mission has at least one [stage.NAME]"
-        found.problems.append(layers.problem((), message))
-    return found
+        validated.problems.append(layers.problem((), message))
+    return validated
 
 
 def unknown_top_key(key: str) -> str:
@@ -158,33 +158,33 @@ def _format_problem(layers: Derived) -> Problem | None:
     return layers.problem(("format",), message)
 
 
-def _kind(kind: str, value: Any, layers: Derived, registry: Registry, found: Tables) -> None:
+def _kind(kind: str, value: Any, layers: Derived, registry: Registry, tables: Tables) -> None:
     if isinstance(value, list) and any(isinstance(item, dict) for item in value):
         message = f"[[{kind}]] is an array of tables; give each a name: [{kind}.NAME]"
-        found.problems.append(layers.problem((kind,), message))
+        tables.problems.append(layers.problem((kind,), message))
         return
     if not isinstance(value, dict):
         message = f"expected tables [{kind}.NAME], got {format_value(value)}"
-        found.problems.append(layers.problem((kind,), message))
+        tables.problems.append(layers.problem((kind,), message))
         return
     plain = {name for name, table in value.items() if not isinstance(table, dict)}
     plain_is_told = len(plain) > 1 or "type" in plain
     if plain_is_told:
         message = f"the table needs a name: write [{kind}.NAME] instead of [{kind}]"
-        found.problems.append(layers.problem((kind,), message))
-    found.names[kind] = [name for name in value if name not in plain]
+        tables.problems.append(layers.problem((kind,), message))
+    tables.names[kind] = [name for name in value if name not in plain]
     for name, table in value.items():
         if name in plain:
             if table is False and layers.rank((kind, name))[1] > 0:
-                hint = did_you_mean(name, found.names[kind], otherwise=f"{kind} tables")
+                hint = did_you_mean(name, tables.names[kind], otherwise=f"{kind} tables")
                 message = f"there is no table {kind}.{name} to drop{hint}"
-                found.problems.append(layers.problem((kind, name), message))
+                tables.problems.append(layers.problem((kind, name), message))
             elif not plain_is_told:
                 message = f"expected a table [{kind}.NAME], got {format_value(table)}"
-                found.problems.append(layers.problem((kind, name), message))
+                tables.problems.append(layers.problem((kind, name), message))
             continue
-        _table(kind, name, table, layers, registry, found)
-        if len(found.problems) > MOST_PROBLEMS:
+        _table(kind, name, table, layers, registry, tables)
+        if len(tables.problems) > MOST_PROBLEMS:
             return
 
 
@@ -194,10 +194,10 @@ def _table(
     table: Mapping[str, Any],
     layers: Derived,
     registry: Registry,
-    found: Tables,
+    tables: Tables,
 ) -> None:
     def refuse(message: str, *key: str | int) -> None:
-        found.problems.append(layers.problem((kind, name, *key), message))
+        tables.problems.append(layers.problem((kind, name, *key), message))
 
     if not re.fullmatch(TABLE_NAME, name):
         refuse(
@@ -207,7 +207,7 @@ def _table(
     if (kind, name) in layers.unsound:
         return
     if "type" not in table:
-        refuse(_missing_type(kind, name, layers, registry, found), "type")
+        refuse(_missing_type(kind, name, layers, registry, tables), "type")
         return
     type_ = table["type"]
     if not isinstance(type_, str):
@@ -219,20 +219,20 @@ def _table(
     except (UnknownComponentError, PluginError) as error:
         refuse(str(error), "type")
         return
-    found.components.setdefault(kind, {})[name] = record
+    tables.components.setdefault(kind, {})[name] = record
     keys = {key: value for key, value in table.items() if key != "type"}
     keys = without_superseded_units(spec_class, keys, (kind, name), layers)
     spec, faults = faults_of(spec_class, keys)
     for fault in faults:
         problem = layers.problem((kind, name, *fault.key), fault.message)
-        found.problems.append(replace(problem, is_remark=fault.is_remark))
+        tables.problems.append(replace(problem, is_remark=fault.is_remark))
     if spec is not None:
-        found.specs.setdefault(kind, {})[name] = spec
+        tables.specs.setdefault(kind, {})[name] = spec
 
 
-def _missing_type(kind: str, name: str, layers: Derived, registry: Registry, found: Tables) -> str:
+def _missing_type(kind: str, name: str, layers: Derived, registry: Registry, tables: Tables) -> str:
     if layers.rank((kind, name))[1] > 0:  # laid over the file: most likely a misspelt name
-        others = [other for other in found.names[kind] if other != name]
+        others = [other for other in tables.names[kind] if other != name]
         hint = did_you_mean(name, others, otherwise=f"{kind} tables")
         return f"there is no table {kind}.{name} to change{hint}; a new one needs a type"
     types = ", ".join(record.component.type for record in registry.of_kind(kind))

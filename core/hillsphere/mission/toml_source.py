@@ -92,10 +92,10 @@ def parse_toml(data: bytes, source: str) -> tuple[dict[str, Any], Locations, str
     """Parse TOML text; arguments, results and errors as for `read_toml`."""
     text = _decode(data, source)
     locations = Locations(source, scan(text))
-    found = locations.scan
-    # Only what stands before the first fault is safe to parse: it may hold an earlier one.
-    sound = text if found.sound_to is None else text[: found.sound_to]
-    problems = [Problem(source, *fault) for fault in found.faults]
+    scanned = locations.scan
+    # Only the text before the first fault is safe to parse; tomllib may find a fault in it, too.
+    sound = text if scanned.sound_to is None else text[: scanned.sound_to]
+    problems = [Problem(source, *fault) for fault in scanned.faults]
     try:
         tables = tomllib.loads(sound)
     except tomllib.TOMLDecodeError as error:

@@ -162,6 +162,8 @@ class KeplerOrbit:
 def anomaly_from_mean(mean_rad: Array, eccentricity: float | Array) -> Array:
     """Return the true anomaly f (N,), rad, in the same revolution as the mean anomaly M (N,)."""
     mean, e = np.broadcast_arrays(np.asarray(mean_rad, float), np.asarray(eccentricity, float))
+    # From E₀ = 0 Kepler's equation is D − e sin D = M. The true anomaly follows from
+    # tan((f − E)/2) = β sin E / (1 − β cos E), which is never near a pole.
     eccentric = _difference(e * 0.0, e, mean)
     beta = e / (1.0 + np.sqrt(1.0 - e * e))
     sine, cosine = np.sin(eccentric), np.cos(eccentric)
@@ -191,6 +193,8 @@ def states_of_elements(elements: Array, gm_m3_s2: Array | float) -> Array:
         raise InputError("elements must be finite, with a > 0 and 0 ≤ e < 1")
     eccentric = _difference(e * 0.0, e, mean)
     c, s, root = np.cos(eccentric), np.sin(eccentric), np.sqrt(1.0 - e * e)
+    # Position and velocity along the perifocal axes p (to the periapsis) and q, with
+    # r = a (1 − e cos E) and dE/dt = √(GM/a) / r.
     speed = np.sqrt(gm_m3_s2 * a) / (a * (1.0 - e * c))
     plane = np.array([[a * (c - e), a * root * s], [-speed * s, speed * root * c]])
     cw, sw, ci, si, co, so = (f(angle) for angle in (periapsis, i, node) for f in (np.cos, np.sin))
@@ -211,12 +215,14 @@ def kepler_step(states: Array, duration_s: Array | float, gm_m3_s2: float) -> Ar
     inverse = 2.0 / r0 - np.sum(x[3:] ** 2, axis=0) / gm_m3_s2
     escaping = inverse <= 0.0
     if escaping.any():
-        found = np.full(x.shape, np.nan)
-        found[:, escaping] = _hyperbolic_step(x[:, escaping], dt[escaping], gm_m3_s2)
+        propagated = np.full(x.shape, np.nan)
+        propagated[:, escaping] = _hyperbolic_step(x[:, escaping], dt[escaping], gm_m3_s2)
         bound = ~escaping
         if bound.any():
-            found[:, bound] = kepler_step(x[:, bound], dt[bound], gm_m3_s2)
-        return found
+            propagated[:, bound] = kepler_step(x[:, bound], dt[bound], gm_m3_s2)
+        return propagated
+    # Lagrange's coefficients by the change D of the eccentric anomaly ([1]_, section 4.3), with
+    # e sin E₀ = r·v/√(GM a) and e cos E₀ = 1 − r₀/a. c is 1 − cos D.
     a = 1.0 / inverse
     e_sin = np.sum(x[:3] * x[3:], axis=0) / np.sqrt(gm_m3_s2 * a)
     e_cos = 1.0 - r0 / a
@@ -316,16 +322,16 @@ def _difference(e_sin: Array, e_cos: Array, mean: Array) -> Array:
     reduced = np.asarray(mean - _whole(mean))
     size = 2.0 * np.hypot(e_sin, e_cos)
     low, high = reduced - size, reduced + size
-    found = reduced + e_cos * np.sin(reduced) - e_sin * (1.0 - np.cos(reduced))
+    anomaly = reduced + e_cos * np.sin(reduced) - e_sin * (1.0 - np.cos(reduced))
     for _ in range(_ITERATIONS):
-        s, c = np.sin(found), np.cos(found)
-        off = found + e_sin * (1.0 - c) - e_cos * s - reduced
-        low, high = np.where(off < 0.0, found, low), np.where(off > 0.0, found, high)
+        s, c = np.sin(anomaly), np.cos(anomaly)
+        off = anomaly + e_sin * (1.0 - c) - e_cos * s - reduced
+        low, high = np.where(off < 0.0, anomaly, low), np.where(off > 0.0, anomaly, high)
         step = off / (1.0 + e_sin * s - e_cos * c)
-        new = found - step
+        new = anomaly - step
         new = np.where((new < low) | (new > high), 0.5 * (low + high), new)
-        done = np.abs(new - found) <= 4e-16 * np.maximum(np.abs(new), 1e-3)
-        found = new
+        done = np.abs(new - anomaly) <= 4e-16 * np.maximum(np.abs(new), 1e-3)
+        anomaly = new
         if done.all():
             break
-    return np.asarray(found + _whole(mean))
+    return np.asarray(anomaly + _whole(mean))

@@ -160,8 +160,8 @@ def _library() -> str:
     directory of another user's mission, whose code would be executed.
     """
     spec = importlib.util.find_spec("spiceypy")
-    found = (spec.submodule_search_locations if spec else None) or ()
-    places = [Path(place) / "utils" for place in found]
+    directories = (spec.submodule_search_locations if spec else None) or ()
+    places = [Path(place) / "utils" for place in directories]
     places += [Path(sys.prefix) / "lib", Path(sys.prefix) / "Library" / "bin"]  # as conda has it
     names = ("libcspice.so", "libcspice.dylib", "libcspice.dll", "cspice.dll")
     for path in (place / name for place in places for name in names):

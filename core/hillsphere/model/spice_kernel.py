@@ -89,8 +89,8 @@ def _structure_fault(stream: BinaryIO) -> str:
     first = stream.read(_RECORD)
     if len(first) < _RECORD:
         return "it has no file record"
-    # The format of numbers stands in bytes 88 to 95; files before 1993 have none and are as the
-    # summary's sizes make sense.
+    # Bytes 88 to 95 give the byte order. Files before 1993 lack it; the order is then the one in
+    # which the sizes of the summary are those of an SPK.
     orders = {b"LTL-IEEE": "<", b"BIG-IEEE": ">"}
     order = orders.get(first[88:96]) or next(
         (o for o in "<>" if struct.unpack(f"{o}2i", first[8:16]) == _SPK_FORMAT), ""
@@ -109,7 +109,7 @@ def _structure_fault(stream: BinaryIO) -> str:
         stream.seek((record - 1) * _RECORD)
         content = stream.read(_RECORD)
         following, _, count = struct.unpack(f"{order}3d", content[:24])
-        # 125 doubles are left, of which a summary takes 5: two doubles and six integers.
+        # A record has 125 further doubles; a summary of two doubles and six integers takes 5.
         if not (0 <= count <= 25 and count == int(count)):
             return f"record {record} claims {count:g} summaries"
         for i in range(int(count)):

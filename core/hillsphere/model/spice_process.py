@@ -56,17 +56,17 @@ def answer(kernel: str, target: str, centre: str, times: Any) -> tuple[dict[str,
         fault = "coverage"
         window = spice.spkcov(kernel, number)
         spans = [list(map(float, spice.wnfetd(window, i))) for i in range(spice.wncard(window))]
-        found = {"spans": spans, "bodies": sorted(int(i) for i in spice.spkobj(kernel))}
+        coverage = {"spans": spans, "bodies": sorted(int(i) for i in spice.spkobj(kernel))}
         held = np.zeros(times.shape, dtype=bool)
         for begin, end in spans:
             held |= (times >= begin) & (times <= end)
         if not held.all():
-            return found, none
+            return coverage, none
         fault = "states"
         states, _ = spice.spkezr(target, times, "ECLIPJ2000", "NONE", centre)
     except spice.utils.exceptions.SpiceyError as error:
         return {"fault": fault, "text": _first_line(error)}, none
-    return found, np.ascontiguousarray(states, dtype=float)
+    return coverage, np.ascontiguousarray(states, dtype=float)
 
 
 def _first_line(error: Exception) -> str:

@@ -49,7 +49,7 @@ _DAMAGES = (
     zipfile.BadZipFile, zlib.error, EOFError, LookupError, TypeError, ValueError, AttributeError,
     RuntimeError, ArithmeticError, AssertionError, SyntaxError, struct.error, tokenize.TokenError,
 )  # fmt: skip
-"""What zipfile, NumPy (which parses the heads of arrays as Python literals) and json raise."""
+"""Errors of zipfile, json, and NumPy, which parses the headers of arrays as Python literals."""
 _CLASS = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
 
 
@@ -77,8 +77,8 @@ def canonical(product: T) -> T:
         If it is not a product; the message names the field.
     """
     arrays: dict[str, np.ndarray[Any, Any]] = {}
-    found: T = _decode(_encode_product(product, arrays), arrays, type(product).__name__)
-    return found
+    copy: T = _decode(_encode_product(product, arrays), arrays, type(product).__name__)
+    return copy
 
 
 def save_product(path: str | Path, product: Any, *, own: bool = False) -> None:
@@ -128,22 +128,22 @@ def load_product(path: str | Path, *, own: bool = False) -> Any:
     Returns
     -------
     object
-        An instance of the class that was saved, equal to it bit by bit.
+        The product, bit-identical to the saved one.
 
     Raises
     ------
     InputError
-        If there is no such file, if it is torn or was not written by `save_product`, if its class
-        does not belong to the framework or an installed plugin, or has changed since; if a field
-        has another shape than its class declares.
+        If there is no such file, it is damaged or was not written by `save_product`, its class does
+        not belong to the framework or an installed plugin, or the class has changed since; if a
+        field has another shape than its class declares.
     StageError
-        If the file is there but cannot be read just now: a disk that does not answer, too many
-        open files, too little memory. It may be as good as ever.
+        If the file exists but reading fails for a temporary reason: a disk that does not answer,
+        too many open files, too little memory.
 
     Notes
     -----
-    A file never chooses what is imported beyond that: a module is imported only if it belongs to
-    the framework or to the package of a registered plugin, or if it was imported already.
+    A file cannot cause the import of arbitrary modules: only those of the framework and of packages
+    of registered plugins are imported.
     """
     place = Path(path)
     try:
@@ -177,14 +177,14 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray[Any, Any]]:
     Returns
     -------
     dict of str to ndarray
-        By name, in C order. Nothing is unpickled.
+        Name → array, in C order. Nothing is unpickled.
 
     Raises
     ------
     InputError
-        If there is no such file, or it is torn or none of this kind.
+        If there is no such file, or it is damaged or not an ``.npz`` file.
     StageError
-        If the file is there but cannot be read just now, as for `load_product`.
+        If reading fails for a temporary reason, as for `load_product`.
     """
     place = Path(path)
     try:
@@ -201,20 +201,20 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray[Any, Any]]:
 
 
 def read_fault(path: Path, error: OSError | MemoryError) -> HillsphereError:
-    """Return the error of a file that was not read.
+    """Return the named error for a file that could not be read.
 
     Parameters
     ----------
     path : Path
         The file.
     error : OSError or MemoryError
-        What the system says.
+        Error of the operating system.
 
     Returns
     -------
     HillsphereError
-        `InputError` if there is no such file or its content leads nowhere, `StageError` if the
-        file may be good but cannot be read just now.
+        `InputError` if there is no such file or its content is invalid, `StageError` if the file
+        may be intact but cannot be read at the moment.
     """
     if isinstance(error, MemoryError):
         return StageError(
@@ -222,7 +222,7 @@ def read_fault(path: Path, error: OSError | MemoryError) -> HillsphereError:
             f"{str(path.parent)!r} as it was"
         )
     reason = error.strerror or error
-    # A damaged directory of the archive leads to places that are not in the file.
+    # A damaged directory of the archive refers to offsets outside the file.
     damaged = error.errno in (None, errno.EINVAL)
     if damaged or isinstance(error, FileNotFoundError | IsADirectoryError | NotADirectoryError):
         return InputError(f"{path.name}: cannot be read: {reason}")
@@ -255,7 +255,7 @@ def _stored_fields(cls: type) -> Iterator[str]:
 
 
 def _encode_product(product: Any, arrays: dict[str, np.ndarray[Any, Any]]) -> Any:
-    """Return a product as plain values; its arrays are put into `arrays`, in C order."""
+    """Convert a product to plain values, and put its arrays into `arrays`, in C order."""
     if not _is_product(product):
         raise InputError(
             f"a product must be a frozen dataclass, got {type(product).__name__}; "
@@ -290,7 +290,7 @@ def _encode(
         cls = type(value)
         path = f"{cls.__module__}:{cls.__qualname__}"
         if not _CLASS.fullmatch(path):
-            raise InputError(f"product class {path} must stand at the top level of a module")
+            raise InputError(f"product class {path} must be defined at the top level of a module")
         dimension_sizes(value)  # every field has its declared shape
         table = {
             name: _encode(getattr(value, name), (*where, name), arrays)

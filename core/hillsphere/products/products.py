@@ -142,7 +142,7 @@ class ControlDesign:
         """
         if not 1 <= number <= 1 + len(self.others):
             raise InputError(
-                f"design {number} is asked for, of a synthesis that has {1 + len(self.others)}"
+                f"there is no design {number}; the synthesis has {1 + len(self.others)}"
             )
         return (self.controller, *self.others)[number - 1]
 

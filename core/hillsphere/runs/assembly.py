@@ -132,10 +132,10 @@ def problem_of(mission: Mission, node: Node, error: HillsphereError | OSError) -
     message = str(error)
     if where := _key_of_file(error, mission.specs[kind][name]):
         return problem_at(mission, (kind, name, *where), message)
-    if found := _KEYS.match(message):
-        key = _as_written(mission, node, found[1].split("."))
+    if match := _KEYS.match(message):
+        key = _as_written(mission, node, match[1].split("."))
         if key in mission.places:
-            return problem_at(mission, key, message[found.end() :])
+            return problem_at(mission, key, message[match.end() :])
         if key[:3] in mission.places:
             return problem_at(mission, key[:3], message)
     return problem_at(mission, node, message)

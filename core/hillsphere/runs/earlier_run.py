@@ -159,17 +159,17 @@ class EarlierRun:
         InputError
             If there is a difference; the message lists the differences.
         """
-        found = differences(self.manifest, plain_json(record.manifest("running")))
-        if not found:
+        changes = differences(self.manifest, plain_json(record.manifest("running")))
+        if not changes:
             return
-        listed = found[:_LISTED]
-        if len(found) > _LISTED:
-            listed.append(f"and {len(found) - _LISTED} more")
+        listed = changes[:_LISTED]
+        if len(changes) > _LISTED:
+            listed.append(f"and {len(changes) - _LISTED} more")
         raise InputError(
             "\n  ".join(
                 [
-                    f"run {str(self.directory.path)!r} cannot be continued: what its results "
-                    "depend on has changed (then -> now):",
+                    f"run {str(self.directory.path)!r} cannot be continued: facts that its results "
+                    "depend on have changed (then -> now):",
                     *listed,
                 ]
             )

@@ -84,7 +84,7 @@ def check_mission(mission: Mission) -> CheckedMission:
 
 def _unmet_keys(mission: Mission, stages: Mapping[str, Any]) -> list[Problem]:
     """Return problems for keys that the needed stages cannot meet, by `NeedsCheck`."""
-    found: list[Problem] = []
+    problems: list[Problem] = []
     for name, stage in stages.items():
         spec = mission.specs["stage"][name]
         there = all(ref.name in stages for _, _, ref in spec.needs_of())
@@ -92,8 +92,8 @@ def _unmet_keys(mission: Mission, stages: Mapping[str, Any]) -> list[Problem]:
             try:
                 stage.check_needs(**inputs_of(spec, stages))
             except InputError as error:
-                found.append(problem_of(mission, ("stage", name), error))
-    return found
+                problems.append(problem_of(mission, ("stage", name), error))
+    return problems
 
 
 def _unused_dispersions(
@@ -106,7 +106,7 @@ def _unused_dispersions(
         for _, kind, ref in spec.references()
         if kind == "dispersions"
     }
-    found: list[Problem] = []
+    problems: list[Problem] = []
     for name in mission.specs.get("dispersions", {}):
         if name in used:
             continue
@@ -121,9 +121,9 @@ def _unused_dispersions(
             elif hasattr(component := assembly.get(kind, table), "parameters"):
                 check_dispersion(dispersion, component.parameters())
         except MissionError as error:
-            found += error.problems
+            problems += error.problems
         except PluginError:
             raise
         except InputError as error:
-            found.append(problem_at(mission, key, str(error)))
-    return found
+            problems.append(problem_at(mission, key, str(error)))
+    return problems

@@ -199,17 +199,17 @@ class _Run:
         self.registry = registry
         self.earlier = earlier
         self.products: dict[str, Any] = {}
-        # Stages whose products a repetition might not reproduce: nothing of them is for the cache.
+        # Stages whose products a repetition might not reproduce: they are not cached.
         self.by_chance: set[str] = set()
-        # Stages with anything from the run directory that is resumed: others may have written it,
-        # and what the cache holds goes into other runs, which trust it.
+        # Stages with data from the resumed run directory, which another user may have written. They
+        # are not cached, since other runs trust the cache.
         self.from_directory: set[str] = set()
         self.specs = mission.specs["stage"]
         checked = check_mission(mission)
         self.order, self.classes, self.stages = checked.order, checked.classes, checked.stages
         self.executor = executor_of(executor, registry or default_registry())
-        # Judged here, before other processes begin, also if no results of stages are kept: what is
-        # wrong with the cache is said once.
+        # The cache is checked here, before other processes start and even if it is not used, so
+        # that a warning about it is given once.
         cache_directory()
         self.cache = StageCache() if use_cache else None
         self.record = RunRecord.begun(mission)
@@ -291,7 +291,7 @@ class _Run:
             record.message = f"it needs {', '.join(missing)}"
             return
         record.state = "running"
-        # A key that nothing else has, where there is none.
+        # Without a key, a random fingerprint, which no other run has.
         fingerprint = record.key or secrets.token_hex(32)
         context = StageContext(
             name, self.mission.seed, self.directory, self.progress, self.stopped, fingerprint,
@@ -306,8 +306,8 @@ class _Run:
             record.state = "done"
         except Interrupted:
             raise
-        # The border between the framework and a stage: whatever a plugin raises (SystemExit too)
-        # fails its stage, is told in one sentence, and leaves its traceback in the log.
+        # Border between the framework and a stage: any error of a plugin, SystemExit included,
+        # fails the stage, is reported in one sentence, and leaves its traceback in the log.
         except (Exception, SystemExit) as error:
             record.state = "failed"
             record.error = type(error).__name__
@@ -383,7 +383,7 @@ class _Run:
             raise StageError(
                 f"it must yield a {expected.__name__}, but yielded a {type(product).__name__}"
             )
-        # Later stages go on with what a resumed run would load.
+        # Later stages receive the product in the form that a resumed run would load.
         return canonical(product)
 
     def _keep(self, record: StageRecord, product: Any, context: StageContext) -> None:
@@ -418,6 +418,6 @@ class _Run:
 def _draw(key: str, figure: Figure, *, png: bool) -> Drawing:
     try:
         return draw(figure, png=png)
-    # What a figure's own code raises, told with the figure's name.
+    # Errors of the figure's own code are reported with the figure's name.
     except Exception as error:
         raise StageError(f"figure {key!r} cannot be drawn: {describe_error(error)}") from error

@@ -240,45 +240,45 @@ def _stored_row(
 
 
 def _row_of_table(table: CaseTable, case: int) -> BlockOutcome | None:
-    found = np.flatnonzero(table.case == case)
-    if not len(found):  # the campaign stopped before
+    rows = np.flatnonzero(table.case == case)
+    if not len(rows):  # the campaign stopped before
         return None
     told = np.flatnonzero(table.message_case == case)
     return BlockOutcome(
-        numbers=table.case[found],
+        numbers=table.case[rows],
         metrics=table.metrics,
         units=table.units,
-        values=table.values[:, found],
-        status=table.status[found],
-        cause=table.cause[found],
-        failed=table.failed[found],
+        values=table.values[:, rows],
+        status=table.status[rows],
+        cause=table.cause[rows],
+        failed=table.failed[rows],
         message_case=table.message_case[told],
         messages=tuple(table.messages[i] for i in told),
-        step_error=None if table.step_error is None else table.step_error[found],
+        step_error=None if table.step_error is None else table.step_error[rows],
     )
 
 
 def _row(outcome: BlockOutcome, case: int) -> BlockOutcome:
     """Return one case of a block."""
-    found = np.flatnonzero(outcome.numbers == case)
+    rows = np.flatnonzero(outcome.numbers == case)
     told = np.flatnonzero(outcome.message_case == case)
     histories = outcome.histories
     if histories is not None:
-        histories = _to_the_end(histories.of_cases(found))
+        histories = _to_the_end(histories.of_cases(rows))
     return BlockOutcome(
-        numbers=outcome.numbers[found],
+        numbers=outcome.numbers[rows],
         metrics=outcome.metrics,
         units=outcome.units,
-        values=outcome.values[:, found],
-        status=outcome.status[found],
-        cause=outcome.cause[found],
-        failed=outcome.failed[found],
+        values=outcome.values[:, rows],
+        status=outcome.status[rows],
+        cause=outcome.cause[rows],
+        failed=outcome.failed[rows],
         message_case=outcome.message_case[told],
         messages=tuple(outcome.messages[i] for i in told),
         histories=histories,
         tracebacks=tuple(outcome.tracebacks[i] for i in told) if outcome.tracebacks else (),
         seconds=outcome.seconds,
-        step_error=None if outcome.step_error is None else outcome.step_error[found],
+        step_error=None if outcome.step_error is None else outcome.step_error[rows],
     )
 
 
@@ -325,7 +325,7 @@ def _task(number: int, batch: CaseBatch, variant: int, limit_s: float | None) ->
 
 def _differences(then: BlockOutcome, now: BlockOutcome) -> list[str]:
     """Return the quantities of two outcomes that are not bit-identical."""
-    found = [
+    differences = [
         f"{what}: {a or 'none'} -> {b or 'none'}"
         for what, a, b in [
             ("status", str(then.status[0]), str(now.status[0])),
@@ -338,8 +338,8 @@ def _differences(then: BlockOutcome, now: BlockOutcome) -> list[str]:
     for metric, a in zip(then.metrics, then.values[:, 0], strict=True):
         b = values.get(metric, np.float64(np.nan))
         if a.tobytes() != b.tobytes() and not (np.isnan(a) and np.isnan(b)):
-            found.append(f"{metric}: {float(a)!r} -> {float(b)!r}")
-    return found
+            differences.append(f"{metric}: {float(a)!r} -> {float(b)!r}")
+    return differences
 
 
 def _write(earlier: EarlierRun, rerun: Rerun, figures: bool) -> tuple[Path, ...]:

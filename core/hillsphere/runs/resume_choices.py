@@ -103,19 +103,19 @@ def read_local(directory: Path) -> Mapping[str, Any]:
         If it cannot be read or has not the form that a run writes.
     """
     path = directory / LOCAL
-    found = read_record(path, ("mission", "allow_path"))
-    mission, executor = found["mission"], found.get("executor")
+    record = read_record(path, ("mission", "allow_path"))
+    mission, executor = record["mission"], record.get("executor")
     is_sound = (
         isinstance(mission, str)
         and 0 < len(mission) <= _LONGEST_TEXT
-        and isinstance(found["allow_path"], bool)
-        and isinstance(found.get("cache", True), bool)
-        and isinstance(found.get("figures", False), bool)
+        and isinstance(record["allow_path"], bool)
+        and isinstance(record.get("cache", True), bool)
+        and isinstance(record.get("figures", False), bool)
         and (executor is None or (isinstance(executor, dict) and _is_word(executor.get("type"))))
     )
     if not is_sound:
         raise InputError(f"{path}: is not the file that a run writes")
-    return found
+    return record
 
 
 def choose(
@@ -168,8 +168,8 @@ def choose(
         )
         items = "\n".join(f"  {item}" for item in missing)
         raise InputError(
-            f"{command[2]!r} names what is not taken from a run directory, which anybody may have "
-            f"written:\n{items}\n"
+            f"{command[2]!r} names choices that are not taken from a run directory, which another "
+            f"user may have written:\n{items}\n"
             "if that is what you want, give it again; the whole command:\n"
             f"  {shell_line([*command, *_options(whole)])}{_keys_without_option(whole.executor)}"
         )

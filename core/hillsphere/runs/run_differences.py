@@ -33,8 +33,8 @@ def differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     missions = [
         {k: v for k, v in manifest["mission"].items() if k not in _TEXT} for manifest in (then, now)
     ]
-    found = [f"{format_key(key)}: {a} -> {b}" for key, a, b in _unequal(missions[0], missions[1])]
-    found += [
+    lines = [f"{format_key(key)}: {a} -> {b}" for key, a, b in _unequal(missions[0], missions[1])]
+    lines += [
         f"{key} (content of {file}): {_short(a)} -> {_short(b)}"
         for key, file, a, b in _files(then.get("inputs", {}), now.get("inputs", {}))
     ]
@@ -50,38 +50,38 @@ def differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
         }
         for manifest in (then, now)
     ]
-    found += [
+    lines += [
         f"version of {format_key(key)}: {a} -> {b}"
         for key, a, b in _unequal(versions[0], versions[1])
     ]
     sources = [manifest.get("sources", {}) for manifest in (then, now)]
-    found += [
+    lines += [
         f"source files of {key}: {_short(sources[0].get(key))} -> {_short(sources[1].get(key))}"
         for key in sorted({*sources[0], *sources[1]})
         if sources[0].get(key) != sources[1].get(key)
     ]
     for key in ("system", "machine", "c_library"):
         a, b = then["platform"].get(key), now["platform"].get(key)
-        found += [f"{key}: {a} -> {b}"] * (a != b)
+        lines += [f"{key}: {a} -> {b}"] * (a != b)
     kernels = [manifest["platform"].get("kernels", {}) for manifest in (then, now)]
-    found += [f"variable {format_key(key)}: {a} -> {b}" for key, a, b in _unequal(*kernels)]
+    lines += [f"variable {format_key(key)}: {a} -> {b}" for key, a, b in _unequal(*kernels)]
     features = [set(manifest["platform"].get("cpu_features", ())) for manifest in (then, now)]
     if features[0] != features[1]:
         lost, new = (", ".join(sorted(a - b)) or "none" for a, b in (features, features[::-1]))
-        found.append(f"CPU features that only one has: {lost} -> {new}")
-    return found or _keys(then["stages"], now["stages"])
+        lines.append(f"CPU features that only one has: {lost} -> {new}")
+    return lines or _keys(then["stages"], now["stages"])
 
 
 def _keys(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     """Return a line for each stage whose key has changed for a reason that is not recorded."""
-    found = []
+    lines = []
     for name, stage in now.items():
         a, b = then.get(name, {}).get("key"), stage.get("key")
         if b is None:
-            found.append(f"stage.{name}: depends on code in no file, which may be another one now")
+            lines.append(f"stage.{name}: depends on code in no file, which may be another one now")
         elif a is not None and a != b:
-            found.append(f"stage.{name}: key {_short(a)} -> {_short(b)}")
-    return found
+            lines.append(f"stage.{name}: key {_short(a)} -> {_short(b)}")
+    return lines
 
 
 def _unequal(then: Any, now: Any, key: Key = ()) -> Iterator[tuple[Key, str, str]]:

@@ -135,7 +135,7 @@ def _figures(
 def _draw(earlier: EarlierRun, name: str, figure: Figure) -> Path:
     try:
         png = draw_png(figure)
-    # What a figure's own code raises, told with the figure's name.
+    # Errors of the figure's own code are reported with the figure's name.
     except Exception as error:
         raise StageError(f"figure {name!r} cannot be drawn: {describe_error(error)}") from error
     return earlier.directory.put_png(name, png)

@@ -42,17 +42,17 @@ def read_manifest(directory: Path) -> Mapping[str, Any]:
         If it cannot be read, is of another version, or has not the form that a run writes.
     """
     path = directory / MANIFEST
-    found = read_record(path, ("mission", "stages", "versions", "platform"))
+    manifest = read_record(path, ("mission", "stages", "versions", "platform"))
     for key, (test, what) in _ENTRIES.items():
-        if key in found and not test(found[key]):
+        if key in manifest and not test(manifest[key]):
             raise InputError(f"{path}: is not the file that a run writes: {key} must be {what}")
-    finished = [found["finished_utc"]] if found.get("finished_utc") else []
-    for moment in [found.get("started_utc"), *finished, *found.get("resumed_utc", [])]:
+    finished = [manifest["finished_utc"]] if manifest.get("finished_utc") else []
+    for moment in [manifest.get("started_utc"), *finished, *manifest.get("resumed_utc", [])]:
         try:
             parse_time(moment)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
-    return found
+    return manifest
 
 
 def read_record(path: Path, keys: tuple[str, ...]) -> Mapping[str, Any]:
@@ -63,14 +63,14 @@ def read_record(path: Path, keys: tuple[str, ...]) -> Mapping[str, Any]:
     InputError
         If it cannot be read, lacks one of the keys, or is of another version.
     """
-    found = read_json(path, MAX_BYTES, follow_links=False)
-    if not isinstance(found, dict) or not all(key in found for key in keys):
+    record = read_json(path, MAX_BYTES, follow_links=False)
+    if not isinstance(record, dict) or not all(key in record for key in keys):
         raise InputError(f"{path}: is not the file that a run writes")
-    if found.get("schema") != SCHEMA:
+    if record.get("schema") != SCHEMA:
         raise InputError(
-            f"{path}: written in format {found.get('schema')!r}; this version reads {SCHEMA}"
+            f"{path}: written in format {record.get('schema')!r}; this version reads {SCHEMA}"
         )
-    return found
+    return record
 
 
 def parse_time(text: object) -> datetime:

@@ -231,8 +231,10 @@ def _source_of(module: str) -> tuple[str, Path] | None:
         if loaded is not None:
             file = getattr(loaded, "__file__", None)
         else:
-            found = find_spec(name)
-            file = found.origin if found is not None and found.has_location else None
+            module_spec = find_spec(name)
+            file = (
+                module_spec.origin if module_spec is not None and module_spec.has_location else None
+            )
         if file is not None:
             place = Path(file)
             return name, place.parent if place.name == "__init__.py" else place

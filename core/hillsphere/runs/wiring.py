@@ -39,14 +39,14 @@ def product_class(mission: Mission, stage: str) -> type:
     path = str(getattr(mission.specs["stage"][stage], "produces", ""))
     what = f"stage {stage!r} ({_type(mission, stage)})"
     if not path:
-        raise PluginError(f"{what}: its Spec does not say what it produces")
-    found = _class(path, what)
-    if not (is_dataclass(found) and found.__dataclass_params__.frozen):  # type: ignore[attr-defined]
+        raise PluginError(f"{what}: its Spec declares no product; set `produces`")
+    product = _class(path, what)
+    if not (is_dataclass(product) and product.__dataclass_params__.frozen):  # type: ignore[attr-defined]
         raise PluginError(
             f"{what}: its product class {path!r} must be a frozen dataclass, which can be stored; "
             "decorate it with @dataclass(frozen=True)"
         )
-    return found
+    return product
 
 
 def needs_faults(mission: Mission, classes: Mapping[str, type]) -> Iterator[Problem]:
@@ -184,9 +184,9 @@ def _type(mission: Mission, stage: str) -> str:
 
 def _class(path: str, what: str) -> type:
     try:
-        found = load_object(path)
+        loaded = load_object(path)
     except (ImportError, AttributeError, ValueError) as error:
         raise PluginError(f"{what}: product class {path!r} cannot be imported: {error}") from error
-    if not isinstance(found, type):
+    if not isinstance(loaded, type):
         raise PluginError(f"{what}: {path!r} is not a class")
-    return found
+    return loaded

@@ -177,7 +177,7 @@ class Workers(Generic[T, R]):
         under_way = 0
         ended: tuple[int, _Result] | None = None
         while True:
-            # All workers are busy while the caller looks at what has ended.
+            # New pieces are submitted before a result is yielded, so that workers stay busy.
             for number in islice(fresh, crew.slots - under_way):
                 crew.submit(Piece(first + number, items[number]))
                 under_way += 1

@@ -204,7 +204,7 @@ def check_presentation(shown: object) -> Presentation:
     if not isinstance(shown, Presentation):
         raise StageError(f"present must return a Presentation, got a {type(shown).__name__}")
     if faults := presentation_faults(shown):
-        raise StageError("its presentation is not sound: " + "; ".join(faults))
+        raise StageError("its presentation is invalid: " + "; ".join(faults))
     return shown
 
 

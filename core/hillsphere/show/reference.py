@@ -146,7 +146,7 @@ def beside(
             f"the reference table has no column {on!r} to match rows by; it has "
             f"{', '.join(reference.columns)}"
         )
-    found = []
+    completed = []
     for row in rows:
         twin = reference.match(on, row.get(on), tol) or {}
         wide: dict[str, Cell] = {}
@@ -155,8 +155,8 @@ def beside(
             printed = twin.get(name)
             if name != on and isinstance(printed, Printed):
                 wide[name + PAPER_SUFFIX] = printed
-        found.append(wide)
-    return found
+        completed.append(wide)
+    return completed
 
 
 def with_paper(columns: Sequence[Column], rows: Iterable[Mapping[str, Cell]]) -> list[Column]:

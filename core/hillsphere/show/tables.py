@@ -226,8 +226,8 @@ class FieldColumns:
         Raises
         ------
         ValueError
-            If there is no such field; if it has a dimension that is none of the rows'; if its unit
-            is not that of the column's name, nor the SI unit of the same dimension.
+            If there is no such field; if one of its dimensions is not among those of the rows; if
+            its unit is neither that of the column's name nor the SI unit of the same dimension.
         """
         declared = self._declared(field)
         dimensions = declared.shape.dimensions if declared.shape else ()
@@ -241,21 +241,21 @@ class FieldColumns:
         Parameters
         ----------
         field : str
-            Its name.
+            Name of the field.
         **words : str
-            One per entry: the prefix of its name, and the word before the field's label;
-            ``min="lowest"`` of ``altitude_m`` yields ``min_altitude_km``, "lowest altitude". The
-            word is a prefix because ``_min`` before a unit reads as minutes.
+            One per entry: the prefix of the column's name, and the word before the field's label.
+            ``min="lowest"`` of ``altitude_m`` gives ``min_altitude_km``, "lowest altitude". It is a
+            prefix because ``_min`` before a unit reads as minutes.
 
         Returns
         -------
         list of FilledColumn
-            In the order of the words.
+            The columns in the order of the words.
 
         Raises
         ------
         ValueError
-            As for a single column; and unless there are as many words as entries.
+            As for a single column; also if the numbers of words and entries differ.
         """
         declared = self._declared(field)
         values, mark = getattr(self._product, field), _label(declared)
@@ -273,7 +273,7 @@ class FieldColumns:
         ]  # fmt: skip
 
     def spread(self, values: Any, *dimensions: int | str) -> NDArray[Any]:
-        """Return values of some of the rows' dimensions repeated to one per row.
+        """Repeat values over some of the rows' dimensions to one value per row.
 
         Parameters
         ----------
@@ -292,7 +292,7 @@ class FieldColumns:
         ValueError
             If the values have another number of axes.
         """
-        # Of a tuple the items as they are: numpy would make them all of one type.
+        # Items of a tuple keep their types; numpy would convert them to a common one.
         array = values if isinstance(values, np.ndarray) else np.array(values, dtype=object)
         if array.ndim != len(dimensions):
             given = ", ".join(map(str, dimensions)) or "no dimension"

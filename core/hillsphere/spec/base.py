@@ -239,13 +239,13 @@ class Spec(BaseModel):
             return data
         given = {key: _frozen(value) for key, value in data.items()}
         for name, keys in cls._unit_keys.items():
-            found = [key for key in keys if key in given]
-            if len(found) == 1:
-                given[name] = _scale(given.pop(found[0]), keys[found[0]])
-            elif found:
-                for key in found:
+            units = [key for key in keys if key in given]
+            if len(units) == 1:
+                given[name] = _scale(given.pop(units[0]), keys[units[0]])
+            elif units:
+                for key in units:
                     del given[key]
-                given[name] = _Twice(found[0], found[1])
+                given[name] = _Twice(units[0], units[1])
         return given
 
     # Both faults are raised by the field, not by the model, so that neither hides another's.

@@ -81,9 +81,8 @@ def kept_function(
         begin = monotonic()
         function = make()
         if monotonic() - begin >= WORTH_S:
-            with suppress(
-                OSError
-            ):  # `hillsphere.symbolic._heyoka` has told if nothing can be written
+            # `hillsphere.symbolic._heyoka` has already warned of a directory that is not writable.
+            with suppress(OSError):
                 _save(path, key, function)
     return function
 

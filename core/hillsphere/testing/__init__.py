@@ -1,8 +1,8 @@
 """Conformance kit for authors of plugins: contract checks by kind of component.
 
-Each check is a plain function that returns nothing (or what it made) if the component keeps the
-contract of its kind, and raises `ContractViolation`, an `AssertionError`, saying what is broken
-and what was found. A plugin's tests call them with any test runner::
+Each check is a plain function that returns None (or the object that it made) if the component
+fulfils the contract of its kind. Otherwise it raises `ContractViolation`, an `AssertionError`, with
+the violated rule and the value. A plugin's tests call the checks with any test runner::
 
     import numpy as np
     import hillsphere_dumbbell

@@ -1,4 +1,4 @@
-"""Contract of stages that campaigns repeat."""
+"""Checks of stages that campaigns repeat."""
 
 from __future__ import annotations
 
@@ -35,23 +35,23 @@ def check_case_stage(
     type_ : str
         Type of the stage.
     keys : mapping, optional
-        As a mission would write them, references given as objects; by default the first example
-        of its Spec.
+        Keys as in a mission, with references given as objects; by default the first example of its
+        Spec.
     inputs : mapping, optional
         Products of earlier stages by name; by default those of the examples of other stages.
     spread : float
-        By how much inputs are changed: as a fraction of their nominal value, or where that is zero
-        by as many SI units.
+        Change of the inputs: a fraction of the nominal value, or an amount in SI units if that is
+        zero.
     inert : sequence of str
-        Inputs that rightly change nothing in the flights made here (a budget that is not spent, a
-        coefficient that a symmetry hides).
+        Inputs that legitimately have no effect in the checked flights (a budget that is not spent,
+        a coefficient that a symmetry hides).
     registry : Registry, optional
-        Where it is found; by default all installed plugins.
+        Registry of the stage; by default of all installed plugins.
 
     Returns
     -------
     CaseResults
-        Of a block in which all inputs differ, for further tests.
+        Results of a block in which all inputs differ, for further tests.
 
     Raises
     ------
@@ -61,10 +61,10 @@ def check_case_stage(
         - the inputs have different names and nominal values that are numbers or NaN;
         - results have one column per lane, the same metrics for every block, and finite values for
           every case that did not fail; histories are as long as their times;
-        - a case has the same bits whatever its place, its number, its neighbours, whether they
-          are filler, whether histories are kept, and at a second call;
-        - noise follows the draws and nothing else;
-        - every input changes something.
+        - the bits of a case do not depend on its lane, its number, its neighbours, filler lanes, or
+          histories, and are the same at a second call;
+        - noise depends on the draws only;
+        - every input has an effect.
     """
     registry = registry or default_registry()
     record = registry.get("stage", type_)
@@ -86,11 +86,11 @@ def check_case_stage(
     values = nominal[:, None] + width[:, None] * random.normal(size=(len(numbers), LANES))
     names = tuple(q.name for q in numbers)
     batch = _batch(names, values, _FIRST + np.arange(LANES))
-    found = kit.run(batch)
-    _check_bits(kit, batch, found, random)
+    results = kit.run(batch)
+    _check_bits(kit, batch, results, random)
     _check_draws(kit, batch)
     _check_effects(kit, numbers, width, frozenset(inert))
-    return found
+    return results
 
 
 class _Kit:
@@ -103,35 +103,36 @@ class _Kit:
     def run(self, batch: CaseBatch, *, history: bool | tuple[str, ...] = False) -> CaseResults:
         """Run a block and check its form."""
         what = self.what
-        found: CaseResults = self._stage.run_cases(batch, history=history, **self._given)
-        named = (found.metrics, found.units)
+        results: CaseResults = self._stage.run_cases(batch, history=history, **self._given)
+        named = (results.metrics, results.units)
         require(self._named in (None, named), f"{what}: metrics or units differ between blocks")
         self._named = named
         require(
-            len(found.units) == len(found.metrics) and len(set(found.metrics)) == len(found.units),
+            len(results.units) == len(results.metrics)
+            and len(set(results.metrics)) == len(results.units),
             f"{what}: needs metrics of different names, each with a unit",
         )
-        shape = (len(found.metrics), LANES)
+        shape = (len(results.metrics), LANES)
         require(
-            found.values.shape == shape and found.values.dtype == np.float64,
-            f"{what}: values are {found.values.shape}, they must be {shape}",
+            results.values.shape == shape and results.values.dtype == np.float64,
+            f"{what}: values are {results.values.shape}, they must be {shape}",
         )
         require(
-            len(found.status) == len(found.cause) == LANES
-            and found.failed.shape == (LANES,)
-            and found.failed.dtype == np.bool_,
+            len(results.status) == len(results.cause) == LANES
+            and results.failed.shape == (LANES,)
+            and results.failed.dtype == np.bool_,
             f"{what}: status, cause and failed must have one element per lane, failed boolean",
         )
-        bad = ~found.failed & ~np.isfinite(found.values).all(axis=0)
+        bad = ~results.failed & ~np.isfinite(results.values).all(axis=0)
         require(
             not bad.any(), f"{what}: cases {np.flatnonzero(bad)} did not fail and are not finite"
         )
         require(
-            (found.histories is not None) == bool(history),
+            (results.histories is not None) == bool(history),
             f"{what}: histories must be there if they are asked for, and only then",
         )
-        if found.histories is not None:
-            h = found.histories
+        if results.histories is not None:
+            h = results.histories
             require(
                 h.time_s.ndim == 2
                 and h.time_s.shape[1] == LANES
@@ -140,7 +141,7 @@ class _Kit:
                 f"{what}: histories must be (q, K, {LANES}) with q names and units, times (K, "
                 f"{LANES})",
             )
-        return found
+        return results
 
 
 def _check_inputs(what: str, offered: Sequence[Parameter]) -> None:
@@ -152,28 +153,28 @@ def _check_inputs(what: str, offered: Sequence[Parameter]) -> None:
 
 
 def _check_bits(
-    kit: _Kit, batch: CaseBatch, found: CaseResults, random: np.random.Generator
+    kit: _Kit, batch: CaseBatch, results: CaseResults, random: np.random.Generator
 ) -> None:
-    """Check that a case is the same in every company."""
+    """Check that the bits of a case do not depend on the other cases of its block."""
     again = kit.run(batch)
-    _require_same(kit, found, again, np.arange(LANES), "at a second call")
+    _require_same(kit, results, again, np.arange(LANES), "at a second call")
     order = random.permutation(LANES)
     turned = kit.run(_lanes(batch, order, np.zeros(LANES, dtype=bool)))
-    _require_same(kit, found, turned, order, "in another place")
+    _require_same(kit, results, turned, order, "in another place")
     kept = np.sort(random.permutation(LANES)[:5])
     sparse = np.concatenate([kept, np.repeat(kept[-1:], LANES - len(kept))])
     alone = kit.run(_lanes(batch, sparse, np.arange(LANES) >= len(kept)))
-    _require_same(kit, found, alone, kept, "among filler")
+    _require_same(kit, results, alone, kept, "among filler")
     renumbered = kit.run(replace(batch, numbers=batch.numbers + 1000))
-    _require_same(kit, found, renumbered, np.arange(LANES), "under another number")
+    _require_same(kit, results, renumbered, np.arange(LANES), "under another number")
     told = kit.run(batch, history=True)
-    _require_same(kit, found, told, np.arange(LANES), "with histories")
+    _require_same(kit, results, told, np.arange(LANES), "with histories")
     if told.histories is not None and told.histories.names:
         _check_some_histories(kit, batch, told.histories)
 
 
 def _check_some_histories(kit: _Kit, batch: CaseBatch, told: Histories) -> None:
-    """Check that one history asked for by its name is the one among all."""
+    """Check that a history requested by its name equals the one among all histories."""
     name = told.names[-1]
     some = kit.run(batch, history=(name,)).histories
     require(
@@ -191,13 +192,13 @@ def _check_draws(kit: _Kit, batch: CaseBatch) -> None:
     """Check that equal inputs and draws give equal results."""
     one = np.repeat(batch.values[:, :1], LANES, axis=1)
     draws = np.repeat(np.arange(2), LANES // 2)
-    found = kit.run(_batch(batch.names, one, draws))
+    results = kit.run(_batch(batch.names, one, draws))
     halves = (slice(0, LANES // 2), slice(LANES // 2, LANES))
     for half in halves:
         first = half.start or 0
         same = np.array_equal(
-            found.values[:, half],
-            np.repeat(found.values[:, first : first + 1], LANES // 2, axis=1),
+            results.values[:, half],
+            np.repeat(results.values[:, first : first + 1], LANES // 2, axis=1),
             equal_nan=True,
         )
         require(same, f"{kit.what}: lanes of equal inputs and draws differ")
@@ -216,12 +217,15 @@ def _check_effects(
         some = range(first, min(first + per_block, len(numbers)))
         for lane, i in enumerate(some, start=1):
             values[i, lane] += width[i]
-        found = kit.run(_batch(names, values, np.zeros(LANES, dtype=np.int64)), history=True)
-        h = found.histories
+        results = kit.run(_batch(names, values, np.zeros(LANES, dtype=np.int64)), history=True)
+        h = results.histories
         assert h is not None
-        everything = np.concatenate([found.values, h.time_s, h.values.reshape(-1, LANES)])
+        everything = np.concatenate([results.values, h.time_s, h.values.reshape(-1, LANES)])
         for lane, i in enumerate(some, start=1):
-            same = (found.status[lane], found.cause[lane]) == (found.status[0], found.cause[0])
+            same = (results.status[lane], results.cause[lane]) == (
+                results.status[0],
+                results.cause[0],
+            )
             if same and np.array_equal(everything[:, lane], everything[:, 0], equal_nan=True):
                 without.append(names[i])
     idle = [name for name in without if name not in inert]
@@ -247,13 +251,13 @@ def _lanes(batch: CaseBatch, which: Integers, filler: np.ndarray[Any, Any]) -> C
 
 
 def _require_same(
-    kit: _Kit, found: CaseResults, other: CaseResults, lanes: Integers, where: str
+    kit: _Kit, results: CaseResults, other: CaseResults, lanes: Integers, where: str
 ) -> None:
     """Require that case lanes[j] of `found` is case j of `other`, to the last bit."""
     count = len(lanes)
-    same = found.values[:, lanes].tobytes() == other.values[:, :count].tobytes()
+    same = results.values[:, lanes].tobytes() == other.values[:, :count].tobytes()
     ends = all(
-        (found.status[i], found.cause[i], found.failed[i])
+        (results.status[i], results.cause[i], results.failed[i])
         == (other.status[j], other.cause[j], other.failed[j])
         for j, i in enumerate(lanes.tolist())
     )

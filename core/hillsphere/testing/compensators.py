@@ -1,4 +1,4 @@
-"""Checks of compensators: they fit the loop, keep lanes apart, and remember nothing outside it."""
+"""Checks of compensators: shapes, independence of lanes, and absence of hidden state."""
 
 from __future__ import annotations
 
@@ -33,25 +33,25 @@ def check_compensator(
     law : Compensator or ContinuousLaw
         The law.
     inputs, outputs : int
-        Numbers q of rows that it sees and p that it commands, on the plant it is made for.
+        Numbers q of rows of its input and p of rows of its command, for its plant.
     tol : float
         Largest relative difference between a lane and the same lane in another place.
     reacts : bool
-        Whether it commands other things for other errors; an open loop does not.
+        Whether its command must depend on the error; that of an open loop does not.
 
     Raises
     ------
     ContractViolation
         Unless
 
-        - its period is positive and finite, its actuation (or measurement) one that the loop knows;
-        - its own states begin finite, one column per case;
+        - its period is positive and finite, and its actuation (or measurement) is valid;
+        - its own initial states are finite, one column per case;
         - over four samples of random errors its commands and states keep shapes (p, N), (m, N) and
           are finite;
         - the same call gives the same bits, and no argument is changed;
         - each lane's result depends on that lane only;
-        - it commands other things for other errors, if it is to react;
-        - the expressions of a continuous law hold no symbols but those they were given.
+        - its command depends on the error, if `reacts`;
+        - the expressions of a continuous law contain no symbols other than its arguments.
     """
     what = type(law).__name__
     require(np.isfinite(law.period_s) and law.period_s > 0, f"{what}: period_s must be positive")

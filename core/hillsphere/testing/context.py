@@ -19,22 +19,22 @@ __all__ = ["RecordingContext"]
 
 
 class RecordingContext:
-    """What a stage is given when it runs outside a pipeline; it keeps what the stage says.
+    """A context for a stage outside a pipeline, which records its messages.
 
     Parameters
     ----------
     seed : int
         Root seed.
     executor : Executor, optional
-        Where campaigns do their work; by default this process.
+        Executor of campaigns; by default this process.
     workspace : Path, optional
-        Directory that the stage finds what it kept in; by default a temporary one, which goes with
-        the context.
+        Directory for the stage's stored data; by default a temporary one, which is removed with the
+        context.
 
     Attributes
     ----------
     messages : list of str
-        What the stage wrote to the log.
+        Messages of the stage to the log.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class RecordingContext:
 
     @property
     def executor(self) -> Executor:
-        """The one that was given, or the serial one."""
+        """The given executor, or the serial one."""
         if self._executor is None:
             from hillsphere.cases.executors.serial import Serial
             from hillsphere.cases.executors.specs import SerialSpec
@@ -61,7 +61,7 @@ class RecordingContext:
         return self._executor
 
     def workspace(self) -> Path:
-        """Return the directory that was given, or a temporary one."""
+        """Return the given directory, or a temporary one."""
         if self._workspace is None:
             self._workspace = Path(tempfile.mkdtemp(prefix="hillsphere-"))
             weakref.finalize(self, shutil.rmtree, self._workspace, ignore_errors=True)
@@ -69,18 +69,18 @@ class RecordingContext:
         return self._workspace
 
     def rng(self, stream: str = "") -> np.random.Generator:
-        """Return a generator that depends on seed and stream only."""
+        """Return a random generator, seeded by the seed and the stream."""
         key = int.from_bytes(sha256(stream.encode()).digest()[:8], "big")
         return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(key,)))
 
     def info(self, message: str) -> None:
-        """Keep the message."""
+        """Record the message."""
         self.messages.append(message)
 
     def track(
         self, description: str, total: int | None = None, note: Callable[[], str] | None = None
     ) -> Callable[[int], None]:
-        """Return an advance that shows nothing; the note is evaluated, as a bar would."""
+        """Return an `advance` without display; the note is evaluated as for a bar."""
 
         def advance(count: int) -> None:
             if note is not None:

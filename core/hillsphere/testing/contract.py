@@ -1,4 +1,4 @@
-"""The exception of the conformance kit, and what its numerical checks share."""
+"""The exception of the conformance kit, and common functions of its numerical checks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _STENCIL = ((1, 3.0 / 4.0), (2, -3.0 / 20.0), (3, 1.0 / 60.0))
 
 
 class ContractViolation(HillsphereError, AssertionError):  # noqa: N818 - read in test reports
-    """A component does not keep the contract of its kind."""
+    """A component violates the contract of its kind."""
 
 
 def require(condition: object, message: str) -> None:
@@ -31,18 +31,19 @@ def check_close(what: str, got: Array, expected: Array, scale: Array | float, to
     Parameters
     ----------
     what : str
-        For the message.
+        Name of the quantity, for the message.
     got, expected : ndarray, shape (..., N)
-        Of the same shape.
+        Values to compare, of the same shape.
     scale : ndarray or float
-        Size against which the difference is measured; broadcast.
+        Size to which the difference is relative; it is broadcast.
     tol : float
         Largest relative difference.
 
     Raises
     ------
     ContractViolation
-        Naming the worst case; also for a shape that differs or a value that is not finite.
+        If a difference is larger, a shape differs or a value is not finite; the message names the
+        worst case.
     """
     require(got.shape == expected.shape, f"{what}: shape {got.shape}, expected {expected.shape}")
     require(np.all(np.isfinite(got)), f"{what}: not finite in cases {_bad_cases(got)}")
@@ -63,14 +64,14 @@ def derivative_by_differences(function: Callable[[Array], Array], x: Array, step
     function : callable
         (n, N) → (m, N).
     x : ndarray, shape (n, N)
-        Where.
+        Points at which to differentiate.
     steps : ndarray, shape (n, N)
         Step of each input.
 
     Returns
     -------
     ndarray, shape (m, n, N)
-        Truncation is of order h⁶, round-off of order ε/h.
+        The Jacobian, with a truncation error of order h⁶ and rounding of order ε/h.
 
     References
     ----------

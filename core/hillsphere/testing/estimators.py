@@ -1,4 +1,4 @@
-"""Checks of estimators: beliefs that fit, cases that keep apart, and the linear Kalman filter."""
+"""Checks of estimators: valid beliefs, independent cases, and the linear Kalman filter."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _CASES, _STEPS = 6, 12
 """Cases and times of measurement. Two of the cases lack measurements (below); the others must not
 depend on them."""
 _SILENT, _PARTLY = 2, 4
-"""Cases: one that never measures anything, one that lacks a block."""
+"""Indices of two cases: one without any measurement, one that lacks a block."""
 _PERIOD = 10.0
 """Time between measurements, s."""
 _HEIGHT = 400.0
@@ -34,14 +34,14 @@ _DIRECT = ((Channel("x", "m"), Channel("vy", "m/s")),)
 
 
 def check_estimator(estimator: Estimator, *, tol: float = 1e-8) -> None:
-    """Check an estimator on a target that drifts past two sensors, in the plane.
+    """Check an estimator on a target that moves past two sensors, in the plane.
 
     Parameters
     ----------
     estimator : Estimator
         The estimator.
     tol : float
-        Largest difference, in standard deviations, between numbers that must agree.
+        Largest difference, in standard deviations, between values that must agree.
 
     Raises
     ------
@@ -54,11 +54,11 @@ def check_estimator(estimator: Estimator, *, tol: float = 1e-8) -> None:
           row of a direction not among them;
         - no argument is changed, and the same call gives the same bits;
         - each case depends on itself only;
-        - where nothing is measured nothing changes, whatever stands in the rows that are not
-          present;
+        - a case without measurements does not change, whatever the rows that are not present hold;
         - measured angles may be a revolution off;
-        - speeds are known no better after a prediction, positions better after measurements;
-        - on a linear problem it is the Kalman filter;
+        - the uncertainty of speeds does not decrease in a prediction, and that of positions
+          decreases by measurements;
+        - on a linear problem it agrees with the Kalman filter;
         - over twelve measurements its errors stay within six standard deviations.
     """
     what = type(estimator).__name__
@@ -81,7 +81,7 @@ def check_estimator(estimator: Estimator, *, tol: float = 1e-8) -> None:
 
 
 class _Drift:
-    """A target that moves straight, pushed by noise, in the plane."""
+    """A target in the plane with constant velocity and white acceleration noise."""
 
     def advance(self, x: Array, t0_s: Array, t1_s: Array, control: Array, case: Integers) -> Array:
         dt = t1_s - t0_s
@@ -103,14 +103,14 @@ class _Drift:
 
 
 class _Direct(_Drift):
-    """The same, measured by numbers that are states."""
+    """The same target, with two of its states as measurements."""
 
     def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
         return np.ascontiguousarray(x[[0, 3]])
 
 
 class _Kit:
-    """An estimator, asked so that every answer has its form."""
+    """An estimator whose results are checked for their form at each call."""
 
     def __init__(self, what: str, estimator: Estimator, tol: float) -> None:
         self.what, self._estimator, self._tol = what, estimator, tol
@@ -130,7 +130,7 @@ class _Kit:
         return beliefs, brought
 
     def check_linear(self) -> None:
-        """Compare with the Kalman filter where that is exact."""
+        """Compare with the Kalman filter on a linear problem."""
         model, random = _Direct(), np.random.default_rng(4)
         truth, belief, _ = _scenario()
         x, P = belief.x.T.copy(), belief.covariance
@@ -157,7 +157,7 @@ class _Kit:
             self._close("the NIS of a linear problem", innovation.nis, nis, 1.0 + nis)
 
     def check_lanes(self, start: Belief, sets: list[MeasurementSet], end: Belief) -> None:
-        """Run the cases in another order."""
+        """Check that the result of a case does not depend on the order of cases."""
         order = np.random.default_rng(6).permutation(_CASES)
         moved = [
             MeasurementSet(
@@ -178,7 +178,7 @@ class _Kit:
         self._close("a measured angle a revolution off", other.x, end.x, end.sigma)
 
     def check_silence(self, start: Belief, sets: list[MeasurementSet]) -> None:
-        """Measure nothing, and change what is not present."""
+        """Check that missing measurements, whatever their values, change nothing."""
         silent = replace(sets[0], present=np.zeros_like(sets[0].present))
         after, innovation = self._updated(_Drift(), start, silent)
         self._close("the mean after no measurement", after.x, start.x, start.sigma)

@@ -1,4 +1,4 @@
-"""Components and products made from the examples that every Spec carries."""
+"""Components and products made from the examples of Specs."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ def example(kind: str, type_: str, number: int = 0, *, registry: Registry | None
     Parameters
     ----------
     kind, type_ : str
-        What to make.
+        Kind and type of the component.
     number : int
-        Which of ``Spec.examples``.
+        Index in ``Spec.examples``.
     registry : Registry, optional
-        Where it is found; by default all installed plugins.
+        Registry of the component; by default of all installed plugins.
 
     Returns
     -------
     object
-        The component. Each reference in the example is filled by the component whose type is the
-        name written there, or else the simplest installed one of its kind, made from its own first
+        The component. Each reference in the example is bound to the component whose type equals the
+        reference's name, or else to the simplest installed one of its kind, made from its own first
         example.
 
     Raises
     ------
     ContractViolation
-        If the Spec has no such example, or a reference cannot be filled.
+        If the Spec has no such example, or a reference cannot be bound.
     """
     registry = registry or default_registry()
     record = registry.get(kind, type_)
@@ -52,7 +52,7 @@ def example(kind: str, type_: str, number: int = 0, *, registry: Registry | None
 
 
 def bound_example(record: Registered, registry: Registry, number: int = 0) -> Spec:
-    """Return the Spec of an example with its references filled, a stage's inputs left open."""
+    """Return the Spec of an example with its references bound, except a stage's inputs."""
     return _example_spec(record, number).bound(
         lambda kind, name: None if kind == "stage" else _filling(kind, name, record, registry)
     )
@@ -64,14 +64,14 @@ def example_inputs(spec: Spec, registry: Registry | None = None) -> dict[str, An
     Parameters
     ----------
     spec : Spec
-        The stage's.
+        Spec of the stage.
     registry : Registry, optional
-        Where stages are found; by default all installed plugins.
+        Registry of stages; by default of all installed plugins.
 
     Returns
     -------
     dict of str to object
-        By name of the input, as `run` takes them.
+        Name of the input → product, as `run` takes them.
     """
     needs = getattr(spec, "needs", None)
     if not isinstance(needs, Spec):
@@ -91,17 +91,17 @@ def example_inputs(spec: Spec, registry: Registry | None = None) -> dict[str, An
 
 
 def example_product(path: str, name: str = "", *, registry: Registry | None = None) -> Any:
-    """Make a product by running the stage that yields it and needs least, on its first example.
+    """Make a product by running the simplest stage that yields it, on its first example.
 
     Parameters
     ----------
     path : str
         Import path of the product's class, ``"package.module:Class"``.
     name : str
-        Type of a stage that is taken instead if it yields it: an example that needs the product of
-        a certain stage calls it by its type.
+        Type of a stage that is preferred if it yields the product: an example that needs the
+        product of a certain stage refers to it by its type.
     registry : Registry, optional
-        Where the stage is found; by default all installed plugins.
+        Registry of stages; by default of all installed plugins.
 
     Returns
     -------
@@ -129,21 +129,21 @@ def example_product(path: str, name: str = "", *, registry: Registry | None = No
 
 
 def example_repeated(spec: Spec, registry: Registry | None = None) -> dict[str, Any]:
-    """Make what a campaign repeats: the simplest installed stage that can be.
+    """Make the repeated stage of a campaign: the simplest installed stage that can be repeated.
 
     Parameters
     ----------
     spec : Spec
-        The campaign's.
+        Spec of the campaign.
     registry : Registry, optional
-        Where stages are found; by default all installed plugins.
+        Registry of stages; by default of all installed plugins.
 
     Returns
     -------
     dict of str to Repeated
-        By field, as `run` takes them; empty for a stage that repeats none. It belongs to a mission
-        made of examples, which has a table for every dispersion that the campaign names: of the
-        first quantity of the stage itself.
+        Name of the field → repeated stage, as `run` takes them; empty for a stage that repeats
+        none. It belongs to a mission made of examples. For every dispersion that the campaign
+        names, this mission has a table for the first quantity of the stage itself.
 
     Raises
     ------
@@ -218,9 +218,9 @@ def _filling(kind: str, name: str, user: Registered, registry: Registry) -> Any:
 
 
 def _filling_record(kind: str, name: str, user: Registered, registry: Registry) -> Registered:
-    """Return what fills a reference: the component of the type that is its name, or the simplest.
+    """Return the component for a reference: of the type that is its name, or the simplest.
 
-    So an example that needs a certain type writes it: ``{"body": "planet"}``.
+    An example that needs a certain type gives it as the name: ``{"body": "planet"}``.
     """
     candidates = [record for record in registry.of_kind(kind) if record != user]
     require(candidates, f"{user.component.type}: no other installed component is a {kind}")
@@ -229,9 +229,9 @@ def _filling_record(kind: str, name: str, user: Registered, registry: Registry) 
 
 
 def _size(record: Registered, registry: Registry) -> tuple[int, int, str]:
-    """Order components by what their examples refer to, then by how much of that must be of a type.
+    """Return a sort key of components: number of references, those to a fixed type, and name.
 
-    At last by name.
+    The references are those of the component's examples.
     """
     types = {(other.component.kind, other.component.type) for other in registry}
     names = [(kind, ref.name) for _, kind, ref in _example_spec(record, 0).references()]

@@ -1,4 +1,4 @@
-"""Named frames, each with its centre and axes stated."""
+"""Named reference frames, each with its centre and axes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Frame:
     axes : str
         Directions of x, y and z.
     inertial : bool
-        Whether the axes keep their directions among the stars.
+        Whether the axes do not rotate relative to the stars.
     """
 
     name: str
@@ -65,12 +65,12 @@ def frame(name: str) -> Frame:
     Returns
     -------
     Frame
-        With centre and axes in words.
+        The frame, with centre and axes in words.
 
     Raises
     ------
     InputError
-        If there is no such frame.
+        If the frame is unknown.
     """
     if name in _OTHERS:
         return _OTHERS[name]

@@ -1,4 +1,4 @@
-"""Checks of gravity models: the field is that of some mass, and follows from the potential."""
+"""Checks of gravity models: consistent derivatives, Laplace's equation, and the far field."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def check_gravity(model: Any, points: ArrayLike, *, tol: float = 1e-8) -> None:
     model : GravityModel or ArrayGravityModel
         The model.
     points : array_like, shape (3, N)
-        Positions outside the mass, m, in the model's frame; best at random, off every axis, and
-        not nearer to a singularity than a tenth of their distance from the origin.
+        Positions outside the mass, m, in the model's frame; best at random, off every axis. Their
+        distance from a singularity must be at least a tenth of that from the origin.
     tol : float
         Largest relative difference between derivatives and finite differences.
 
@@ -48,7 +48,7 @@ def check_gravity(model: Any, points: ArrayLike, *, tol: float = 1e-8) -> None:
         - the field tends to GM/r², with GM the model's ``gm_m3_s2``;
         - every run-time parameter (of many, a dozen) has the declared nominal value and changes
           the field;
-        - a model that is both symbolic and a function of arrays agrees with itself.
+        - both forms of a model that is symbolic and a function of arrays agree.
     """
     r = np.ascontiguousarray(points, dtype=float)
     require(r.ndim == 2 and r.shape[0] == 3, f"points must be (3, N), got {r.shape}")

@@ -1,4 +1,4 @@
-"""Checks of guidance: a plan is a flight of the plant, from the start to the end asked for."""
+"""Checks of guidance: a plan obeys the plant's equations and meets both boundary conditions."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ def check_guidance(
     Parameters
     ----------
     guidance : Guidance
-        What plans.
+        The component to check.
     plant : Plant
-        Whose flights are planned.
+        The plant of the flight.
     task : GuidanceTask
-        A flight that is possible.
+        A feasible task.
     tol : float
-        Largest miss, in the plant's natural units.
+        Largest error, in the plant's natural units.
 
     Returns
     -------
@@ -42,7 +42,7 @@ def check_guidance(
     ContractViolation
         Unless
 
-        - the flight lasts as long as asked for, and its breaks rise from 0 to its end;
+        - the flight has the requested duration, and its breaks rise from 0 to its end;
         - states (n, K) and commands (p, K) are finite at any times, in any order;
         - it begins at the start and ends at position and velocity of the end;
         - its states follow from its commands by the plant's equations;

@@ -1,4 +1,4 @@
-"""Checks of orbit families: the equations of their members are consistent and continuable."""
+"""Checks of orbit families: consistent equations, with a curve of solutions that are periodic."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ def check_orbit_family(family: OrbitFamily, z: ArrayLike, *, tol: float = 1e-7) 
     Raises
     ------
     ContractViolation
-        If `family` is not an `OrbitFamily`; if the shapes do not fit the unknowns; if dF/dz is not
-        the derivative of F; if F lacks the rank that leaves a curve of members; or if a solution
-        of F = 0 does not close after its period in an independent propagation.
+        If `family` is not an `OrbitFamily`; if the shapes do not match the unknowns; if dF/dz is
+        not the derivative of F; if dF/dz has a rank below m − 1 at a solution; or if a solution of
+        F = 0 is not periodic in an independent propagation.
     """
     require(isinstance(family, OrbitFamily), "an orbit family has a plant and a problem")
     problem, how = family.problem

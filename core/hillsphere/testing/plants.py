@@ -1,4 +1,4 @@
-"""Checks of plants: the equations are consistent and keep what they declare."""
+"""Checks of plants: consistent equations, conserved quantities and symmetries."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def check_plant(
     x : array_like, shape (n, N)
         States, SI, best at random, in free flight.
     duration_s : float, optional
-        How long to fly for the check of an integral of motion; by default a fifth of the plant's
-        unit of time. No flight may meet the body.
+        Duration of the flights for the check of an integral of motion; by default a fifth of the
+        plant's unit of time. No flight may meet the body.
     tol : float
         Largest relative difference between derivatives and finite differences.
 
@@ -55,7 +55,7 @@ def check_plant(
         - events are finite;
         - a declared integral of motion is conserved along the flight to 1e-10;
         - each declared mirror is a symmetry of the equations;
-        - declared terms of time, given to the derivative, leave it the same.
+        - the derivative is unchanged if its declared terms of time are passed to it.
     """
     what = type(plant).__name__
     states = np.ascontiguousarray(x, dtype=float)
@@ -101,7 +101,7 @@ def _check_jacobian(what: str, flow: System, x: Array, tol: float) -> None:
 
 
 def _sizes(flow: System, x: Array) -> Array:
-    """Size of each state in each case: that of all states of the same dimension together."""
+    """Return the size of each state in each case: that of all states of equal dimension."""
     kinds = [(v.length, v.time) for v in flow.states]
     same = np.array([[a == b for b in kinds] for a in kinds], dtype=float)
     size = np.sqrt(same @ x**2)

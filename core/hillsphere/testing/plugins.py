@@ -1,4 +1,4 @@
-"""Checks of a plugin package as a whole: what it offers, and that naming it stays cheap."""
+"""Checks of a plugin package: its components, their Specs, and fast discovery."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ def check_plugin(module: ModuleType, *, registry: Registry | None = None) -> Non
     Parameters
     ----------
     module : module
-        What its entry point names: it has ``hillsphere_components``.
+        Module of its entry point, with ``hillsphere_components``.
     registry : Registry, optional
-        Where components that the examples refer to are found; by default all installed plugins.
+        Registry of components for references in examples; by default of all installed plugins.
 
     Raises
     ------
     ContractViolation
-        If it offers nothing or one name twice; if a Spec lacks a description or an example, or an
-        example does not validate; if its own module or a Spec's imports one of `HEAVY_MODULES`;
-        if a component cannot be made from its examples; if a stage's `run` and `present` do not
-        take what its Spec needs.
+        If it offers no component or one name twice; if a Spec lacks a description or an example, or
+        an example is invalid; if its own module or a Spec's imports one of `HEAVY_MODULES`; if a
+        component cannot be made from its examples; if a stage's `run` and `present` do not accept
+        the needs of its Spec.
     PluginError
         If a component cannot be imported.
     """
@@ -87,7 +87,7 @@ def check_spec(spec: type[Spec]) -> None:
     ------
     ContractViolation
         If it, or a Spec nested in it, lacks a docstring or a field's description; if it has no
-        example; if a stage does not say what it produces.
+        example; if a stage declares no product.
     InputError
         If an example does not validate.
     """
@@ -122,7 +122,7 @@ def check_spec(spec: type[Spec]) -> None:
 
 
 def check_light(modules: Iterable[str]) -> None:
-    """Check, in a fresh interpreter, that importing modules imports none of `HEAVY_MODULES`.
+    """Check, in a new interpreter, that importing modules imports none of `HEAVY_MODULES`.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def check_light(modules: Iterable[str]) -> None:
     Raises
     ------
     ContractViolation
-        Naming the module that imports a heavy one.
+        If a module imports a heavy one; the message names both.
     """
     code = (
         "import sys\nfrom importlib import import_module\n"
@@ -155,7 +155,7 @@ def check_light(modules: Iterable[str]) -> None:
 
 
 def nested_specs(spec: type[Spec]) -> Iterator[type[Spec]]:
-    """Yield the Specs that stand in a Spec's fields, at every depth, each once."""
+    """Yield the Specs nested in a Spec's fields, at every depth, each once."""
     seen: set[type[Spec]] = {spec}
     waiting: list[Any] = [field.annotation for field in spec.model_fields.values()]
     while waiting:

@@ -1,4 +1,4 @@
-"""Checks of sensors: what they measure, with which errors, lane by lane."""
+"""Checks of sensors: measurements, error model, and independence of lanes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ _MEASURED = 4
 """States at which the noise is examined; each costs `_DRAWS` evaluations."""
 _KINDS = get_args(get_type_hints(Channel)["kind"])
 _TO_SIGMA = 1.482602218505602
-"""Standard deviation of a normal number over the median of its absolute deviation."""
+"""Ratio of the standard deviation of a normal number to its median absolute deviation,
+1/Φ⁻¹(3/4)."""
 
 Booleans: TypeAlias = NDArray[np.bool_]
 
@@ -34,16 +35,16 @@ def check_sensor(
     sensor : Sensor
         The sensor.
     x : ndarray, shape (n, N)
-        States, SI, of which it sees some, N ≥ 8.
+        States, SI, N ≥ 8; some of them must be visible.
     t_s : ndarray, shape (N,)
         Their times, s.
     scene : Scene
-        All that the sensor takes from it.
+        Scene with all entries that the sensor needs.
     tol : float
         Largest relative difference between a lane and the same lane in another place.
     spread : float
-        Largest relative difference between the standard deviations that it declares and those of
-        what it measures, over 4000 draws.
+        Largest relative difference between the declared standard deviations and those of its
+        measurements, over 4000 draws.
 
     Raises
     ------
@@ -51,19 +52,19 @@ def check_sensor(
         Unless
 
         - its channels have different names, each a unit and a known kind, and angles are in rad;
-        - true and measured values are (m, N), finite but where nothing is measured; angles lie
+        - true and measured values are (m, N), finite except where nothing is measured; angles lie
           within [−π, 2π) and directions have unit length;
-        - what is not visible is not measured, what is not measured is NaN in all rows, and
-          something is measured;
-        - the numbers drawn are as many as it declares, and what it measures depends on them;
-        - without constant errors of the case, what it measures of one state scatters as `sigma`
-          says (medians are compared, so that outliers may be left out of it), angles and numbers
-          independent of each other;
+        - lanes that are not visible are not measured, missing measurements are NaN in all rows, and
+          at least one lane is measured;
+        - measurements depend on the declared numbers of normal numbers;
+        - without constant errors of the case, the measurements of one state scatter with the
+          standard deviation `sigma` (estimated from medians, so that outliers do not count), and
+          angles and numbers are independent of each other;
         - the same call gives the same bits, and no argument is changed;
         - each lane's result depends on that lane only;
-        - a scene that lacks what it needs is refused with a `HillsphereError`;
-        - a sensor of a ground station tells one believed station for each case, and its `bias` is
-          the middle of its errors.
+        - a scene that lacks a needed entry is refused with a `HillsphereError`;
+        - a sensor of a ground station gives one believed station per case, and its `bias` is the
+          median of its errors.
     """
     what = type(sensor).__name__
     require(isinstance(sensor, Sensor), f"{what} is no Sensor: see hillsphere.interfaces.Sensor")
@@ -76,8 +77,8 @@ def check_sensor(
     require(cases >= 8, f"{what}: a check needs at least 8 states, got {cases}")
     random = np.random.default_rng(17)
     constant, noise = (random.normal(size=(k, cases)) for k in sensor.draws)
-    found = _everything(what, sensor, x, t_s, scene, constant, noise)
-    true, visible, sigma, measured = found
+    results = _everything(what, sensor, x, t_s, scene, constant, noise)
+    true, visible, sigma, measured = results
     _check_values(what, sensor.channels, true, "observe")
     require(
         sigma.shape == (rows, cases) and np.isfinite(sigma).all() and (sigma >= 0.0).all(),
@@ -100,7 +101,7 @@ def check_sensor(
     require(not (there & ~visible).any(), f"{what} measures what is not visible; that must be NaN")
     require(there.any(), f"{what} measures nothing of all these states; give it some that it sees")
     _check_values(what, sensor.channels, measured[:, there], "measure")
-    _check_lanes(what, sensor, (x, t_s, scene, constant, noise), found, tol, random)
+    _check_lanes(what, sensor, (x, t_s, scene, constant, noise), results, tol, random)
     if scene:
         _check_empty_scene(what, sensor, x, t_s)
     for lane in np.flatnonzero(there)[:_MEASURED]:
@@ -150,7 +151,7 @@ def _check_values(what: str, channels: tuple[Channel, ...], values: Array, of: s
 def _everything(
     what: str, sensor: Sensor, x: Array, t_s: Array, scene: Scene, constant: Array, noise: Array
 ) -> tuple[Array, Booleans, Array, Array]:
-    """Return all that a sensor says, twice asked, its arguments unchanged."""
+    """Call all functions of a sensor twice; check that results repeat and arguments stay."""
     arguments = (x, t_s, *scene.values(), constant, noise)
     before = [a.copy() for a in arguments]
     answers = []
@@ -180,7 +181,7 @@ def _check_lanes(
     what: str,
     sensor: Sensor,
     arguments: tuple[Array, Array, Scene, Array, Array],
-    found: tuple[Array, Booleans, Array, Array],
+    results: tuple[Array, Booleans, Array, Array],
     tol: float,
     random: np.random.Generator,
 ) -> None:
@@ -190,7 +191,7 @@ def _check_lanes(
     there = _everything(
         what, sensor, x[:, order], t_s[order], moved, constant[:, order], noise[:, order]
     )
-    for name, one, other in zip(("observe", "visible", "sigma", "measure"), found, there,
+    for name, one, other in zip(("observe", "visible", "sigma", "measure"), results, there,
                                 strict=True):  # fmt: skip
         here: Array = np.asarray(one[..., order], dtype=float)
         again: Array = np.asarray(other, dtype=float)
@@ -225,7 +226,7 @@ def _check_errors(
     spread: float,
     random: np.random.Generator,
 ) -> None:
-    """Measure one state many times."""
+    """Check the scatter of repeated measurements of one state."""
     states, times = np.repeat(x[:, None], _DRAWS, axis=1), np.full(_DRAWS, t_s)
     constant = np.zeros((sensor.draws[0], _DRAWS))
     noise = random.normal(size=(sensor.draws[1], _DRAWS))
@@ -288,7 +289,7 @@ def _check_station(
 
 
 def _at(scene: Scene, lanes: NDArray[np.intp] | np.intp, cases: int) -> dict[str, Array]:
-    """Return a scene for some of its lanes; what holds for all of them stays."""
+    """Return a scene for some of its lanes; entries common to all lanes are kept."""
     picked = np.atleast_1d(lanes)
     return {
         name: value[..., picked] if value.shape[-1:] == (cases,) else value

@@ -1,4 +1,4 @@
-"""Checks of shapes: one surface, told in different ways."""
+"""Checks of shapes: consistency of surface function, radius, normals and extent."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def check_shape(shape: Any, directions: ArrayLike, *, tol: float = 1e-9) -> None
     Parameters
     ----------
     shape : Surface or ArraySurface
-        The shape, about whose centre each of the rays meets the surface once.
+        The shape; each ray from its centre along a direction must meet the surface once.
     directions : array_like, shape (3, N)
-        Where to look from the centre; best at random, off the creases of the surface.
+        Directions from the centre; best at random, away from the creases of the surface.
     tol : float
         Largest relative difference of distances.
 
@@ -38,11 +38,11 @@ def check_shape(shape: Any, directions: ArrayLike, *, tol: float = 1e-9) -> None
         Unless, along all directions,
 
         - the surface function is negative from near the centre up to the surface, positive beyond;
-        - the surface lies in the box of ``semi_axes_m()`` and, if ``largest_radius_m`` is told,
-          within it, to a thousandth (both may be found on a grid);
-        - normals, if it gives any, are unit vectors across the level of the function, outward;
-        - ``radius_array``, if it has one, tells the same surface, and ``surface`` and
-          ``surface_array`` agree where it has both.
+        - the surface lies in the box of ``semi_axes_m()`` and within ``largest_radius_m``, if
+          given, to a thousandth (both may come from a grid);
+        - normals, if given, are outward unit vectors, perpendicular to the level of the function;
+        - ``radius_array``, if given, describes the same surface, and ``surface`` and
+          ``surface_array`` agree if both are given.
     """
     what = type(shape).__name__
     require(

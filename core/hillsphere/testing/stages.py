@@ -1,4 +1,4 @@
-"""Checks of stages: what they yield can be stored, and what they show can be shown."""
+"""Checks of stages: their products can be stored, and their presentations can be written."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ def check_stage(
     *,
     registry: Registry | None = None,
 ) -> Any:
-    """Run a stage and check what it yields and shows.
+    """Run a stage and check its product and its presentation.
 
     Parameters
     ----------
     type_ : str
         Type of the stage.
     keys : mapping, optional
-        As a mission would write them, references given as objects; by default the first example
-        of its Spec.
+        Keys as in a mission, with references given as objects; by default the first example of its
+        Spec.
     inputs : mapping, optional
         Products of earlier stages by name; by default those of the examples of other stages.
     registry : Registry, optional
-        Where it is found; by default all installed plugins.
+        Registry with the stage; by default of all installed plugins.
 
     Returns
     -------
@@ -50,8 +50,8 @@ def check_stage(
     Raises
     ------
     ContractViolation
-        If the product is not of the class that the Spec names, or breaks `check_product`; if what
-        the stage shows breaks `check_presentation`.
+        If the product is not of the class that the Spec names, or violates `check_product`; if the
+        presentation violates `check_presentation`.
     """
     registry = registry or default_registry()
     record = registry.get("stage", type_)
@@ -73,7 +73,7 @@ def check_stage(
 
 
 def check_product(product: Any) -> None:
-    """Check that a product comes back from a file as it was.
+    """Check that a product is equal after writing to and reading from a file.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def check_product(product: Any) -> None:
     Raises
     ------
     ContractViolation
-        If something differs, naming the field.
+        If a field differs; the message names it.
     InputError
         If the product holds something that cannot be stored.
     """
@@ -113,7 +113,7 @@ def _require_equal(where: str, got: Any, expected: Any) -> None:
 
 
 def check_presentation(shown: Presentation) -> None:
-    """Check what a stage shows.
+    """Check the presentation of a stage.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Checks of trackers: from a nominal orbit and measured angles to where an antenna must point."""
+"""Checks of trackers on a simulated pass of a satellite."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _EPOCH = Epoch.parse("2020-03-01T12:00:00", "UTC")
 _ELEMENTS = np.array([7.2e6, 1e-3, 0.9, 4.0, 0.5, 0.2])
 """Nearly circular, so that a tracker of circular orbits may follow it."""
 _OFF = np.array([0.0, 0.0, 0.0, 2e-3, 0.0, 4e-3])
-"""By how much the true orbit is elsewhere: about 15 km across and 30 km along the track."""
+"""True minus nominal elements: about 15 km across and 30 km along the track."""
 _CASES = 6
-"""Cases that are tracked at once: some without a fault beside the two below."""
+"""Cases that are tracked at once: the two below with missing measurements, and four complete."""
 _WITHOUT, _MISSING = 2, 4
-"""Cases: one without any measurement, one without the last third of them."""
+"""Indices of two cases: one without any measurement, one without the last third of them."""
 _TIMES = np.arange(-120.0, 0.0, 4.0)
 _LATER = np.array([0.0, 20.0, 60.0, 180.0])
 _SIGMA = 1e-3
@@ -40,9 +40,9 @@ def check_tracker(tracker: Tracker[Any], *, tol: float = 1e-9, learns: bool = Tr
     tracker : Tracker
         The tracker.
     tol : float
-        Largest difference, rad, between answers that must agree.
+        Largest difference, rad, between results that must agree.
     learns : bool
-        Whether it uses what is measured; a stored table does not.
+        Whether it uses measurements; a stored table does not.
 
     Raises
     ------
@@ -51,18 +51,18 @@ def check_tracker(tracker: Tracker[Any], *, tol: float = 1e-9, learns: bool = Tr
 
         - azimuths (K, N) lie in [0, 2π), elevations are finite, covariances (2, 2, K, N) finite,
           symmetric and not negative;
-        - before any measurement it points where the nominal orbit is, to 2° (what mean and
-          osculating elements may differ by);
-        - the order of times and their form, (K,) or (K, N), change nothing;
-        - with and without biases the angles differ by the same at all times, and without any
-          measurement not at all;
-        - measured azimuths may be a revolution off, and a standard deviation of any form means the
-          same;
+        - before any measurement it points at the nominal orbit, to 2° (the possible effect of the
+          difference between mean and osculating elements);
+        - results do not depend on the order of times or on their shape, (K,) or (K, N);
+        - the difference of angles with and without biases is equal at all times, and zero before
+          any measurement;
+        - measured azimuths may be a revolution off, and equal standard deviations of any shape give
+          equal results;
         - no argument and no state is changed, and the same call gives the same bits;
         - each case depends on itself only;
-        - a case without a measurement (NaN) is known no better, and predicted as before, to the
-          0.03° by which held elements may lag behind in that time;
-        - after measurements of an orbit some 30 km off it points better there than before.
+        - the uncertainty of a case without a measurement (NaN) does not decrease, and its
+          prediction stays, to the 0.03° by which constant elements may lag behind in that time;
+        - after measurements of an orbit some 30 km off it points closer to that orbit than before.
     """
     what = type(tracker).__name__
     require(isinstance(tracker.short_period, bool), f"{what}: short_period must be true or false")
@@ -78,7 +78,7 @@ def check_tracker(tracker: Tracker[Any], *, tol: float = 1e-9, learns: bool = Tr
         f"{what} points {np.degrees(off.max()):.3g}° beside the nominal orbit before any "
         "measurement; azimuth counts from north over east, elements are in the frame teme",
     )
-    # what an antenna sees of an orbit elsewhere, in the tracker's own theory
+    # Measured angles of the true orbit, by the tracker's own theory.
     truth = kit.initial(nominal + _OFF[:, None])
     seen = [q.copy() for q in kit.predicted(truth, _TIMES)[:2]]
     later = kit.predicted(truth, _LATER)[:2]
@@ -105,20 +105,20 @@ def check_tracker(tracker: Tracker[Any], *, tol: float = 1e-9, learns: bool = Tr
 
 
 class _Kit:
-    """A tracker, asked so that every answer has its form."""
+    """A tracker whose results are checked for their form at each call."""
 
     def __init__(self, what: str, tracker: Tracker[Any], site: Station, tol: float) -> None:
         self.what, self._tracker, self._site, self._tol = what, tracker, site, tol
 
     def initial(self, elements: Array) -> Any:
-        """Return the state of a nominal orbit whose elements must stay as they are."""
+        """Return the state of a nominal orbit, and check that its elements are not changed."""
         given = elements.copy()
         state = self._tracker.initial(elements, np.zeros(1), (self._site,), _EPOCH)
         require(np.array_equal(given, elements), f"{self.what}: initial changes the elements")
         return state
 
     def update(self, state: Any, k: int, az: Array, el: Array, sigma: Array) -> Any:
-        """Return the state after the k-th measurements, none of them changed."""
+        """Return the state after the k-th measurements, and check that they are not changed."""
         arguments = (np.full(az.shape, _TIMES[k]), az.copy(), el.copy(), sigma.copy())
         before = [a.copy() for a in arguments]
         after = self._tracker.update(state, *arguments)
@@ -162,7 +162,7 @@ class _Kit:
         return azimuth, elevation, covariance
 
     def check_predictions(self, state: Any) -> None:
-        """Check that times may come in any order and form, and what biases are."""
+        """Check that times may have any order and shape, and the effect of biases."""
         what, tol = self.what, self._tol
         given = self.predicted(state, _LATER)
         back = self.predicted(state, _LATER[::-1])
@@ -179,7 +179,7 @@ class _Kit:
             )
 
     def check_pure(self, start: Any, end: Any) -> None:
-        """Check that a state is not changed by what is made of it."""
+        """Check that updates and predictions do not change a state."""
         for name, state in (("first", start), ("last", end)):
             before = [q.copy() for q in self.predicted(state, _LATER)]
             made = [self._next(state), self._next(state)]
@@ -194,7 +194,7 @@ class _Kit:
                 )
 
     def check_alternatives(self, elements: Array, seen: list[Array], end: Any) -> None:
-        """Check that azimuths count modulo a revolution, and the forms of sigma."""
+        """Check that azimuths count modulo a revolution, and all shapes of sigma."""
         given = self.predicted(end, _LATER)
         turns = _TURN * np.random.default_rng(3).integers(-1, 2, size=seen[0].shape)
         others = {
@@ -203,11 +203,11 @@ class _Kit:
             "sigma of shape (2, N)": (seen, np.full((2, _CASES), _SIGMA)),
         }
         for name, (angles, sigma) in others.items():
-            found = self.predicted(self.fed(elements, angles, sigma), _LATER)
-            self._check_same(name, found, given)
+            predicted = self.predicted(self.fed(elements, angles, sigma), _LATER)
+            self._check_same(name, predicted, given)
 
     def check_lanes(self, elements: Array, seen: list[Array], end: Any) -> None:
-        """Check that the cases may stand in any order, beside other neighbours."""
+        """Check that cases do not depend on their order and their neighbours."""
         order = np.random.default_rng(4).permutation(_CASES)
         given = [q[..., order] for q in self.predicted(end, _LATER)]
         moved = self.fed(elements[:, order], [q[:, order] for q in seen], np.array(_SIGMA))
@@ -217,7 +217,7 @@ class _Kit:
         self._check_same("a case alone", self.predicted(alone, _LATER), given)
 
     def check_missing(self, start: Any, middle: Any, end: Any) -> None:
-        """Check that what was not measured tells nothing."""
+        """Check that missing measurements give no information."""
         after = self.predicted(end, _LATER)
         for case, state in ((_WITHOUT, start), (_MISSING, middle)):
             before = self.predicted(state, _LATER)
@@ -234,13 +234,13 @@ class _Kit:
             )
 
     def _next(self, state: Any) -> list[Array]:
-        """Return copies of what is predicted after one more measurement."""
+        """Return copies of the predictions after one more measurement."""
         angles = np.ones((2, _CASES))
         after = self.update(state, -1, angles[0], angles[1], np.array(_SIGMA))
         return [q.copy() for q in self.predicted(after, _LATER)]
 
-    def _check_same(self, name: str, found: Any, given: Any) -> None:
-        for part, a, b in zip(("azimuth", "elevation", "covariance"), found, given, strict=True):
+    def _check_same(self, name: str, values: Any, given: Any) -> None:
+        for part, a, b in zip(("azimuth", "elevation", "covariance"), values, given, strict=True):
             off = _wrap(a - b) if part == "azimuth" else a - b
             check_close(f"{self.what}: {name}: {part}", off, np.zeros_like(b), 1.0, self._tol)
 
@@ -253,7 +253,7 @@ def _station() -> Station:
 
 
 def _earth_fixed(t_s: Array) -> Array:
-    """Return places (3, K) on Kepler's ellipse through the nominal elements, Earth-fixed."""
+    """Return Earth-fixed positions (3, K), m, on the Keplerian orbit of the nominal elements."""
     a, e, i, node, perigee, mean = _ELEMENTS
     mean = mean + np.sqrt(_GM / a**3) * t_s
     anomaly = mean
@@ -268,7 +268,7 @@ def _earth_fixed(t_s: Array) -> Array:
 
 
 def _look_angles(site: Station, t_s: Array) -> tuple[Array, Array]:
-    """Return azimuth and elevation (K,) of these places."""
+    """Return azimuth and elevation (K,), rad, of these positions."""
     east, north, up = site.axes @ (_earth_fixed(t_s) - site.ecef_m[:, None])
     return np.arctan2(east, north), np.arctan2(up, np.hypot(east, north))
 

@@ -41,8 +41,8 @@ def correlated_factor(correlation: Array) -> Array:
     values, vectors = np.linalg.eigh(correlation)
     if values[0] < -1e-9 * len(values):
         raise InputError(
-            f"correlation: the matrix has the eigenvalue {values[0]:.3g}, but one of correlations "
-            "has none below zero; make the largest entries smaller"
+            f"correlation: the matrix has the eigenvalue {values[0]:.3g}, but a correlation matrix "
+            "has none below zero; reduce the largest entries"
         )
     # A triangular factor also of a singular matrix, where Cholesky's method fails: with A = B Bᵀ
     # and Bᵀ = Q R the factor is L = Rᵀ.
@@ -70,12 +70,14 @@ def copula_covariance(at: Callable[[Array], Array], correlation: Array) -> Array
         at a kink and for correlations near ±1; take the diagonal from closed forms.
     """
     z = np.broadcast_to(_GRID, (len(correlation), len(_GRID)))
+    # Values times the weights of the quadrature, φ(z) dz. Without the mean, rounding is smaller.
     weighted = at(np.ascontiguousarray(z))
     weighted = (weighted - weighted.mean(axis=1, keepdims=True)) * np.exp(-0.5 * _GRID**2)
     weighted *= (_GRID[1] - _GRID[0]) / sqrt(2.0 * pi)
     before, now = np.zeros_like(_GRID), np.ones_like(_GRID)
     total, power = np.zeros_like(correlation), np.ones_like(correlation)
     for m in range(1, _TERMS + 1):
+        # Recurrence of the normalised Hermite polynomials: h_m = (z h_{m−1} − √(m−1) h_{m−2})/√m.
         before, now = now, (_GRID * now - sqrt(m - 1) * before) / sqrt(m)
         power = power * correlation
         coefficient = weighted @ now

@@ -181,20 +181,22 @@ def quantities_of(
         Name in the table → quantity. A quantity with several case inputs occurs once.
     """
     own = table in ("stage", f"stage.{repeated.stage}")
-    found: dict[str, Quantity] = {}
+    quantities: dict[str, Quantity] = {}
     for prefix in repeated.paths(table):
         for parameter in case_inputs:
             name = parameter.name.removeprefix(prefix)
             if not parameter.name.startswith(prefix) or not name:
                 continue
-            if name in found:
-                known = found[name]
+            if name in quantities:
+                known = quantities[name]
                 inputs = (*known.inputs, parameter.name)
-                found[name] = Quantity(known.name, inputs, known.nominal, known.unit)
+                quantities[name] = Quantity(known.name, inputs, known.nominal, known.unit)
             else:
                 full = name if own else f"{table}.{name}"
-                found[name] = Quantity(full, (parameter.name,), parameter.value, parameter.unit)
-    return found
+                quantities[name] = Quantity(
+                    full, (parameter.name,), parameter.value, parameter.unit
+                )
+    return quantities
 
 
 def _group(
@@ -208,7 +210,7 @@ def _group(
     for quantity in group.quantities:
         if dispersion.unit and quantity.unit != dispersion.unit:
             raise InputError(
-                f"its numbers stand for {dispersion.unit}, but {quantity.name} is in "
+                f"its numbers are in {dispersion.unit}, but {quantity.name} is in "
                 f"{quantity.unit}; give another unit, or leave it out for SI"
             )
     lower, upper = dispersion.bounds(group.nominal, 1.0)

@@ -50,8 +50,8 @@ def require_count(given: int, wanted: int, key: str) -> None:
     """Raise `InputError` if a key has values for another number of quantities than wanted."""
     if given != wanted:
         raise InputError(
-            f"{key} is given for {given} quantities, but parameters finds {wanted}; give as many, "
-            "in the order in which parameters finds them"
+            f"{key} is given for {given} quantities, but parameters matches {wanted}; give one "
+            "value for each, in the order in which parameters matches them"
         )
 
 

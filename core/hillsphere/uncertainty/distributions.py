@@ -46,7 +46,8 @@ class Normal(Distribution):
 
     def _at(self, z: Array, nominal: Array) -> Array:
         if self._cut is not None:
-            # In the lower tail, where Φ keeps its digits; Φ(z) → Φ(−c) + (1 − 2 Φ(−c)) Φ(z).
+            # Truncation maps Φ(z) to Φ(−c) + (1 − 2 Φ(−c)) Φ(z). It is evaluated in the lower tail,
+            # where Φ has small relative errors, and mirrored for z > 0.
             below = ndtr(-self._cut)
             inside = ndtri(below + (1.0 - 2.0 * below) * ndtr(-np.abs(z)))
             z = np.copysign(np.clip(inside, -self._cut, 0.0), z)
@@ -59,6 +60,7 @@ class Normal(Distribution):
     def _deviation(self, nominal: Array) -> Array:
         if self._cut is None:
             return self._sigma(nominal)
+        # The variance in the class docstring, with 2 Φ(c) − 1 = erf(c/√2).
         density = exp(-0.5 * self._cut**2) / sqrt(2.0 * pi)
         share = 1.0 - 2.0 * self._cut * density / erf(self._cut / sqrt(2.0))
         return np.asarray(self._sigma(nominal) * sqrt(share))
@@ -187,6 +189,8 @@ class Triangular(_Interval):
     def _at(self, z: Array, nominal: Array) -> Array:
         lower, upper = (end[:, None] for end in self._support(nominal))
         mode, width = self._centre(nominal)[:, None], upper - lower
+        # Inverse of the distribution function, (x − a)²/((b − a)(c − a)) below the mode c and
+        # 1 − (b − x)²/((b − a)(b − c)) above it.
         rising = lower + np.sqrt(ndtr(z) * width * (mode - lower))
         falling = upper - np.sqrt(ndtr(-z) * width * (upper - mode))
         values = np.where(ndtr(z) * width < mode - lower, rising, falling)
@@ -201,6 +205,7 @@ class Triangular(_Interval):
     def _deviation(self, nominal: Array) -> Array:
         lower, upper = self._support(nominal)
         mode = self._centre(nominal)
+        # The variance in the class docstring, by the distances of the ends from the mode.
         left, right = mode - lower, upper - mode
         return np.asarray(np.sqrt((left**2 + right**2 + left * right) / 18.0))
 
@@ -269,7 +274,8 @@ class Choice(Distribution):
         if self._scale != 1.0:
             values = self._mean + self._scale * (values - self._mean)
         self._values = values
-        # Thresholds between neighbours; the last sum may miss 1 by rounding and is none.
+        # Thresholds between neighbouring values. The last sum is 1 but for rounding and is no
+        # threshold.
         self._steps = np.cumsum(self._share)[:-1]
 
     def _at(self, z: Array, nominal: Array) -> Array:

@@ -35,7 +35,7 @@ def check_dispersion(dispersion: Dispersion, offered: Sequence[Parameter]) -> No
     for name in names:
         if dispersion.unit and by_name[name].unit != dispersion.unit:
             raise InputError(
-                f"its numbers stand for {dispersion.unit}, but {name} is in {by_name[name].unit}; "
+                f"its numbers are in {dispersion.unit}, but {name} is in {by_name[name].unit}; "
                 "give another unit, or leave it out for SI"
             )
     nominal = np.array([by_name[name].value for name in names])

@@ -118,11 +118,11 @@ def test_a_value_of_the_products_needs_limits_of_its_own(tmp_path: Path) -> None
         ),
         (
             {"unit": "'km'", "sigma": 1},
-            "dispersions.one: its numbers stand for m, but gravity.phobos.gm is in m3/s2",
+            "dispersions.one: its numbers are in m, but gravity.phobos.gm is in m3/s2",
         ),
         (
             {"parameters": "['C*']", "sigma": "[1, 2]"},
-            "dispersions.one: sigma is given for 2 quantities, but parameters finds 3",
+            "dispersions.one: sigma is given for 2 quantities, but parameters matches 3",
         ),
     ],
 )

@@ -172,7 +172,7 @@ def test_the_controller_of_a_synthesis_is_flown(tmp_path: Path) -> None:
     second = stage(law=waiting, needs={"controller": "synthesis"}, design=2)
     found = second.run(RecordingContext(), controller=load_product(tmp_path / "both.npz"))
     assert_array_equal(found.u, other.u)
-    with pytest.raises(InputError, match="design 2 is asked for, of a synthesis that has 1"):
+    with pytest.raises(InputError, match="there is no design 2; the synthesis has 1"):
         second.run(RecordingContext(), controller=again)
 
 

@@ -204,9 +204,9 @@ def test_sub_steps_must_fit_the_filter() -> None:
     assert isinstance(flying, KnownPoles)
     assert_allclose(flying.fastest_rad_s, CORNER, rtol=1e-12)
     design = ControlDesign(structured())
-    with pytest.raises(InputError, match=r"0\.3142 1/s, asks dop853 .* 11\.14 s .* at least 6"):
+    with pytest.raises(InputError, match=r"0\.3142 1/s, requires dop853 .* 11\.14 s .* at least 6"):
         stage(made, substeps=5).run(RecordingContext(), controller=design)
-    with pytest.raises(InputError, match="asks rk6"):
+    with pytest.raises(InputError, match="requires rk6"):
         stage(made, substeps=17, method="rk6").run(RecordingContext(), controller=design)
     found = [
         stage(made, substeps=n).run(RecordingContext(), controller=design).end_x for n in (6, 48)

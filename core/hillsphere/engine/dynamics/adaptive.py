@@ -137,6 +137,8 @@ class AdaptiveStages:
             small = np.where(d1 > 0, 0.01 * _rms(y / size) / d1, np.abs(h))
         small = np.minimum(np.where(np.isfinite(small) & (small > 0), small, np.abs(h)), np.abs(h))
         small = np.maximum(small, _SMALLEST * np.abs(h))
+        # An explicit Euler step of length 0.01 |y|/|f| gives an estimate d2 of the second
+        # derivative. The first step h then has h^q max(d1, d2) = 0.01 ([1]_, section II.4).
         there = rate(y + way * small * f, t + way * small)
         with np.errstate(divide="ignore", invalid="ignore"):
             d2 = _rms((there - f) / size) / small

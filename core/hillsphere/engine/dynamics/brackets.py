@@ -183,7 +183,8 @@ class ProvedBrackets:
                 )
             )  # fmt: skip
 
-        # Of a state that turns within a step the neighbouring steps tell how far it may move.
+        # First trial boxes: the change of a state over a step, or over a neighbouring step if the
+        # state has an extremum within the step.
         moved = np.abs(np.diff(way, axis=1))
         moved[:, 1:] = np.maximum(moved[:, 1:], moved[:, :-1])
         moved[:, :-1] = np.maximum(moved[:, :-1], moved[:, 1:])
@@ -193,11 +194,12 @@ class ProvedBrackets:
             many = pad_pieces(pieces)
             some = np.minimum(np.arange(len(many.lane)), count - 1)
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                found = decide(
+                decided = decide(
                     many.g0, many.g1, np.abs(many.end - many.begin),
                     _slopes(bounded, many, h, reach[:, some]), 0, from_zero=False,
                 )  # fmt: skip
-            clear, single = (one[:, :count] for one in found)
+            # Per function and piece: certainly no zero, or certainly exactly one.
+            clear, single = (one[:, :count] for one in decided)
             keep(single & waiting, pieces)
             waiting = waiting & ~clear & ~single
             left: NDArray[np.bool_] = np.asarray(waiting.any(axis=0))
@@ -206,6 +208,8 @@ class ProvedBrackets:
             pieces = halve_pieces(pieces.taken(left), lambda at, tau: halve(flat[:, at], tau))
             waiting = np.repeat(waiting[:, left], 2, axis=1)
             reach = 0.5 * np.repeat(reach[:, left], 2, axis=1)
+        # Pieces of the smallest size with a change of sign hold a zero. Undecided neighbours of
+        # such a piece belong to it; other undecided pieces leave their lane unresolved.
         crosses = waiting & count_crossings(pieces.g0, pieces.g1, 0, from_zero=False)
         keep(crosses, pieces)
         widest = np.abs(pieces.end - pieces.begin).max(initial=0.0)

@@ -148,6 +148,8 @@ def enclose(system: Bounded, t: Array, h: Array, y: Array, p: Array, beyond: Arr
         low, high = arrays(system.rates(when, box_of(lo, hi), held), lo)
         new_lo, new_hi = picard(y, h, low, high)
         if linear is not None and tube is not None:
+            # For the law's states the bound G |A x_c + b| of the module docstring replaces Picard's
+            # operator; the rate is evaluated at their initial values.
             rows = slice(linear.first, linear.first + len(tube))
             start_lo, start_hi = lo.copy(), hi.copy()
             start_lo[rows], start_hi[rows] = y[rows], y[rows]
@@ -202,6 +204,8 @@ def region_slopes(
     slopes : tuple of ndarray, shape (E, N)
         Result of `derivatives_within`, valid in these lanes.
     """
+    # One box for all steps, of twice the extent of the states. By Picard's operator it holds the
+    # solution over each step if it contains y + [0, h] f(B) for the extreme states y.
     low, high = y.min(axis=1), y.max(axis=1)
     spread = 0.5 * (high - low) + 1e-9 * np.maximum(np.abs(low), np.abs(high)) + 1e-300
     lo, hi = low - spread, high + spread
@@ -243,10 +247,10 @@ def derivatives_within(
     when = Bound(t, one)
     seconds = [part.rate for part in system.rates(when, y, p)]
     y = [Bound(part.value, part.rate, second) for part, second in zip(y, seconds, strict=True)]
-    found = system.events(when, y, p)
-    shape = (len(found), box.lo.shape[1])
+    events = system.events(when, y, p)
+    shape = (len(events), box.lo.shape[1])
     out = np.zeros((4, *shape))
-    for i, event in enumerate(found):
+    for i, event in enumerate(events):
         for j, part in enumerate((event.rate, event.second)):
             if part is not None:
                 out[2 * j, i], out[2 * j + 1, i] = part

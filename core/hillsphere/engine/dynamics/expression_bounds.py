@@ -97,5 +97,5 @@ def bounds_of_event(system: System, event: str | Expr) -> Bounded | None:
     if variable_names(bends) or parameter_names([*slopes, *bends]):
         return None
     # The engine does not fold every constant, so that the numbers are evaluated.
-    found = ArrayFunction([*slopes, *bends], system.x)(np.zeros(n))
-    return _Quadratic(system.bounded, found[n:].reshape(n, n), found[:n])
+    derivatives = ArrayFunction([*slopes, *bends], system.x)(np.zeros(n))
+    return _Quadratic(system.bounded, derivatives[n:].reshape(n, n), derivatives[:n])

@@ -132,6 +132,7 @@ def monotone(function: Callable[[Array], Array], a: Interval) -> Interval:
 
 def sin(a: Interval) -> Interval:
     """Return the sine."""
+    # Extremes are at the ends, unless the interval contains ∓1/4 of a revolution (mod 1).
     p, q = np.sin(a[0]), np.sin(a[1])
     error = 1e-15 + 1e-16 * magnitude(a)
     low = np.where(_holds(a, -0.25), -1.0, np.maximum(np.minimum(p, q) - error, -1.0))
@@ -141,6 +142,7 @@ def sin(a: Interval) -> Interval:
 
 def cos(a: Interval) -> Interval:
     """Return the cosine."""
+    # Extremes are at the ends, unless the interval contains 1/2 or 0 revolutions (mod 1).
     p, q = np.cos(a[0]), np.cos(a[1])
     error = 1e-15 + 1e-16 * magnitude(a)
     low = np.where(_holds(a, 0.5), -1.0, np.maximum(np.minimum(p, q) - error, -1.0))
@@ -151,10 +153,10 @@ def cos(a: Interval) -> Interval:
 def _holds(a: Interval, place: float) -> NDArray[np.bool_]:
     """Return where an interval contains an angle of (place + k) revolutions, k any integer."""
     slack = _SLACK * (1.0 + magnitude(a) / 6000.0)
-    found: NDArray[np.bool_] = np.floor(a[1] / _TURN - place + slack) >= np.ceil(
+    contains: NDArray[np.bool_] = np.floor(a[1] / _TURN - place + slack) >= np.ceil(
         a[0] / _TURN - place - slack
     )
-    return found
+    return contains
 
 
 def atan2(y: Interval, x: Interval) -> Interval:
@@ -163,8 +165,8 @@ def atan2(y: Interval, x: Interval) -> Interval:
     low, high = corners[0], corners[0]
     for corner in corners[1:]:
         low, high = np.minimum(low, corner), np.maximum(high, corner)
-    # Off the origin and the cut the angle is monotone along every side of the box, so that its
-    # extremes are at corners.
+    # If the box contains neither the origin nor a part of the cut, the angle is monotone along
+    # every side of the box, so that its extremes are at corners.
     apart = (x[0] > 0.0) | (y[0] > 0.0) | (y[1] < 0.0)
     lo, hi = widen(low)[0], widen(high)[1]
     return np.where(apart, lo, -np.pi), np.where(apart, hi, np.pi)

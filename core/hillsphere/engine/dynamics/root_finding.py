@@ -63,6 +63,8 @@ def bracketed_roots(
             break
         x = np.where(done, root, a + t * (b - a))
         fx = function(x)
+        # The new point becomes a, b is the end of the other sign, and c the end that has left the
+        # bracket.
         same = np.sign(fx) == np.sign(fa)
         c, fc = np.where(same, a, b), np.where(same, fa, fb)
         b, fb = np.where(same, b, a), np.where(same, fb, fa)
@@ -70,6 +72,8 @@ def bracketed_roots(
         best = np.where(np.abs(fa) < np.abs(fb), a, b)
         root = np.where(done, root, best)
         with np.errstate(divide="ignore", invalid="ignore"):
+            # A new point stays half a tolerance away from both ends. The lane has converged if the
+            # bracket is too short for that.
             least = 0.5 * tolerance / np.abs(b - a)
             done |= ~(least <= 0.5) | (fa == 0.0) | (fb == 0.0)
             # Chandrupatla's criterion: only under these two inequalities is the inverse quadratic

@@ -223,6 +223,7 @@ def _compose(
     """
     slopes: list[tuple[Expr, ...]] = []
     for i, node in enumerate(tableau.c.tolist()):
+        # Slope k_i at the stage's state y + h Σ_j a_ij k_j and time t + c_i h.
         table: dict[Expr, Expr] = dict(held.get(node, {}))
         for j, state in enumerate(y):
             terms = [w * slopes[m][j] for m, w in _weights(tableau.a[i])]
@@ -235,6 +236,7 @@ def _compose(
     step = [s + h * sum_of([w * slopes[m][j] for m, w in final]) for j, s in enumerate(y)]
     if measured is None:
         return step
+    # An embedded estimate is h Σ e_i k_i, here as the square of its norm in scaled states.
     for weights in tableau.errors:
         parts = [
             h * sum_of([w / size * slopes[m][j] for m, w in _weights(weights)])
@@ -310,6 +312,7 @@ class ArrayStages:
         def advance(y: Array, out: Array, t: Array) -> list[Array]:
             slopes: list[Array] = []
             for i, node in enumerate(tableau.c.tolist()):
+                # Slope k_i at the stage's state y + h Σ_j a_ij k_j and time t + c_i h.
                 at = y.copy()
                 for m, w in _weights(tableau.a[i]):
                     at += (w * h) * slopes[m]
@@ -325,6 +328,7 @@ class ArrayStages:
         n = self._n
         if not self._derivatives:
             return self._functions.rate(y, p, t)
+        # Variational equations: Φ̇ = A Φ and, in the columns of the parameters, Ψ̇ = A Ψ + B.
         rate, jacobian = self._functions.both(y[:n], p, t)
         phi = y[n:].reshape(n, self._columns, -1)
         change = np.einsum("ikN,kjN->ijN", jacobian[:, :n], phi)

@@ -63,7 +63,7 @@ def fewest_steps(
         if stalled >= 2:
             raise PropagationError(
                 f"tolerance {tol:g} is below the rounding error: with {n} steps of {name} the "
-                f"difference stays at {best:.2g}; ask for more than that"
+                f"difference stays at {best:.2g}; give a larger tolerance than that"
             )
         guess = 1.05 * n * (now / tol) ** (1.0 / order) if np.isfinite(now) else 2.0 * n
         n = int(min(4.0 * n, max(guess, n) + 1.0))

@@ -331,18 +331,18 @@ class PlantBounds:
         rows = {q.name: row for q, row in zip(self.run_time, p, strict=False)}
         if u is None:
             u = [Bound(rows[name]) if self.controls else Bound.of(0.0) for name in names]
-        found = self.plant.derivative(x, tuple(u), when, values)
+        rates = self.plant.derivative(x, tuple(u), when, values)
         sizes = self.unit.tolist()
         if self.time_unit_s == 1.0 and (self.unit == 1.0).all():
-            return [Bound.of(f) for f in found]
+            return [Bound.of(f) for f in rates]
         scale = [self.time_unit_s / size for size in sizes]
-        return [self._inner(Bound.of(f) * k) for f, k in zip(found, scale, strict=True)]
+        return [self._inner(Bound.of(f) * k) for f, k in zip(rates, scale, strict=True)]
 
     def events(self, t: Bound, y: Sequence[Bound], p: Sequence[Interval]) -> list[Bound]:
         """Return bounds of the events."""
         x, when, values = self._si(t, y, p)
-        found = self.plant.events(x, when, values)
-        return [self._inner(Bound.of(e)) for e in found.values()]
+        bounds = self.plant.events(x, when, values)
+        return [self._inner(Bound.of(e)) for e in bounds.values()]
 
     def _si(
         self, t: Bound, y: Sequence[Bound], p: Sequence[Interval]
@@ -375,7 +375,7 @@ def _time_terms(plant: Plant, p: Params) -> dict[str, Expr]:
     """Return the plant's terms that depend on time and constants alone."""
     terms = plant.time_terms(time, p) if isinstance(plant, TimedPlant) else {}
     if clash := sorted(set(terms) & set(p)):
-        raise InputError(f"{type(plant).__name__}: time_terms are called like parameters: {clash}")
+        raise InputError(f"{type(plant).__name__}: time_terms have names of parameters: {clash}")
     return {name: e for name, e in terms.items() if not parameter_names([e])}
 
 
@@ -446,18 +446,18 @@ def _external(
     unit, n, m = arguments.unit, len(arguments.unit), len(plant.external)
 
     def values(x: Array, t: Array, p: Array) -> Array:
-        found = np.asarray(plant.external_array(*arguments(x, t, p)), dtype=float)
-        if found.shape != (m, x.shape[1]):
-            raise InputError(f"external_array must return {(m, x.shape[1])}, got {found.shape}")
-        return found
+        terms = np.asarray(plant.external_array(*arguments(x, t, p)), dtype=float)
+        if terms.shape != (m, x.shape[1]):
+            raise InputError(f"external_array must return {(m, x.shape[1])}, got {terms.shape}")
+        return terms
 
     def jacobian(x: Array, t: Array, p: Array) -> Array:
-        found = np.asarray(plant.external_jacobian(*arguments(x, t, p)), dtype=float)
-        if found.shape != (m, n, x.shape[1]):
+        derivatives = np.asarray(plant.external_jacobian(*arguments(x, t, p)), dtype=float)
+        if derivatives.shape != (m, n, x.shape[1]):
             raise InputError(
-                f"external_jacobian must return {(m, n, x.shape[1])}, got {found.shape}"
+                f"external_jacobian must return {(m, n, x.shape[1])}, got {derivatives.shape}"
             )
-        return found * unit[None, :, None]
+        return derivatives * unit[None, :, None]
 
     return External(tuple(variable(v.name) for v in plant.external), values, jacobian)
 
@@ -468,11 +468,11 @@ def _event_terms(
     """Wrap the array terms of a plant's events for the system's units and parameters."""
 
     def values(x: Array, t: Array, p: Array) -> Array:
-        found = np.asarray(plant.event_terms_array(*arguments(x, t, p)), dtype=float)
-        if found.shape != (len(variables), x.shape[1]):
+        terms = np.asarray(plant.event_terms_array(*arguments(x, t, p)), dtype=float)
+        if terms.shape != (len(variables), x.shape[1]):
             raise InputError(
-                f"event_terms_array must return {(len(variables), x.shape[1])}, got {found.shape}"
+                f"event_terms_array must return {(len(variables), x.shape[1])}, got {terms.shape}"
             )
-        return found
+        return terms
 
     return variables, values

@@ -99,10 +99,10 @@ def _make(
     high, low = np.zeros((2, len(rows)))
     for weight, given in zip((high, low), errors, strict=True):
         weight[list(given)] = list(given.values())
-    found = Tableau(name, order, a, np.array(weights), a.sum(axis=1), (high, low))
-    for array in (found.a, found.b, found.c, high, low):
+    formula = Tableau(name, order, a, np.array(weights), a.sum(axis=1), (high, low))
+    for array in (formula.a, formula.b, formula.c, high, low):
         array.flags.writeable = False
-    return found
+    return formula
 
 
 _Q = sqrt(21.0)

@@ -136,6 +136,8 @@ class TaylorBatches:
         ends = self._flown(y, p, start, target)
         if not self._ends or not y.shape[1]:
             return ends
+        # Two kinds of ends are not zeros of a series: an event that begins at zero with zero slope,
+        # and one whose sign changed without a detected zero.
         before = self._values(y, p, start)
         for lane in np.flatnonzero((before == 0).any(axis=0)):
             self._leave_zero(ends, y, p, start, target, int(lane), before[:, lane] == 0)
@@ -218,8 +220,8 @@ class TaylorBatches:
             options["pars"] = np.array(p[: function.nparams])  # the caller may hold both in one
         if function.is_time_dependent:
             options["time"] = np.ascontiguousarray(t)
-        found: Array = function(np.ascontiguousarray(y[: self._n]), **options)
-        return found
+        values: Array = function(np.ascontiguousarray(y[: self._n]), **options)
+        return values
 
     def on_grid(self, y: Array, p: Array, times: Array) -> Array:
         """Evaluate the dense output.
@@ -246,8 +248,8 @@ class TaylorBatches:
             self._load(integrator, y[:, lanes], p[:, lanes], begin, sense)
             self._carried.alive = np.zeros(width, dtype=bool)
             table = np.ascontiguousarray(np.repeat(times[:, None], width, axis=1))
-            _, found = integrator.propagate_grid(table)
-            out[:, :, lanes] = found[:, : self._n].transpose(1, 0, 2)
+            _, grid = integrator.propagate_grid(table)
+            out[:, :, lanes] = grid[:, : self._n].transpose(1, 0, 2)
         return out
 
     def _integrator(self, width: int) -> Any:

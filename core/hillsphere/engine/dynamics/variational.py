@@ -50,6 +50,7 @@ def variational_equations(
     n, columns = len(system.x), len(system.x) + len(parameters)
     rows = jacobian(system.rhs, [*system.x, *(parameter(name) for name in parameters)])
     phi = [[variable(f"d{i},{j}") for j in range(columns)] for i in range(n)]
+    # Row i of A Φ, and of A Ψ + B in the columns of the parameters (j ≥ n).
     rates: list[Expr] = []
     for row in rows:
         # Most of A is zero for equations of motion: structural zeros never reach the compiler.
@@ -139,15 +140,15 @@ class Derivatives:
         states, q, times = self._arguments(x, p, t)
         n, columns, external = self._n, self._columns, self._external
         if external is None:
-            found = self._both(states, q, times)
-            return found[:n], found[n:].reshape(n, columns, -1)
+            values = self._both(states, q, times)
+            return values[:n], values[n:].reshape(n, columns, -1)
         terms = external.values(states, times, q)
-        found = self._both(np.concatenate([states, terms]), q, times)
-        table = found[n:].reshape(n, columns + len(terms), -1)
+        values = self._both(np.concatenate([states, terms]), q, times)
+        table = values[n:].reshape(n, columns + len(terms), -1)
         result = table[:, :columns].copy()
         inner = external.jacobian(states, times, q)
         result[:, :n] += np.einsum("igN,gjN->ijN", table[:, columns:], inner)
-        return found[:n], result
+        return values[:n], result
 
     def _arguments(
         self, x: ArrayLike, p: ArrayLike | None, t: ArrayLike

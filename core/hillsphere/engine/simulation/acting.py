@@ -280,7 +280,7 @@ class ByEquations:
     def own_along(self, t: Array, y: Array, p: Array) -> Array:
         """Return the law's command without feedforward, see `Act`."""
         p = p.copy()
-        p[self._feed] = 0.0  # it changes between samples, what the law commands does not with it
+        p[self._feed] = 0.0  # without feedforward, which may change between samples
         return self._command(y, p, t)[: self._controls]
 
 

@@ -83,6 +83,8 @@ class Thruster:
         if self.noise:
             normal = w.reshape(self.thrusters, 1 + self.dimension, -1)
             wanted = wanted * (1.0 + self.magnitude_sigma * normal[:, 0])
+            # The component of the noise normal to the command gives δ ê; with sin δ/δ by sinc the
+            # direction is cos δ û + sin δ ê, also for δ = 0.
             within = np.add.reduce(normal[:, 1:] * along, axis=1)
             across = normal[:, 1:] - within[:, None] * along
             across *= self.pointing_sigma_rad

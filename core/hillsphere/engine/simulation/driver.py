@@ -187,7 +187,7 @@ class Simulator:
         table = Table(len(batch), int(batch.samples.max(initial=0))) if history else None
         budget = bool(np.isfinite(batch.budget).any())
         watch = self._watch(budget, limits)
-        found: list[Result] = []
+        results: list[Result] = []
         with np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore"):
             for first in range(0, len(batch), BLOCK):
                 count = min(BLOCK, len(batch) - first)
@@ -199,7 +199,7 @@ class Simulator:
                 part = self._part(block, count, seed, stage)
                 # An observer may follow the sub-steps too; few do.
                 follow = getattr(observer, "follower", None)
-                found.append(
+                results.append(
                     fly_block(
                         self._settings(watch, budget),
                         part,
@@ -210,7 +210,7 @@ class Simulator:
                     )
                 )
                 tell(count)
-        return self._flights(found, len(batch), watch, table)
+        return self._flights(results, len(batch), watch, table)
 
     def choose_substeps(self, cases: Cases, tol: float) -> int:
         """Find the number of sub-steps that meets a tolerance over the first period.
@@ -348,7 +348,7 @@ class Simulator:
         )
 
     def _flights(
-        self, found: Sequence[Result], total: int, watch: Watch, table: Table | None
+        self, results: Sequence[Result], total: int, watch: Watch, table: Table | None
     ) -> Flights:
         names = dict(enumerate(zip(watch.statuses, watch.names, strict=True))) | CAUSES
         n = len(self.plant.states)
@@ -357,18 +357,18 @@ class Simulator:
             return np.concatenate([*parts, empty], axis=-1)[..., :total]
 
         none, zero = np.zeros(0), np.zeros(0, dtype=np.int64)
-        ends = [names[c] for c in joined([r.cause for r in found], zero).tolist()]
+        ends = [names[c] for c in joined([r.cause for r in results], zero).tolist()]
         return Flights(
             frame=self.plant.frame,
             states=tuple(v.name for v in self.plant.states),
             status=tuple(status for status, _ in ends),
             cause=tuple(cause for _, cause in ends),
-            time_s=joined([r.t for r in found], none),
-            x=joined([r.x for r in found], np.zeros((n, 0))),
-            dv_m_s=joined([r.dv for r in found], none),
-            firings=joined([r.firings for r in found], zero),
-            samples=joined([r.samples for r in found], zero),
-            step_error=joined([r.error for r in found], none),
+            time_s=joined([r.t for r in results], none),
+            x=joined([r.x for r in results], np.zeros((n, 0))),
+            dv_m_s=joined([r.dv for r in results], none),
+            firings=joined([r.firings for r in results], zero),
+            samples=joined([r.samples for r in results], zero),
+            step_error=joined([r.error for r in results], none),
             history=table.history() if table else None,
         )
 
@@ -425,10 +425,10 @@ def _check_poles(law: Compensator | ContinuousLaw, method: str, substeps: int) -
     reach, fastest = STEP_REACH.get(method, inf), law.fastest_rad_s
     if fastest * law.period_s > reach * substeps * (1.0 + 1e-9):
         raise InputError(
-            f"substeps: the fastest pole of the law, {fastest:.4g} 1/s, asks {method} for steps "
-            f"of at most {reach / fastest:.4g} s between its samples, so for at least "
-            f"{ceil(fastest * law.period_s / reach)}; got {substeps}. Raise it, or give a "
-            "tolerance"
+            f"substeps: the fastest pole of the law, {fastest:.4g} 1/s, requires {method} steps "
+            f"of at most {reach / fastest:.4g} s between its samples, so at least "
+            f"{ceil(fastest * law.period_s / reach)} of them; got {substeps}. Raise substeps, or "
+            "give a tolerance"
         )
 
 

@@ -133,7 +133,8 @@ class Watch:
         before, end = self._at_start(leg), leg.frozen(y[-1])
         after = self.values(leg, t, y[-1])
         self._known = (end, t, leg.cases, after)
-        # One sum tells a NaN or infinity; it may overflow by itself: the slow way is exact.
+        # A finite sum excludes NaN and infinity. If the sum itself overflows, the slower exact
+        # check below decides.
         sound = isfinite(np.add.reduce(flown, axis=None))
         look = proof.look
         if (
@@ -156,19 +157,19 @@ class Watch:
         return self._settle(_Flown(leg, h, nodes, values.transpose(1, 0, 2), errors), doubtful)
 
     def fly_at_once(self, leg: Leg, parts: Sequence[Held], last: Leg) -> Sample | None:
-        """Fly all parts between two samples, if it is proved at once that no flight ends in them.
+        """Propagate all parts between two samples, if a joint proof excludes the end of a flight.
 
         Parameters
         ----------
         leg, last : Leg
-            The first and the last part; the state at the start of the latter is not looked at.
+            The first and the last part; the initial state of the latter is not used.
         parts : sequence of Held
             All parts.
 
         Returns
         -------
         Sample or None
-            None if it is not proved: the parts are to be flown one by one.
+            None without a proof; the parts must then be propagated one by one.
         """
         self._proof.ready(leg)
         look = self._proof.look
@@ -184,7 +185,7 @@ class Watch:
             nodes.append(states.transpose(1, 0, 2))
             errors.append(error.sum(axis=0))
             sum_of_all += float(np.add.reduce(flown, axis=None))
-        # One sum tells a NaN or infinity, and may overflow by itself: then it is not proved.
+        # A finite sum excludes NaN and infinity. If it overflows, there is no proof.
         if not isfinite(sum_of_all):
             return None
         end, before, after = leg.frozen(y), self._at_start(leg), self.values(last, t, y)
@@ -203,12 +204,12 @@ class Watch:
         return Sample(end, t, errors, nodes)
 
     def _is_proved(self, leg: Leg, parts: Sequence[Held], nodes: Sequence[Array]) -> bool:
-        """Say whether the ends of all sub-steps of all parts prove that no flight ends in them."""
+        """Return whether the states at all ends of sub-steps prove that no flight ends in them."""
         flown: list[Nodes] = []
         for part, y in zip(parts, nodes, strict=True):
             here = replace(
                 leg, t=part.t, y=y[:, 0], period=part.period, p=part.p,
-                # What is left of Δv is decided by its end.
+                # The remaining Δv never increases: its value at the end decides (`_has_left`).
                 left=None if leg.left is None else np.full(len(leg.t), np.inf),
                 rate=None if leg.rate is None else np.zeros(len(leg.t)),
             )  # fmt: skip
@@ -226,20 +227,20 @@ class Watch:
             if not wanted.any():
                 continue
             y = np.ascontiguousarray(one.y)
-            found = self._searched(
+            searched = self._searched(
                 _Flown(one.leg, one.h, y, g, np.zeros(0)), np.flatnonzero(wanted), certain, index
             )
-            if (np.isfinite(found.begin) | np.isfinite(found.open_at)).any():
+            if (np.isfinite(searched.begin) | np.isfinite(searched.open_at)).any():
                 return False
         return True
 
     def _flow(self, part: Held, y: Array) -> tuple[Array, Array, Array]:
-        """Fly on from states y (rows, B).
+        """Propagate states y (rows, B) over a part.
 
         Returns
         -------
         flown : ndarray, shape (steps + 1, rows + 2, B)
-            Of each sub-step the states at its end, and the two rows of its error; the start first.
+            States at the end of each sub-step with its two rows of error; the start comes first.
         h, t : ndarray, shape (B,)
             Length of the sub-steps; time at the end.
         """
@@ -254,18 +255,18 @@ class Watch:
         return flown, h, t
 
     def _split_off_errors(self, flown: Array) -> tuple[Array, Array]:
-        """Return states (steps + 1, rows, B) and errors (steps, B) of what was flown."""
+        """Split propagated rows into states (steps + 1, rows, B) and errors (steps, B)."""
         return flown[:, :-2], self._stepper.error(flown[1:, -2:])
 
     def _has_left(self, leg: Leg, after: Array) -> bool:
-        """Say whether all lanes have Δv left: it never rises, so that the end decides."""
+        """Return whether all lanes have Δv left; it never increases, so that the end decides."""
         if leg.left is None:
             return True
         left = after[self.budget_row] > 0.0
         return bool(left.all() if leg.whole else left[leg.flying].all())
 
     def _at_start(self, leg: Leg) -> Array:
-        """Return the rows at the start: those at the end of the last leg where nothing changed."""
+        """Return the rows at the start; those at the end of the last leg if nothing has changed."""
         known = self._known
         if known is not None and known[0] is leg.y and known[2] is leg.cases:
             # The clocks of both legs agree but for rounding.
@@ -277,7 +278,7 @@ class Watch:
         return self.values(leg, leg.t, leg.y)
 
     def _doubtful(self, least: Array, flying: NDArray[np.bool_]) -> Integers | None:
-        """Return, by lane, the row without a bound that came closer to zero than its margin."""
+        """Return per lane the row without a bound that fell below its margin, or −1."""
         if self._proof.bounded_rows.all():
             return None
         close = (least < self._proof.margins[:, None]) & flying & ~self._proof.bounded_rows[:, None]
@@ -286,17 +287,17 @@ class Watch:
         return np.where(close.any(axis=0), np.argmax(close, axis=0), -1)
 
     def _settle(self, flown: _Flown, doubtful: Integers | None) -> End:
-        """Decide what ends which lanes in which sub-step of a leg, and where."""
+        """Determine the first event of each lane in a leg, its sub-step and its location."""
         leg, y, values = flown.leg, flown.y, flown.values
         steps, lanes = y.shape[1] - 1, y.shape[2]
         g0, g1, flying = values[:, :-1], values[:, 1:], leg.flying
-        # A flight may begin on a surface: then only going below zero ends it.
+        # A flight may begin on a surface: then only a value below zero ends it.
         fell = (count_crossings(g0, g1, -1) | (g1 < 0)) & flying
         bad = flying & _broken(y[:, 1:], g1)
         (index,) = self._proof.of_legs([Nodes(leg, flown.h, y, values)])
         certain = self._certain(g0, g1, y, index, flown.h)
         ends = bad | (fell & certain).any(axis=0)
-        # Nothing after the first end of a lane that is certain matters.
+        # Sub-steps after the first certain end of a lane are irrelevant.
         live = flying & ~_earlier(ends)
         wanted = live & ~bad & ~certain.all(axis=0)
         found = None
@@ -304,7 +305,7 @@ class Watch:
             found = self._searched(flown, np.flatnonzero(wanted), certain, index)
             inner = np.isfinite(found.begin) | np.isfinite(found.open_at)
             inner = inner.reshape(len(g0), steps, lanes)
-            # What the search found replaces what the ends show, but for a start below zero.
+            # The search replaces the signs at the ends, except for rows that start below zero.
             searched = wanted & ~certain
             fell &= ~searched | ((g1 < 0) & ~inner)
             ends = (bad | fell.any(axis=0) | inner.any(axis=0)) & live
@@ -335,7 +336,7 @@ class Watch:
         fell, bad = fell[:, at, lane] & ended, bad[at, lane] & ended
         self._place(end, leg, step, fell & ~bad, bad, here)
         if doubtful is not None:
-            # Sub-steps are flown on beyond the end of a flight: what comes close there is not its.
+            # Sub-steps are propagated beyond the end of a flight; values there do not count.
             flew = np.arange(steps + 1)[:, None] <= np.where(ended, at, steps)
             least = np.where(flew, values, np.inf).min(axis=1)
             least = np.where(ended, np.minimum(least, self.values(leg, end.t, end.y)), least)
@@ -345,7 +346,7 @@ class Watch:
     def _certain(
         self, g0: Array, g1: Array, y: Array, index: Integers, h: Array
     ) -> NDArray[np.bool_]:
-        """Say of which rows the ends of a sub-step decide: (E, steps, B)."""
+        """Return the rows that the ends of a sub-step decide, bool (E, steps, B)."""
         shape = g0.shape
         rows = self._proof.bounded_rows
         if not rows.any():
@@ -365,10 +366,10 @@ class Watch:
     def _searched(
         self, flown: _Flown, columns: Integers, certain: NDArray[np.bool_], index: Integers
     ) -> Found:
-        """Search sub-steps for the first crossing of what their ends do not decide.
+        """Search sub-steps for the first crossing of rows that their ends do not decide.
 
-        The sub-steps, counted with the lanes fastest, are searched in the order of time, and none
-        after the first that ends its lane.
+        Sub-steps are numbered with lanes varying fastest. They are searched in the order of time,
+        up to the first that ends its lane.
         """
         leg, y, values = flown.leg, flown.y, flown.values
         rows, lanes = len(values), y.shape[2]
@@ -420,7 +421,7 @@ class Watch:
         bad: NDArray[np.bool_],
         searched: Found | None,
     ) -> None:
-        """Write into `end` when, where and why lanes ended in a sub-step of their own."""
+        """Write into `end` the time, state and cause of lanes that ended, each in its sub-step."""
         cause = end.cause
         assert cause is not None
         partial = np.empty_like(step.y)
@@ -470,12 +471,12 @@ class Watch:
 
 
 def _broken(y: Array, values: Array) -> NDArray[np.bool_]:
-    """Say where states (rows, …) are not finite or values (E, …) are not numbers."""
+    """Return where states (rows, …) are not finite or values (E, …) are NaN."""
     return np.asarray(~np.isfinite(y).all(axis=0) | np.isnan(values).any(axis=0))
 
 
 def _earlier(ends: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Say of each sub-step (steps, B) whether its lane ended in one before it."""
+    """Return for each sub-step (steps, B) whether its lane ended in an earlier one."""
     before: NDArray[np.bool_] = np.logical_or.accumulate(ends, axis=0)
     return np.concatenate([np.zeros_like(before[:1]), before[:-1]])
 
@@ -488,9 +489,10 @@ def _first_root(
     h: Array,
     width: Array,
 ) -> Array:
-    """Return the root in brackets that hold one, the same whatever bounds found the bracket.
+    """Return the roots in brackets with one root each, independent of how these were found.
 
-    The bracket is halved to the smallest size of a piece, the same dyadic one of the sub-step.
+    Each bracket is first bisected to the smallest size of a piece, a dyadic interval of the
+    sub-step, so that the result does not depend on the bounds that led to the bracket.
     """
     near, far = np.where(wanted, begin, 0.0), np.where(wanted, end, 0.0)
     while (wide := wanted & (far - near > 1.5 * np.abs(h) * 0.5**DEPTH)).any():
@@ -503,7 +505,7 @@ def _first_root(
 
 @dataclass(frozen=True, eq=False)
 class _Flown:
-    """A leg that was flown: states (rows, steps + 1, B), values (E, steps + 1, B), step errors."""
+    """A propagated leg: states (rows, steps + 1, B), values (E, steps + 1, B), step errors."""
 
     leg: Leg
     h: Array

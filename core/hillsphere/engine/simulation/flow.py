@@ -1,4 +1,4 @@
-"""A plant, or a plant and a continuous law, compiled for the loop."""
+"""Compilation of a plant, alone or with a continuous law, for the closed loop."""
 
 from __future__ import annotations
 
@@ -36,22 +36,23 @@ __all__ = ["closed_system", "compile_step_map", "compiled_loop", "thrust_vectors
 EFFORT = "loop:effort"
 _T = TypeVar("_T")
 _MOST = 64
-"""Compiled systems kept: more than the plants and laws of a mission."""
+"""Largest number of cached systems, more than the plants and laws of a mission."""
 _KEPT: OrderedDict[tuple[object, ...], tuple[tuple[object, ...], Any]] = OrderedDict()
-"""What was compiled, the last used last, with its plant and law: while they are held here no other
-objects have their ids. Weak references would never let go, since a system refers to its plant."""
+"""Compiled systems in order of use, with their plants and laws. Keys contain ids of these objects,
+which stay unique as long as the objects are referenced here. Weak references would never be
+cleared, since a system refers to its plant."""
 
 
 def _remember(owners: tuple[object, ...], key: tuple[object, ...], make: Callable[[], _T]) -> _T:
-    """Return what was made of these objects before, or make it."""
+    """Return the cached result for these objects and key, or make it."""
     name = (*map(id, owners), *key)
     if name not in _KEPT:
         _KEPT[name] = owners, make()
         while len(_KEPT) > _MOST:
             _KEPT.popitem(last=False)
     _KEPT.move_to_end(name)
-    found: _T = _KEPT[name][1]
-    return found
+    result: _T = _KEPT[name][1]
+    return result
 
 
 def compile_step_map(
@@ -68,7 +69,7 @@ def compile_step_map(
     method : str
         Formula of the step map.
     controls : bool
-        Whether the controls follow as further run-time parameters.
+        Whether the controls are additional run-time parameters.
 
     Returns
     -------
@@ -85,9 +86,9 @@ def compile_step_map(
 def compiled_loop(
     plant: Plant, law: ContinuousLaw, run_time: Sequence[str], method: str
 ) -> tuple[StepMap, ArrayFunction]:
-    """Return `closed_system` and its command compiled, once.
+    """Return the step map of `closed_system` and its compiled command, cached.
 
-    A law whose equations are those of another, at another period, names that as its ``equations``.
+    A law that has the equations of another one, at another period, refers to it as ``equations``.
     """
     same: ContinuousLaw = getattr(law, "equations", law)
 
@@ -99,19 +100,19 @@ def compiled_loop(
 
 
 def thrust_vectors(rows: int) -> int:
-    """Return of how many vectors a command consists: of three components each, or else one."""
+    """Return the number of thrust vectors of a command: one per three rows, or else one."""
     return rows // 3 if rows % 3 == 0 else 1
 
 
 def velocity_rows(plant: Plant) -> list[int]:
-    """Return which states are velocities, by their dimension, in order."""
+    """Return the rows of the velocities, which are identified by their dimension, in order."""
     return [i for i, v in enumerate(plant.states) if (v.length, v.time) == (1, -1)]
 
 
 def closed_system(
     plant: Plant, law: ContinuousLaw, run_time: Sequence[str], *, apart: bool = False
 ) -> tuple[System, tuple[Expr, ...]]:
-    r"""Put a continuous law into the equations of a plant, SI.
+    r"""Compose the closed-loop system of a plant and a continuous law, SI.
 
     Parameters
     ----------
@@ -127,24 +128,24 @@ def closed_system(
     Returns
     -------
     system : System
-        n + m + 1 states: of the plant, of the law, and the effort :math:`\int |u|\,dt`. Its
-        run-time parameters: those of the plant, then p rows of feedforward, p × p of the
-        effectiveness of the actuator, q of the reference and, if the law's measurement is held, q
-        of the measurement.
+        n + m + 1 states: those of the plant, those of the law, and the effort
+        :math:`\int |u|\,dt`. Its run-time parameters are those of the plant, then p rows of
+        feedforward, p × p of the effectiveness of the actuator, q of the reference and, if the
+        law's measurement is held, q of the measurement.
     command : tuple of Expr
-        What the law and the feedforward command, p expressions in the symbols of that system.
+        Sum of the law's command and the feedforward, p expressions in the symbols of that system.
 
     Raises
     ------
     InputError
-        If numbers or names do not fit.
+        If numbers or names of states and controls do not match.
     """
     base = system(plant, run_time=run_time, controls=True, apart=apart)
     names = [v.name for v in base.states]
     own = [v.name for v in law.states]
     what = type(law).__name__
     if clash := sorted(set(own) & set(names)):
-        raise InputError(f"{what}: states {clash} are called like states of the plant")
+        raise InputError(f"{what}: states {clash} have names of states of the plant; rename them")
     held = law.measurement == "held"
     if not held and law.inputs != len(names):
         raise InputError(
@@ -207,17 +208,17 @@ def closed_system(
 def _law_errors(
     plant: Plant, law: ContinuousLaw, affine: AffineLaw | None, first: int
 ) -> tuple[Array, tuple[int, ...]]:
-    """Return the scale in which errors of a law's states are measured, and which are passing.
+    """Return the scale of errors of a law's states, and the rows whose errors are transient.
 
-    A Runge-Kutta formula errs where a time constant of the law is about the step, so that the error
-    has gone some steps later. Of a law that is linear in its states, and whose states have no size
-    of their own, it is measured by what it commands meanwhile: in units of the plant's typical
-    acceleration times its unit of time.
+    The error of a Runge–Kutta formula is largest for states whose time constant is about one step,
+    and such an error decays within a few steps. The states of a linear law have no scale of their
+    own. Their errors are therefore scaled by their effect on the command, in units of the plant's
+    typical acceleration times its unit of time.
     """
     if affine is None or not len(law.states):
         return plant.scales.of(law.states), ()
     gain = np.abs(affine.c[:, : len(law.states)]) / plant.scales.of(plant.controls)[:, None]
-    # A state that commands nothing is not measured.
+    # The error of a state without effect on the command gets weight zero.
     scale = plant.scales.time_s / np.maximum(gain.max(axis=0, initial=0.0), 1e-100)
     return scale, tuple(range(first, first + len(law.states)))
 
@@ -233,7 +234,7 @@ def _effort(done: Sequence[Expr]) -> Expr:
 
 
 def _widen_array_terms(base: System, more: int) -> External | None:
-    """Return the plant's array terms for a state vector with `more` rows after the plant's."""
+    """Wrap the plant's array terms for a state vector with `more` rows after the plant's."""
     inner = base.external
     if inner is None:
         return None

@@ -1,4 +1,4 @@
-"""A plant under a continuous law in interval arithmetic."""
+"""Interval bounds of a plant with a continuous law."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class LawBounds:
     run_time : int
         Number of run-time parameters of the plant.
     vectors : int
-        Of how many vectors the command consists.
+        Number of thrust vectors of the command.
     linear : LinearRows or None
-        The law's states, if its equations are linear in them.
+        Rows of the law's states, if its equations are linear in them.
     affine : AffineLaw or None
-        What bounds its commands more cheaply, if it is affine and on held measurements.
+        The law in affine form, for faster bounds of its command, if its measurement is held.
     """
 
     plant: PlantBounds
@@ -76,13 +76,13 @@ class LawBounds:
 
 @dataclass(frozen=True, eq=False)
 class WithoutEffort:
-    """The same without its last state, the effort: it need not stay in any box, nothing sees it."""
+    """The same system without the effort, its last state, on which nothing else depends."""
 
     whole: LawBounds
 
     @property
     def linear(self) -> LinearRows | None:
-        """States of a linear law, if it has any."""
+        """Rows of a linear law's states, or None."""
         return self.whole.linear
 
     def rates(self, t: Bound, y: Sequence[Bound], p: Sequence[Interval]) -> list[Bound]:
@@ -98,8 +98,8 @@ class WithoutEffort:
 def law_matrix(law: ContinuousLaw, inputs: int) -> Array | None:
     """Return A (m, m) of a law ẋ_c = A x_c + b(y, r, t); None if it is not of this form.
 
-    Found by differentiating its equations at states and inputs of which nothing is known: what is
-    certain of the slopes then is the same everywhere.
+    The equations are differentiated in interval arithmetic for unbounded states and inputs. A
+    derivative that is then a single number is constant.
     """
     m = len(law.states)
     if not m:

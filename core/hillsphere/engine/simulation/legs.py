@@ -1,4 +1,4 @@
-"""Legs between two samples, their parts and ends, and conditions that end a flight."""
+"""Data of the flight between two samples: legs, their parts and ends, and limits."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ class Limit:
     name : str
         Shown as the cause.
     value : callable
-        (t_s (N,), x (n, N), cases (N,)) → (N,), continuous along the flight; x the plant's true
-        states, SI, cases the numbers of the cases, with which limits of their own are looked up.
+        (t_s (N,), x (n, N), cases (N,)) → (N,), continuous along the flight. x are the plant's true
+        states, SI; cases are the numbers of the cases, by which limits can differ.
     status : str
         One of `STATUSES`.
     lipschitz : array_like, shape (n,), optional
-        L with :math:`|v(t, x) - v(t, x')| \le \sum_i L_i |x_i - x'_i|`, per unit of each state of
-        the plant. With it the limit is proved between the ends of sub-steps.
+        Constants L with :math:`|v(t, x) - v(t, x')| \le \sum_i L_i |x_i - x'_i|`, per unit of each
+        state of the plant. With them the limit is proved between the ends of sub-steps.
     drift : float
-        Largest rate, 1/s, at which the value changes with time by itself, the states held.
+        Largest rate of change of the value with time at constant states, 1/s.
     margin : float
-        Without `lipschitz`: a flight along which the value, at the ends of sub-steps, falls below
-        this without ending by this limit is ``unresolved``.
+        Without `lipschitz`: a flight whose value falls below this at the end of a sub-step, and
+        which does not end by this limit, is ``unresolved``.
     """
 
     name: str
@@ -65,7 +65,7 @@ class Limit:
 
     @property
     def bound(self) -> tuple[object, ...]:
-        """What is known of how fast the value changes, to compare limits by."""
+        """Lipschitz constants, drift and margin, by which limits are compared."""
         slopes = None
         if self.lipschitz is not None:
             slopes = tuple(np.asarray(self.lipschitz, dtype=float).tolist())
@@ -74,14 +74,14 @@ class Limit:
 
 @dataclass(frozen=True)
 class Leg:
-    """One block between two samples, or over a part of it in which a command is held.
+    """A block between two samples, or in a part of this time with a held command.
 
     Parameters
     ----------
     t, y : ndarray, shape (B,), (rows, B)
         Time and state at its start.
     period : ndarray, shape (B,)
-        How long.
+        Duration, s.
     p : ndarray, shape (k, B)
         Run-time parameters.
     cases : ndarray of int, shape (B,)
@@ -89,10 +89,10 @@ class Leg:
     flying : ndarray of bool, shape (B,)
         Lanes that still fly.
     whole : bool
-        Whether all do.
+        Whether all lanes fly.
     left, rate : ndarray, shape (B,), or None
-        Δv at hand at the start, None without a budget; and what is spent per second, None if the
-        last state counts it.
+        Remaining Δv at the start, m/s, None without a budget; and Δv spent per second, None if the
+        last state integrates it.
     within : ndarray, shape (B,), or None
         Time between the samples, if the leg is a part of it.
     """
@@ -114,11 +114,11 @@ class Leg:
         return self.period if self.within is None else self.within
 
     def frozen(self, y: Array) -> Array:
-        """Return states y (rows, B) with those at the start where a lane does not fly."""
+        """Return states y (rows, B), with the initial ones in lanes that do not fly."""
         return y if self.whole else np.where(self.flying, y, self.y)
 
     def taken(self, lanes: Integers) -> Leg:
-        """Return some of the lanes, any of them as often as wanted."""
+        """Return the leg with some of its lanes, which may be repeated."""
         return Leg(
             self.t[lanes], self.y[:, lanes], self.period[lanes],
             np.ascontiguousarray(self.p[:, lanes]), self.cases[lanes], self.flying[lanes],
@@ -136,11 +136,11 @@ class Held:
     Parameters
     ----------
     t, period : ndarray, shape (B,)
-        Its start, and how long it lasts.
+        Its start and duration, s.
     p : ndarray, shape (k, B)
         Run-time parameters.
     rate : ndarray, shape (B,), or None
-        Δv spent per second, None if the last state counts it.
+        Δv spent per second, None if the last state integrates it.
     steps : int
         Sub-steps.
     """
@@ -184,14 +184,14 @@ class Sample:
 
 @dataclass(frozen=True)
 class End:
-    """How a leg ended: the states of all lanes, and which ended before its end.
+    """End of a leg: the states of all lanes, and the causes of flights that ended in it.
 
     Parameters
     ----------
     y : ndarray, shape (rows, B)
         State at the end of the leg, or of the flight.
     t : ndarray, shape (B,)
-        Time of it.
+        Time of this state, s.
     cause : ndarray of int, shape (B,), or None
         None if every flying lane reached the end of the leg. Otherwise, for each lane: −1 if it
         did; `Watch.diverged` if its state became non-finite; the row of `Watch` of the event that
@@ -203,8 +203,8 @@ class End:
     error : ndarray, shape (B,), or None
         Sum of the estimated errors of the steps, in units of the system's scale.
     nodes : ndarray, shape (rows, S + 1, B), or None
-        States at the ends of the S sub-steps, the start first; of a flight that ended in between
-        they go on beyond its end.
+        States at the ends of the S sub-steps, the start first; they continue after the end of a
+        flight that ended in between.
     """
 
     y: Array
@@ -217,7 +217,7 @@ class End:
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """A leg that was flown, by the ends of its sub-steps.
+    """A propagated leg, by the states at the ends of its sub-steps.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What the law sees: the truth, some of it, or the truth with errors of given size."""
+"""Navigation models: true states, a selection of them, or Gauss–Markov errors."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ __all__ = ["NavigationErrors", "PerfectNavigation", "SeenStates"]
 
 @dataclass(frozen=True)
 class PerfectNavigation:
-    """The law sees the true states."""
+    """Navigation without errors: the law receives the true states."""
 
     noise: int = 0
 
     def initial(self, t_s: Array, x: Array, w: Array) -> None:
-        """Return nothing: there is nothing to remember."""
+        """Return None, since no memory is needed."""
 
     def observe(
         self, k: int, t_s: Array, x: Array, u: Array, w: Array, memory: Any
@@ -32,14 +32,14 @@ class PerfectNavigation:
 
 
 class SeenStates:
-    """Some of the states: a law for positions and velocities sees no anomaly.
+    """Navigation of a selection of the states, such as positions and velocities only.
 
     Parameters
     ----------
     rows : sequence of int
-        Which, in the order in which the law takes them.
+        Rows of the states, in the order in which the law takes them.
     navigation : Navigation
-        Of these.
+        Navigation model of the selected states.
     """
 
     def __init__(self, rows: Sequence[int], navigation: Navigation) -> None:
@@ -53,20 +53,21 @@ class SeenStates:
     def observe(
         self, k: int, t_s: Array, x: Array, u: Array, w: Array, memory: Any
     ) -> tuple[Array, Any]:
-        """Return what it makes of these states."""
+        """Return the navigated values of the selected states, and the memory."""
         return self._navigation.observe(k, t_s, x[self._rows], u, w, memory)
 
 
 class NavigationErrors:
-    r"""The true states plus errors of zero mean, each axis on its own.
+    r"""The true states plus independent Gauss–Markov errors of zero mean.
 
-    A first-order Gauss–Markov process of standard deviation σ and correlation time τ [1]_, in
-    its steady state from the start and exact for samples Δ apart:
+    The error of each state is a first-order Gauss–Markov process with standard deviation σ and
+    correlation time τ [1]_, stationary from the start. Its exact discretisation for samples at the
+    spacing Δ is
 
     .. math:: e_{k+1} = e^{-\Delta/\tau} e_k + \sigma\sqrt{1 - e^{-2\Delta/\tau}}\; w_k .
 
-    In continuous time :math:`\sigma\sqrt{2/\tau}\,/\,(s + 1/\tau)` makes it of white noise of unit
-    spectral density.
+    In continuous time it is white noise of unit spectral density, filtered by
+    :math:`\sigma\sqrt{2/\tau}\,/\,(s + 1/\tau)`.
 
     Parameters
     ----------
@@ -101,6 +102,7 @@ class NavigationErrors:
         """Return the states with errors."""
         before, error = memory
         if self.correlation_time_s > 0:
+            # The recurrence in the class docstring, with e^(−Δ/τ) for the elapsed time Δ.
             kept = np.exp((before - t_s) / self.correlation_time_s)
             error = kept * error + np.sqrt(1.0 - kept * kept) * (self.sigma[:, None] * w)
         else:

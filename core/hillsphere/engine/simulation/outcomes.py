@@ -1,4 +1,4 @@
-"""How flights end, and what is kept of them."""
+"""Outcomes of flights: their status, final states, and histories."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ STATUSES = (
     "unresolved",
     "time_limit",
 )
-"""How a flight may end.
+"""Possible ends of a flight.
 
 ``completed``: all samples were flown; ``impact``, ``escape``: events of the plant of these names;
-``constraint``: any other event, or a limit; ``propellant``: the Δv at hand was spent;
-``diverged``: a state or a command was no finite number, or a filter left the truth;
-``step_size``: the smallest sub-steps did not meet the tolerance; ``unresolved``: whether an event
-took place could not be decided, the cause names it; ``time_limit``: the block's
-wall-clock time was up.
+``constraint``: any other event, or a limit; ``propellant``: the available Δv was spent;
+``diverged``: a state or a command was not finite, or a filter diverged from the truth;
+``step_size``: the smallest sub-steps did not meet the tolerance; ``unresolved``: it could not be
+decided whether the event that `cause` names took place; ``time_limit``: the block exceeded its
+wall-clock time.
 """
 
 
 def status_of_event(name: str) -> str:
-    """Return the status that an event of this name stands for."""
+    """Return the status of a flight that ends by the event of this name."""
     return name if name in ("impact", "escape") else "constraint"
 
 
 @dataclass(frozen=True)
 class History:
-    """Flights sample by sample; NaN after the end of a flight.
+    """Time histories of flights at their samples; NaN after the end of a flight.
 
     Parameters
     ----------
@@ -46,17 +46,17 @@ class History:
     x : ndarray, shape (n, K + 1, N)
         True states before the sample acts, SI.
     y : ndarray, shape (q, K, N)
-        What the law saw.
+        Navigated states, the input of the law.
     ref : ndarray, shape (q, K, N)
-        What it should have seen.
+        Reference of the law.
     u : ndarray, shape (p, K, N)
-        What the actuator did: m/s² held, m/s at an impulse; for a continuous law its command at
-        the sample (after `sample`, before errors of the actuator). With a feedforward in steps,
-        that of the first.
+        Executed command: m/s² if held, m/s for an impulse; for a continuous law its command at the
+        sample (after `sample`, before errors of the actuator). With a feedforward in steps, the
+        value in the first step.
     own : ndarray, shape (p, K, N)
-        What the law commanded by itself, without feedforward and before errors of the actuator.
+        The law's command without feedforward and before errors of the actuator.
     dv_m_s : ndarray, shape (K + 1, N)
-        Δv spent until then.
+        Δv spent so far.
     """
 
     time_s: Array
@@ -70,7 +70,7 @@ class History:
 
 @dataclass(frozen=True)
 class Flights:
-    """How N flights ended.
+    """Results of N flights.
 
     Parameters
     ----------
@@ -81,24 +81,26 @@ class Flights:
     status : tuple of str
         One of `STATUSES` per case.
     cause : tuple of str
-        Name of the event or limit, or what was not finite; ``""`` for a completed flight.
+        Name of the event or limit, or of the value that was not finite; ``""`` for a completed
+        flight.
     time_s : ndarray, shape (N,)
-        Time of the end, located where an event or limit ended it.
+        Time of the end; the time of an event or limit is located within its sub-step.
     x : ndarray, shape (n, N)
-        True states then, SI; of a diverged flight the last finite ones.
+        True states at the end, SI; the last finite ones of a diverged flight.
     dv_m_s : ndarray, shape (N,)
-        Δv that was done: the sum of the impulses' magnitudes, or ∫|u| dt.
+        Executed Δv: the sum of the impulses' magnitudes, or ∫|u| dt.
     firings : ndarray of int, shape (N,)
-        Samples at which something other than zero was done; of a continuous law all of them.
+        Number of samples with an executed command other than zero; all samples for a continuous
+        law.
     samples : ndarray of int, shape (N,)
         Samples at which the law acted.
     step_error : ndarray, shape (N,)
         Sum over the flight of the estimated errors of its steps, without dimension: of the states
-        in units of the plant's scales, as `tolerance` of the simulator is. From the formula's
-        embedded pair (`hillsphere.engine.dynamics.tableaux.Tableau.step_error`), on smooth motion 2
-        to 30 times the true error of a step. It does not tell how later motion amplifies an error.
+        in units of the plant's scales, as `tolerance` of the simulator. The estimate of a step
+        (`hillsphere.engine.dynamics.tableaux.Tableau.step_error`) is 2 to 30 times its true error
+        on smooth motion. The sum does not include the growth of errors by the later motion.
     history : History or None
-        The way there.
+        Time histories, if requested.
     """
 
     frame: str
@@ -114,5 +116,5 @@ class Flights:
     history: History | None = None
 
     def counts(self) -> dict[str, int]:
-        """Return how many flights ended in each way that occurs, in the order of `STATUSES`."""
+        """Return the number of flights per status that occurs, in the order of `STATUSES`."""
         return {s: n for s in STATUSES if (n := self.status.count(s))}

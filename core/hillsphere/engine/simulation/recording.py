@@ -1,4 +1,4 @@
-"""What is told of flights on their way: to histories, and to whoever watches."""
+"""Recording of flights at their samples, by histories and by observers."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ __all__ = ["Moment", "Observer", "Table"]
 
 
 class Observer(Protocol):
-    """Follows flights sample by sample, where only a few numbers of each are wanted.
+    """Observes flights sample by sample, for instance to reduce histories to a few numbers.
 
-    It may have a method ``follower(first, count)`` like `recorder`, which returns a
-    `hillsphere.engine.simulation.block.Follower`: that is called after each passage between
-    samples, with the states at the ends of its sub-steps.
+    An optional method ``follower(first, count)``, like `recorder`, returns a
+    `hillsphere.engine.simulation.block.Follower`, which is called after the propagation between two
+    samples with the states at the ends of its sub-steps.
     """
 
     def recorder(self, first: int, count: int) -> Recorder:
-        """Return what is told of one block: the `count` cases from place `first` on.
+        """Return the recorder of one block, with the `count` cases from index `first` on.
 
-        It is called with a `Moment` at every sample while a lane flies, and once at the end with
-        the final states. Lanes beyond `count` only fill the block.
+        The recorder is called with a `Moment` at every sample while a lane flies, and once at the
+        end with the final states. Lanes beyond `count` only fill the block.
         """
         ...
 
 
 class Table:
-    """Every sample of N flights.
+    """Records every sample of N flights.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Table:
         self._arrays: dict[str, Array] = {}
 
     def recorder(self, first: int, count: int) -> Recorder:
-        """Return what takes the samples of the `count` cases from number `first` on."""
+        """Return the recorder of the `count` cases from index `first` on."""
         cases = slice(first, first + count)
 
         def record(now: Moment) -> None:
@@ -60,7 +60,7 @@ class Table:
         return record
 
     def history(self) -> History:
-        """Return what was taken."""
+        """Return the recorded samples."""
         return History(
             time_s=self._array("time_s", 1)[0],
             x=self._array("x", 0),

@@ -1,4 +1,4 @@
-"""What the law is to follow."""
+"""References for control laws: fixed, sampled in time, or periodic."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ __all__ = ["FixedReference", "PhaseReference", "SampledReference", "ZeroReferenc
 
 
 class ZeroReference:
-    """Zero, in as many rows as the law sees."""
+    """The reference zero, with the rows of the law's input."""
 
     def at(self, k: int, t_s: Array, y: Array, cases: Integers) -> Array:
         """Return zeros (q, N)."""
         return np.zeros_like(y)
 
     def feedforward(self, k: int, t_s: Array, cases: Integers) -> None:
-        """Return nothing to add."""
+        """Return None: there is no feedforward."""
 
 
 class FixedReference:
-    """The same at every sample.
+    """A reference that is constant in time.
 
     Parameters
     ----------
     value : array_like, shape (q,) or (q, C)
-        Common to all cases, or one column per number of a case.
+        Reference common to all cases, or one column per case number, SI.
     """
 
     def __init__(self, value: Any) -> None:
@@ -44,20 +44,21 @@ class FixedReference:
         return _of_cases(self.value, cases, "value")
 
     def feedforward(self, k: int, t_s: Array, cases: Integers) -> None:
-        """Return nothing to add."""
+        """Return None: there is no feedforward."""
 
 
 class SampledReference:
-    """A table with one column per sample.
+    """A reference given by a table with one column per sample.
 
     Parameters
     ----------
     table : array_like, shape (q, K) or (q, K, C)
-        Reference at each sample, common to all cases or one per number of a case, SI.
+        Reference at each sample, common to all cases or one per case number, SI.
     feedforward : array_like, shape (p, K) or (p, K, C), optional
-        Command that is added to the law's, held from sample to sample.
+        Command that is added to the law's and held from sample to sample.
     steps : sequence of CommandSteps, optional
-        Instead of `feedforward`: one per sample, for a command that changes between them.
+        Alternative to `feedforward`, one item per sample, for a command that changes between
+        samples.
     """
 
     def __init__(
@@ -87,15 +88,15 @@ class SampledReference:
 
 
 class PhaseReference:
-    """A periodic motion, looked up by phase.
+    """A periodic reference as a function of phase.
 
     Parameters
     ----------
     motion : callable
         (phase (N,), cases (N,)) → reference (q, N), SI; the phase is in [0, 1).
     phase : callable
-        (t_s (N,), y (q, N), cases (N,)) → (N,), in revolutions: t/T for a motion that is to be
-        met in time, or the phase of the nearest point for one that is to be followed only.
+        (t_s (N,), y (q, N), cases (N,)) → (N,), in revolutions: t/T to track the motion in time, or
+        the phase of the nearest point to follow its path only.
     """
 
     def __init__(
@@ -110,12 +111,12 @@ class PhaseReference:
         return self._motion(np.mod(self._phase(t_s, y, cases), 1.0), cases)
 
     def feedforward(self, k: int, t_s: Array, cases: Integers) -> None:
-        """Return nothing to add."""
+        """Return None: there is no feedforward."""
 
 
 def _check_sample(samples: int, k: int, name: str) -> None:
     if k >= samples:
-        raise InputError(f"{name} has {samples} samples; sample {k} was asked for")
+        raise InputError(f"{name} has {samples} samples, but sample {k} was requested")
 
 
 def _of_sample(table: Array, k: int, name: str) -> Array:
@@ -130,5 +131,5 @@ def _of_cases(value: Array, cases: Integers, name: str) -> Array:
         out[:] = value[:, None]
         return out
     if cases.max() >= value.shape[1]:
-        raise InputError(f"{name} has {value.shape[1]} cases; case {cases.max()} was asked for")
+        raise InputError(f"{name} has {value.shape[1]} cases, but case {cases.max()} was requested")
     return np.ascontiguousarray(value[:, cases])

@@ -227,6 +227,7 @@ def celestial_to_intermediate(epoch: Epoch, t_s: Array) -> Array:
     cell = np.floor(place).astype(np.int64)
     nodes = np.unique(np.concatenate([cell + k for k in (-1, 0, 1, 2)]))
     at = np.searchsorted(nodes, cell)
+    # Lagrange's cubic through the nodes −1, 0, 1 and 2 about each cell.
     u = place - cell
     weights = (
         -u * (u - 1.0) * (u - 2.0) / 6.0,

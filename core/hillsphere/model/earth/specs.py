@@ -13,7 +13,7 @@ __all__ = ["PlanetSpec"]
 
 
 class PlanetSpec(Spec):
-    """A planet with an ellipsoid on which stations stand; it turns as the Earth does."""
+    """A planet with an ellipsoid for ground stations and the rotation of the Earth."""
 
     examples = (
         {"orientation": "constant"},

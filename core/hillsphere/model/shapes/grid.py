@@ -103,8 +103,10 @@ class GridShape:
 
     def normal_array(self, r: Array) -> Array:
         """Return the unit outward normals (3, N) where the rays through r meet the surface."""
+        # The normal is along ∇(|r| − R) = r̂ − (R_φ/R) north − (R_λ/(R cos φ)) east, at |r| = R.
         radius, by_latitude, by_longitude = self._interpolated(r)
         x, y, z = r
+        # On the polar axis, where east is not defined, `flat` must not be zero.
         flat = np.maximum(np.hypot(x, y), 1e-12 * np.abs(z))
         distance = np.hypot(flat, z)
         north = np.array([-x * z / flat, -y * z / flat, flat]) / distance
@@ -120,9 +122,10 @@ class GridShape:
         per_row, per_column = np.pi / (rows - 1), 2.0 * np.pi / columns
         up = (np.arctan2(z, np.hypot(x, y)) + 0.5 * np.pi) / per_row
         around = np.mod(np.arctan2(y, x) / per_column, columns)
-        # A lane that has turned non-finite stays so; its cell is any.
+        # A lane that has become non-finite stays so, whatever its cell.
         i = np.clip(np.nan_to_num(up).astype(np.int64), 0, rows - 2)
         j = np.clip(np.nan_to_num(around).astype(np.int64), 0, columns - 1)
+        # Bilinear interpolation between the four corners, with s to the north and t to the east.
         s, t, k = up - i, around - j, (j + 1) % columns
         sw, se = self._radii[i, j], self._radii[i, k]
         nw, ne = self._radii[i + 1, j], self._radii[i + 1, k]

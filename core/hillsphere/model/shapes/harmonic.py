@@ -73,10 +73,10 @@ class HarmonicShape:
     @cached_property
     def largest_radius_m(self) -> float:
         """Largest radius, m."""
-        found = minimize(
+        optimum = minimize(
             lambda d: -self.radius_array(d[:, None])[0], self._farthest, method="Nelder-Mead"
         )
-        return float(-found.fun)
+        return float(-optimum.fun)
 
     @cached_property
     def steepest_per_m(self) -> float:
@@ -95,17 +95,19 @@ class HarmonicShape:
         for (n, _), (c, s) in self._pairs.items():
             if n <= self.degree:
                 squares[n] += c * c + s * s
+        # Bound of the second derivatives: the sum over the degrees in the docstring.
         k = np.arange(self.degree + 1) * np.arange(1, self.degree + 2)
         each = np.maximum(k - 1, 0) * k * (2 * np.arange(self.degree + 1) + 1) * squares
         second = float(np.sum(np.sqrt(each)))
         grid = unit_vectors(np.linspace(-90, 90, 361), np.linspace(0, 359.5, 720))
         values = self._with_slopes(grid)
         away = np.radians(0.25 * np.sqrt(2.0))  # half the diagonal of half a degree, at most
+        # Bounds of the gradient (above) and of the radius (below) around each point of the grid.
         slope = np.sqrt(np.sum(values[1:] ** 2, axis=0)) + away * second
         radius = values[0] - away * slope
         if not radius.min() > 0.0:
             return np.inf
-        # Rounding of the series is far below a part in 10⁹.
+        # The factor covers the rounding of the series, which is far below 1e-9.
         return float(np.hypot(1.0 / radius, slope / radius**2).max() * (1.0 + 1e-9))
 
     def surface(self, r: Vec3) -> Expr:

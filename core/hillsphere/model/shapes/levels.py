@@ -38,8 +38,8 @@ def level_of(shape: Surface | ArraySurface) -> Callable[[Array], Array]:
     compiled = ArrayFunction([shape.surface((x, y, z))], _PLAIN)
 
     def level(r: Array) -> Array:
-        found: Array = compiled(np.ascontiguousarray(r))[0]
-        return found
+        values: Array = compiled(np.ascontiguousarray(r))[0]
+        return values
 
     return level
 

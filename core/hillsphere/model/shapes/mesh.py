@@ -147,7 +147,7 @@ class Mesh:
         if (counts > 1).any():
             i, j = (found[np.argmax(counts > 1)] + 1).tolist()
             raise InputError(
-                f"two faces run along the edge from vertex {i} to vertex {j} in the same "
+                f"two faces traverse the edge from vertex {i} to vertex {j} in the same "
                 "direction: neighbours are oriented differently, or more than two faces meet "
                 "there; orient all anticlockwise as seen from outside"
             )

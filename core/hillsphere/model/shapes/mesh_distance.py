@@ -19,7 +19,7 @@ def surface_distances(mesh: Mesh, r: Array) -> Array:
     The nearest point of a triangle is the foot of the perpendicular to its plane if that lies
     inside the triangle; otherwise it lies on one of the sides.
     """
-    found = np.empty(r.shape[1])
+    distances = np.empty(r.shape[1])
     width = max(1, _CHUNK // len(mesh.faces))
     for first in range(0, r.shape[1], width):
         part = r[:, None, first : first + width]
@@ -29,13 +29,15 @@ def surface_distances(mesh: Mesh, r: Array) -> Array:
         least = np.full(inside.shape, np.inf)
         for k in range(3):
             start, side = corners[k], corners[(k + 1) % 3] - corners[k]
+            # The nearest point of a side: the foot of the perpendicular, clipped to the side.
             to = part - start
             along = np.sum(to * side, axis=0) / np.sum(side * side, axis=0)
             gap = to - np.clip(along, 0.0, 1.0) * side
             least = np.fmin(least, np.sum(gap * gap, axis=0))
+            # The foot in the plane lies on the inner side of this side of the triangle.
             inside &= np.sum(np.cross(side, to, axis=0) * normals, axis=0) >= 0.0
         height = np.sum((part - corners[0]) * normals, axis=0)
         least = np.where(inside, height * height, least)
         lost = ~np.isfinite(part[:, 0]).all(axis=0)
-        found[first : first + width] = np.where(lost, np.nan, np.sqrt(least.min(axis=0)))
-    return found
+        distances[first : first + width] = np.where(lost, np.nan, np.sqrt(least.min(axis=0)))
+    return distances

@@ -127,13 +127,13 @@ class MeshSurface:
 
     def _inside(self, r: Array) -> Array:
         """Return 1 inside, 0 outside, (N,)."""
-        found = np.empty(r.shape[1])
+        inside = np.empty(r.shape[1])
         width = max(1, _CHUNK // len(self.mesh.faces))
         for first in range(0, r.shape[1], width):
             part = r[:, first : first + width]
             angles = solid_angles(self.mesh, part, vertex_distances(self.mesh, part))
-            found[first : first + width] = angles.sum(axis=0) / _FULL
-        return found
+            inside[first : first + width] = angles.sum(axis=0) / _FULL
+        return inside
 
 
 class PolyhedronShape(MeshSurface):

@@ -43,12 +43,14 @@ class RayTable:
         At an edge or a vertex this is one of the adjacent faces, also in the presence of rounding.
         """
         candidates = self._table[self._cell(directions)]
-        # A ray passes through a face if it lies inside of its three sides: never none by rounding.
+        # A ray meets a face if it lies on the inner side of all three planes. The face with the
+        # largest minimum is taken, so that rounding at an edge cannot exclude all candidates.
         inside = np.einsum("skFn,kF->sFn", self._sides[:, :, candidates], directions).min(axis=0)
         best = np.argmax(inside, axis=1)
         return np.asarray(candidates[np.arange(len(best)), best])
 
     def _cell(self, directions: Array) -> Integers:
+        # The cell of the cube's side that the ray meets, by central projection on that side.
         size = np.abs(directions)
         axis = np.argmax(size, axis=0)
         lanes = np.arange(directions.shape[1])
@@ -67,12 +69,14 @@ class RayTable:
         if not self._narrow:
             return np.tile(np.arange(len(half)), (6, 1))
         middle, width = self._cones()
+        # The cones of a cell and of a face overlap if their axes are closer than the sum of the
+        # half-angles. The tree searches with the largest half-angle of a face, as a chord.
         near = cKDTree(axes.T).query_ball_point(
             middle.T, 2.0 * np.sin(0.5 * np.minimum(np.pi, width + half.max()))
         )
         rows = []
-        for cell, found in enumerate(near):
-            faces = np.array(sorted(found), dtype=np.int64)
+        for cell, close in enumerate(near):
+            faces = np.array(sorted(close), dtype=np.int64)
             apart = _angles(axes[:, faces], middle[:, cell, None])
             rows.append(faces[apart <= width[cell] + half[faces] + 1e-9])
         table = np.empty((len(rows), max(map(len, rows))), dtype=np.int64)

@@ -51,6 +51,7 @@ def solid_angles(mesh: Mesh, r: Array, distances: Array) -> Array:
     over = mesh.heights[:, None] - mesh.normals.T @ r
     a, b, c = mesh.corners
     q1, q2, q3 = (np.sum(s * s, axis=0)[:, None] for s in (c - b, a - c, b - a))
+    # Twice the denominator, with 2 r_i·r_j = r_i² + r_j² − |r_i − r_j|².
     s1, s2, s3 = d1 * d1, d2 * d2, d3 * d3
     doubled = 2.0 * d1 * d2 * d3 + d1 * (s2 + s3 - q1) + d2 * (s3 + s1 - q2) + d3 * (s1 + s2 - q3)
     return np.asarray(2.0 * np.arctan2(2.0 * mesh.doubled_areas[:, None] * over, doubled))
