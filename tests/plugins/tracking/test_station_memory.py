@@ -179,7 +179,7 @@ def _changed(*path: str, value: Any = None) -> str:
         (_changed("stations", "A", "azimuth_bias_deg", "value", value="0"), "finite number"),
         (_changed("stations", "A", "azimuth_bias_deg", "sigma", value=-1.0), "sigma must be"),
         (_changed("stations", "A", "correlation", "azimuth_time", value=1.5), "positive"),
-        (json.dumps(_good()).replace("0.05", "NaN"), "no number"),
+        (json.dumps(_good()).replace("0.05", "NaN"), "not a JSON number"),
         (json.dumps(_good()).replace("0.05", "1e999"), "finite number"),
     ],
 )
