@@ -9,6 +9,7 @@ code   meaning
        which no command can work (stdout closed or full, no working directory)
 3      internal error, or one of a plugin's command, which is named then; the traceback stands in
        a log file that the message names
+4      the mission ran, and a requirement is not met or undecided; two compared runs differ
 130    interrupted (SIGINT, SIGTERM, SIGHUP); what was finished is kept
 =====  ==================================================================================
 """
@@ -27,4 +28,5 @@ class ExitCode(IntEnum):
     FAILED = 1
     BAD_INPUT = 2
     INTERNAL = 3
+    NOT_MET = 4
     INTERRUPTED = 130

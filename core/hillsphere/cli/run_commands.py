@@ -53,6 +53,10 @@ Scheduler = Annotated[
 Figures = Annotated[
     bool, typer.Option("--figures", help="Write figures as PNG too, beside the SVG.")
 ]
+Verbose = Annotated[
+    bool,
+    typer.Option("--verbose", "-v", help="Show all rows, and what every stage has to tell."),
+]
 StageName = Annotated[
     str | None,
     typer.Option("--stage", metavar="NAME", help="Campaign; needed if the mission has several."),
@@ -80,6 +84,7 @@ def run(
     figures: Figures = False,
     json: Json = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
     allow_path: AllowPath = False,
     strict_plugins: StrictPlugins = False,
 ) -> int:
@@ -91,7 +96,7 @@ def run(
 
     return run_and_show(
         loaded, registry=registry, out=out, use_cache=not no_cache, executor=chosen,
-        figures=figures, quiet=quiet, json=json,
+        figures=figures, quiet=quiet, json=json, verbose=verbose,
     )  # fmt: skip
 
 
@@ -105,6 +110,7 @@ def resume(
     figures: Figures = False,
     json: Json = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
     allow_path: AllowPath = False,
     strict_plugins: StrictPlugins = False,
 ) -> int:
@@ -119,6 +125,7 @@ def resume(
     return resume_and_show(
         run, mission=mission, allow_path=allow_path, registry=registry_of(strict_plugins),
         executor=_executor(executor, workers, scheduler), figures=figures, quiet=quiet, json=json,
+        verbose=verbose,
     )  # fmt: skip
 
 

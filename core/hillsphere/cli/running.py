@@ -8,8 +8,9 @@ from typing import Any
 
 from hillsphere.base.progress import Progress
 from hillsphere.cli.exit_codes import ExitCode
-from hillsphere.cli.output import number, write, write_json, write_table
+from hillsphere.cli.output import write, write_json
 from hillsphere.cli.streams import say
+from hillsphere.cli.verdict import show_verdict
 from hillsphere.mission.load import Mission
 from hillsphere.plugins.registry import Registry
 from hillsphere.runs.earlier_run import EarlierRun
@@ -30,8 +31,9 @@ def run_and_show(
     figures: bool,
     quiet: bool,
     json: bool,
+    verbose: bool,
 ) -> ExitCode:
-    """Run a mission, its progress on stderr; write its metrics and its report's path to stdout.
+    """Run a mission, its progress on stderr; write its verdict and its report's path to stdout.
 
     Parameters
     ----------
@@ -50,18 +52,21 @@ def run_and_show(
     quiet : bool
         Show no progress even on a terminal.
     json : bool
-        Write ``summary.json`` with the run directory instead of a table.
+        Write ``summary.json`` with the run directory instead of the verdict.
+    verbose : bool
+        Write all rows of the verdict, and the sentences and metrics of the stages.
 
     Returns
     -------
     ExitCode
-        ``FAILED`` if a stage failed; stderr then names the stage and the error.
+        ``FAILED`` if a stage failed; stderr then names the stage and the error. Otherwise
+        ``NOT_MET`` if a requirement is not met or undecided.
     """
     result = run_mission(
         mission, out=out, use_cache=use_cache, executor=executor, figures=figures,
         progress=Progress(quiet=quiet), registry=registry,
     )  # fmt: skip
-    return _show_end(mission.name, result, json)
+    return _show_end(result, json, verbose)
 
 
 def resume_and_show(
@@ -74,6 +79,7 @@ def resume_and_show(
     figures: bool,
     quiet: bool,
     json: bool,
+    verbose: bool,
 ) -> ExitCode:
     """Continue a run and show it as `run_and_show` does, or report that it is finished.
 
@@ -94,12 +100,14 @@ def resume_and_show(
     quiet : bool
         Show no progress even on a terminal.
     json : bool
-        Write ``summary.json`` with the run directory instead of a table.
+        Write ``summary.json`` with the run directory instead of the verdict.
+    verbose : bool
+        Write all rows of the verdict, and the sentences and metrics of the stages.
 
     Returns
     -------
     ExitCode
-        ``FAILED`` if a stage failed.
+        As of `run_and_show`; ``SUCCESS`` if nothing was left to do.
     """
     earlier = EarlierRun.open(run)
     name = str(earlier.manifest["mission"].get("name"))
@@ -122,30 +130,21 @@ def resume_and_show(
         run, mission=mission, allow_path=allow_path, executor=chosen, figures=figures or None,
         progress=Progress(quiet=quiet), registry=registry,
     )  # fmt: skip
-    return _show_end(name, result, json)
+    return _show_end(result, json, verbose)
 
 
-def _show_end(name: str, result: RunResult, json: bool) -> ExitCode:
+def _show_end(result: RunResult, json: bool, verbose: bool) -> ExitCode:
     for failure in result.failures:
         say(str(failure))
     if json:
         _write_summary(result.summary, result.directory)
     else:
-        _show(name, result)
-    return ExitCode.SUCCESS if result.ok else ExitCode.FAILED
+        show_verdict(result.summary, result.report, verbose=verbose)
+    if not result.ok:
+        return ExitCode.FAILED
+    return ExitCode.SUCCESS if result.is_met else ExitCode.NOT_MET
 
 
 def _write_summary(summary: Mapping[str, Any], directory: Path) -> None:
     paths = {"directory": str(directory), "report": str(directory / "report.html")}
     write_json({**summary, **paths})
-
-
-def _show(name: str, result: RunResult) -> None:
-    write(f"{name}: {result.state}")
-    for note in result.notes:
-        write(f"  {note}")
-    write_table(
-        [name, number(metric.value), "" if metric.unit == "-" else metric.unit]
-        for name, metric in result.metrics.items()
-    )
-    write(f"report: {result.report}")

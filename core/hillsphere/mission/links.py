@@ -11,7 +11,7 @@ from hillsphere.base.paths import missions_directory
 from hillsphere.base.problems import Key, did_you_mean, with_article
 from hillsphere.mission.likes import Derived
 from hillsphere.mission.tables import MOST_PROBLEMS, Tables
-from hillsphere.plugins.registry import Registered
+from hillsphere.plugins.registry import OUTCOME_KINDS, Registered
 from hillsphere.spec.base import Spec
 
 __all__ = ["Node", "check_links", "links_of", "resolve_data_paths", "topological"]
@@ -47,6 +47,8 @@ def check_links(tables: Tables, layers: Derived) -> None:
                 return
             names = tables.names.get(other_kind, [])
             if (place := layers.layers.dropped_at(other_kind, ref.name)) is not None:
+                if kind in OUTCOME_KINDS:  # it is not evaluated then
+                    continue
                 message = _dropped_message(kind, other_kind, ref.name, place)
                 tables.problems.append(layers.problem(key, message))
             elif ref.name not in names:

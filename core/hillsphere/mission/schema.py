@@ -21,7 +21,7 @@ from hillsphere.mission.tables import (
     TOP_KEYS,
     Head,
 )
-from hillsphere.plugins.registry import Registered, Registry
+from hillsphere.plugins.registry import DEFAULT_TYPES, Registered, Registry
 from hillsphere.spec.units import UNITS, unit_keys, unit_text
 
 __all__ = ["mission_schema"]
@@ -85,7 +85,13 @@ def mission_schema(registry: Registry) -> dict[str, Any]:
         "required": ["format", *head["required"], "stage"],
         "additionalProperties": False,
         "if": {"not": {"required": ["each"]}},
-        "then": {"properties": {kind: {"additionalProperties": _BEGUN} for kind in MISSION_KINDS}},
+        "then": {
+            "properties": {
+                kind: {"additionalProperties": _BEGUN}
+                for kind in MISSION_KINDS
+                if kind not in DEFAULT_TYPES
+            }
+        },
         "$defs": definitions,
     }
     if broken:
@@ -143,18 +149,22 @@ def _kind(
         table["description"] = record.component.summary
         table["properties"] = {"type": {"const": type_}, **table["properties"]}
         definitions[name] = table
+        is_default = DEFAULT_TYPES.get(kind) == type_
         rules.append(
             {
                 "if": {
                     "properties": {"type": {"const": type_}, "like": False, "for": False},
-                    "required": ["type"],
+                    "required": [] if is_default else ["type"],
                 },
                 "then": {"$ref": f"#/$defs/{name}"},
             }
         )
         rules.append(
             {
-                "if": {"properties": {"type": {"const": type_}}, "required": ["type", "for"]},
+                "if": {
+                    "properties": {"type": {"const": type_}},
+                    "required": ["for"] if is_default else ["type", "for"],
+                },
                 "then": {"propertyNames": {"enum": ["like", "for", *table["properties"]]}},
             }
         )

@@ -14,7 +14,7 @@ from hillsphere.base.errors import PluginError, UnknownComponentError
 from hillsphere.base.problems import Problem, did_you_mean, format_value
 from hillsphere.mission.faults import faults_of
 from hillsphere.mission.likes import Derived, without_superseded_units
-from hillsphere.plugins.registry import KINDS, Registered, Registry, kind_words
+from hillsphere.plugins.registry import DEFAULT_TYPES, KINDS, Registered, Registry, kind_words
 from hillsphere.spec.base import Spec, option
 
 __all__ = [
@@ -206,10 +206,10 @@ def _table(
         )
     if (kind, name) in layers.unsound:
         return
-    if "type" not in table:
+    type_ = table.get("type", None if _is_misnamed(kind, name, layers) else DEFAULT_TYPES.get(kind))
+    if type_ is None:
         refuse(_missing_type(kind, name, layers, registry, tables), "type")
         return
-    type_ = table["type"]
     if not isinstance(type_, str):
         refuse(f"expected a string, got {format_value(type_)}", "type")
         return
@@ -230,8 +230,13 @@ def _table(
         tables.specs.setdefault(kind, {})[name] = spec
 
 
+def _is_misnamed(kind: str, name: str, layers: Derived) -> bool:
+    """Return whether a table without a type is laid over the file: most likely a misspelt name."""
+    return layers.rank((kind, name))[1] > 0
+
+
 def _missing_type(kind: str, name: str, layers: Derived, registry: Registry, tables: Tables) -> str:
-    if layers.rank((kind, name))[1] > 0:  # laid over the file: most likely a misspelt name
+    if _is_misnamed(kind, name, layers):
         others = [other for other in tables.names[kind] if other != name]
         hint = did_you_mean(name, others, otherwise=f"{kind} tables")
         return f"there is no table {kind}.{name} to change{hint}; a new one needs a type"

@@ -41,10 +41,17 @@ KINDS = (
     "tracker",
     "dispersions",
     "stage",
+    "requirement",
+    "claim",
     "executor",
     "command",
 )
 """All kinds of components: the names of the tables in a mission."""
+
+OUTCOME_KINDS = ("requirement", "claim")
+"""Kinds that are judged after the stages; they may refer to a stage that a profile drops."""
+DEFAULT_TYPES = {"requirement": "value", "claim": "statement"}
+"""Types of the tables that may leave theirs out, by kind: what most of them are."""
 
 hookspec = pluggy.HookspecMarker("hillsphere")
 hookimpl = pluggy.HookimplMarker("hillsphere")

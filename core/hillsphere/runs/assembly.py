@@ -12,6 +12,7 @@ from hillsphere.base.errors import HillsphereError, PluginError
 from hillsphere.base.problems import Key, MissionError, Problem
 from hillsphere.mission.links import Node, topological
 from hillsphere.mission.load import Mission
+from hillsphere.plugins.registry import OUTCOME_KINDS
 from hillsphere.spec.base import Spec
 
 __all__ = ["Assembly", "build", "problem_at", "problem_of"]
@@ -55,7 +56,7 @@ class Assembly:
         PluginError
             If its class cannot be imported, or raises an error other than `HillsphereError`.
         """
-        if kind == "stage":
+        if kind in ("stage", *OUTCOME_KINDS):  # they refer to stages by name
             return self._one(kind, name)
         if (kind, name) not in self._made:
             # In order of dependence, so that a long chain of references needs no recursion.

@@ -15,6 +15,7 @@ from hillsphere.base.errors import InputError, PluginError
 from hillsphere.base.problems import MissionError, Problem
 from hillsphere.interfaces.stages import CaseStage, NeedsCheck
 from hillsphere.mission.load import Mission
+from hillsphere.plugins.registry import OUTCOME_KINDS
 from hillsphere.runs.assembly import Assembly, problem_at, problem_of
 from hillsphere.runs.wiring import inputs_of, needs_faults, product_class, repeat_faults
 from hillsphere.uncertainty.unused import check_dispersion
@@ -34,11 +35,14 @@ class CheckedMission:
         Stage → class of its product.
     stages : mapping
         Stage → its component.
+    judges : mapping
+        (kind, name) → component, of every requirement and claim.
     """
 
     order: tuple[str, ...]
     classes: Mapping[str, type]
     stages: Mapping[str, Any]
+    judges: Mapping[tuple[str, str], Any]
 
 
 def check_mission(mission: Mission) -> CheckedMission:
@@ -68,18 +72,20 @@ def check_mission(mission: Mission) -> CheckedMission:
     classes = {name: product_class(mission, name) for name in order}
     problems: dict[Problem, None] = dict.fromkeys(needs_faults(mission, classes))
     assembly = Assembly(mission)
-    stages: dict[str, Any] = {}
-    for name in order:
+    judged = [(kind, name) for kind in OUTCOME_KINDS for name in mission.specs.get(kind, {})]
+    made: dict[tuple[str, str], Any] = {}
+    for key in [*(("stage", name) for name in order), *judged]:
         try:
-            stages[name] = assembly.get("stage", name)
+            made[key] = assembly.get(*key)
         except MissionError as error:
             problems.update(dict.fromkeys(error.problems))
+    stages = {name: made["stage", name] for name in order if ("stage", name) in made}
     problems.update(dict.fromkeys(repeat_faults(mission, stages)))
     problems.update(dict.fromkeys(_unmet_keys(mission, stages)))
     problems.update(dict.fromkeys(_unused_dispersions(mission, assembly, stages)))
     if problems:
         raise MissionError(problems)
-    return CheckedMission(order, classes, stages)
+    return CheckedMission(order, classes, stages, {key: made[key] for key in judged})
 
 
 def _unmet_keys(mission: Mission, stages: Mapping[str, Any]) -> list[Problem]:

@@ -27,6 +27,7 @@ from hillsphere.plugins.registry import Registry, default_registry
 from hillsphere.products.product_codec import canonical
 from hillsphere.runs.earlier_run import EarlierRun
 from hillsphere.runs.executor_choice import ExecutorChoice, executor_of, executor_table
+from hillsphere.runs.judgements import judge_run
 from hillsphere.runs.mission_check import check_mission
 from hillsphere.runs.resume_choices import LOCAL, ResumeChoices, local_facts, resume_command
 from hillsphere.runs.run_record import RunRecord, StageRecord
@@ -207,6 +208,7 @@ class _Run:
         self.specs = mission.specs["stage"]
         checked = check_mission(mission)
         self.order, self.classes, self.stages = checked.order, checked.classes, checked.stages
+        self.judges = checked.judges
         self.executor = executor_of(executor, registry or default_registry())
         # The cache is checked here, before other processes start and even if it is not used, so
         # that a warning about it is given once.
@@ -253,6 +255,7 @@ class _Run:
         return RunResult(
             directory=directory.path,
             state=state,
+            judgements=self.record.judgements,
             notes=tuple(self.record.notes()),
             metrics=self.record.metrics(),
             tables=self.record.tables(),
@@ -275,6 +278,8 @@ class _Run:
 
     def _finish(self, state: str) -> Mapping[str, Any]:
         self.record.finished = datetime.now(UTC)
+        evidence = self.record.evidence()
+        self.record.judgements = judge_run(self.mission, self.judges, evidence)
         summary: Mapping[str, Any] = plain_json(self.record.summary(state))
         self.directory.put_json("summary.json", summary)
         self.directory.put_text("report.html", self.record.report(state))
@@ -395,7 +400,7 @@ class _Run:
 
     def _present(self, name: str, record: StageRecord, inputs: Mapping[str, Any]) -> None:
         shown = check_presentation(self.stages[name].present(self.products[name], **inputs))
-        record.notes = tuple(shown.verdict)
+        record.shown, record.notes = shown, tuple(shown.verdict)
         for key, metric in shown.metrics.items():
             record.metrics[self.record.free_name("metrics", key, name)] = metric
         for key, table in shown.tables.items():

@@ -12,10 +12,11 @@ from hillsphere.base.environment import environment, package_versions
 from hillsphere.base.paths import missions_directory
 from hillsphere.base.shell_words import shell_line
 from hillsphere.mission.load import Mission
+from hillsphere.runs.judgements import Judgements, RunEvidence
 from hillsphere.runs.run_manifest import SCHEMA
 from hillsphere.runs.stage_cache import StageKeys, file_digest
 from hillsphere.show.drawing import Drawing
-from hillsphere.show.presentation import Figure, Metric, Table
+from hillsphere.show.presentation import Figure, Metric, Presentation, Table
 from hillsphere.show.report import Report, Section, render
 
 __all__ = ["Failure", "RunRecord", "StageRecord", "free_name"]
@@ -54,7 +55,8 @@ class Failure:
 class StageRecord:
     """Facts about one stage, which are completed while it runs.
 
-    `product` is the SHA-256 of the file of its product, once that is written.
+    `product` is the SHA-256 of the file of its product, once that is written. `metrics`, `tables`
+    and `figures` have the names of the run; `shown` has the stage's own.
     """
 
     name: str
@@ -71,6 +73,7 @@ class StageRecord:
     tables: dict[str, Table] = field(default_factory=dict)
     figures: dict[str, tuple[Figure, Drawing]] = field(default_factory=dict)
     files: tuple[str, ...] = ()
+    shown: Presentation | None = None
 
 
 @dataclass
@@ -87,6 +90,7 @@ class RunRecord:
     sources: Mapping[str, str] = field(default_factory=dict)
     resumed: Sequence[datetime] = ()
     finished: datetime | None = None
+    judgements: Judgements = field(default_factory=Judgements)
 
     def __post_init__(self) -> None:
         # Now, not at the end: the run uses the files as they are at its start.
@@ -120,6 +124,12 @@ class RunRecord:
         """Return the tables of all stages."""
         return {key: item for s in self.stages.values() for key, item in s.tables.items()}
 
+    def evidence(self) -> RunEvidence:
+        """Return the metrics and tables of the finished stages, under the stages' own names."""
+        return RunEvidence(
+            {s.name: s.shown for s in self.stages.values() if s.state == "done" and s.shown}
+        )
+
     def notes(self) -> list[str]:
         """Return the sentences of the verdict, each once."""
         return list(dict.fromkeys(note for s in self.stages.values() for note in s.notes))
@@ -138,6 +148,7 @@ class RunRecord:
             "schema": SCHEMA,
             "mission": self.mission.name,
             "verdict": {"state": state, "notes": self.notes()},
+            **self.judgements.to_json(),
             "metrics": {
                 key: {"value": metric.value, "unit": metric.unit}
                 for key, metric in self.metrics().items()

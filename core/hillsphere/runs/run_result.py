@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hillsphere.base.errors import InputError, StageError
+from hillsphere.runs.judgements import Judgements
 from hillsphere.runs.run_record import Failure
 from hillsphere.show.presentation import Metric, Table
 
@@ -24,6 +25,8 @@ class RunResult:
         The run directory.
     state : str
         ``"success"`` or ``"failed"``.
+    judgements : Judgements
+        Outcomes of the mission's requirements and claims.
     notes : tuple of str
         Sentences of the verdict.
     metrics, tables : mapping
@@ -38,6 +41,7 @@ class RunResult:
 
     directory: Path
     state: str
+    judgements: Judgements
     notes: tuple[str, ...]
     metrics: Mapping[str, Metric] = field(repr=False)
     tables: Mapping[str, Table] = field(repr=False)
@@ -49,6 +53,11 @@ class RunResult:
     def ok(self) -> bool:
         """Whether every stage finished."""
         return self.state == "success"
+
+    @property
+    def is_met(self) -> bool:
+        """Whether every stage finished, and no requirement is missed or undecided."""
+        return self.ok and self.judgements.are_met
 
     @property
     def report(self) -> Path:

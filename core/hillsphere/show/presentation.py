@@ -97,10 +97,24 @@ class Printed(float):
 
 @dataclass(frozen=True)
 class Metric:
-    """One number of a result with its unit (``"-"`` for none)."""
+    """One number of a result with its unit (``"-"`` for none).
+
+    Parameters
+    ----------
+    value : float, int, bool or str
+        The number, or a word.
+    unit : str
+        Its unit.
+    interval : tuple of float, optional
+        Confidence interval of the value, in its unit.
+    confidence : float, optional
+        Probability with which the interval holds the true value.
+    """
 
     value: float | int | bool | str
     unit: str = "-"
+    interval: tuple[float, float] | None = None
+    confidence: float | None = None
 
 
 @dataclass(frozen=True)
@@ -118,12 +132,18 @@ class Column:
         Heading in the report; by default the name without the unit's suffix.
     digits : int
         Significant digits in the report; files have full precision.
+    interval : tuple of str
+        Names of two other columns with the lower and upper end of the cells' confidence intervals.
+    confidence : float, optional
+        Probability with which an interval holds the true value.
     """
 
     name: str
     unit: str = "-"
     label: str = ""
     digits: int = 8
+    interval: tuple[str, str] | tuple[()] = ()
+    confidence: float | None = None
 
 
 @dataclass(frozen=True)
@@ -245,6 +265,13 @@ def presentation_faults(presentation: Presentation) -> list[str]:
         columns = [column.name for column in table.columns]
         if len(set(columns)) < len(columns):
             faults.append(f"table {name!r}: a column is listed twice in {columns}")
+        faults += [
+            f"table {name!r}: column {column.name!r} names {end!r} as an end of its interval, "
+            "which is no column"
+            for column in table.columns
+            for end in column.interval
+            if end not in columns
+        ]
         for index, row in enumerate(table.rows):
             if extra := sorted(set(row) - set(columns)):
                 faults.append(f"table {name!r}, row {index}: no column is called {extra}")

@@ -22,7 +22,10 @@ from hillsphere.base.errors import InputError
 from hillsphere.base.regular_files import read_bytes
 from hillsphere.show.presentation import Cell, Column, Printed
 
-__all__ = ["PAPER_SUFFIX", "ReferenceTable", "beside", "difference_notes", "with_paper"]
+__all__ = [
+    "PAPER_SUFFIX", "ReferenceTable", "beside", "computed_columns", "difference_notes",
+    "with_paper", "without_unit",
+]  # fmt: skip
 
 PAPER_SUFFIX = "_paper"
 MAX_BYTES = 1 << 20
@@ -181,6 +184,35 @@ def with_paper(columns: Sequence[Column], rows: Iterable[Mapping[str, Cell]]) ->
         if (twin := column.name + PAPER_SUFFIX) in present:
             wide.append(replace(column, name=twin, label=""))
     return wide
+
+
+def computed_columns(columns: Sequence[Column]) -> dict[str, str]:
+    """Return the computed column that each column of published values belongs to.
+
+    Parameters
+    ----------
+    columns : sequence of Column
+        Columns of a table.
+
+    Returns
+    -------
+    dict
+        ``NAME_paper`` → ``NAME``, or NAME with its unit: ``v_paper`` → ``v_m_s``.
+    """
+    computed = {without_unit(column): column.name for column in columns}
+    computed.update({column.name: column.name for column in columns})
+    return {
+        column.name: computed[stem]
+        for column in columns
+        if column.name.endswith(PAPER_SUFFIX)
+        and (stem := column.name.removesuffix(PAPER_SUFFIX)) in computed
+    }
+
+
+def without_unit(column: Column) -> str:
+    """Return the name of a column without its unit's suffix."""
+    suffix = "_" + column.unit.replace("/", "_").replace("^", "").replace("²", "2")
+    return column.name.removesuffix(suffix)
 
 
 def difference_notes(

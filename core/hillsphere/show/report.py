@@ -18,7 +18,7 @@ from typing import Any
 
 from hillsphere.show.drawing import Drawing
 from hillsphere.show.presentation import Column, Figure, Metric, Printed, Table
-from hillsphere.show.reference import PAPER_SUFFIX
+from hillsphere.show.reference import computed_columns, without_unit
 
 __all__ = ["Report", "Section", "render"]
 
@@ -203,15 +203,7 @@ def _metrics(metrics: Mapping[str, Metric]) -> str:
 
 
 def _table(name: str, table: Table) -> str:
-    # a paper's column belongs to NAME, or to NAME with its unit: v_cm_paper beside v_cm_m_s
-    computed = {_names(column)[0]: column.name for column in table.columns}
-    computed.update({column.name: column.name for column in table.columns})
-    twins = {
-        column.name: computed[base]
-        for column in table.columns
-        if column.name.endswith(PAPER_SUFFIX)
-        and (base := column.name.removesuffix(PAPER_SUFFIX)) in computed
-    }
+    twins = computed_columns(table.columns)
     head = "".join(_heading(column, column.name in twins) for column in table.columns)
     rows = "".join(_row(table.columns, twins, row) for row in table.rows[:MAX_ROWS])
     notes = list(table.notes)
@@ -238,13 +230,7 @@ def _heading(column: Column, twin: bool) -> str:
 
 def _stem(column: Column) -> str:
     """Return the heading of a column without its unit, which is shown below: x0 for ``x0_km``."""
-    return _names(column)[0].replace("_", " ")
-
-
-def _names(column: Column) -> tuple[str, str]:
-    """Return the name of a column without its unit's suffix, and as it is."""
-    suffix = "_" + column.unit.replace("/", "_").replace("^", "").replace("²", "2")
-    return column.name.removesuffix(suffix), column.name
+    return without_unit(column).replace("_", " ")
 
 
 def _unit(unit: str, css: str = "") -> str:

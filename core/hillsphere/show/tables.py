@@ -48,7 +48,7 @@ class FilledColumn(Column):
 
     Parameters
     ----------
-    name, unit, label, digits
+    name, unit, label, digits, interval, confidence
         As for `Column`.
     cells : tuple
         One per row.
@@ -94,7 +94,7 @@ def column(
     else:
         suffix = unit.replace("/", "_").replace("²", "2").replace("³", "3")
     factor = _FACTORS.get(suffix, 1.0) if is_si else 1.0
-    return FilledColumn(name, unit, label, digits, _cells(name, values, factor))
+    return FilledColumn(name, unit, label, digits, cells=_cells(name, values, factor))
 
 
 def text_column(name: str, values: Values, label: str = "") -> FilledColumn:
@@ -128,7 +128,7 @@ def tabulate(title: str, columns: Sequence[FilledColumn], notes: Sequence[str] =
         raise ValueError(f"table {title!r}: the columns must have one length, but {counts} cells")
     names, cells = [c.name for c in columns], [c.cells for c in columns]
     rows = [dict(zip(names, row, strict=True)) for row in zip(*cells, strict=True)]
-    plain = [Column(c.name, c.unit, c.label, c.digits) for c in columns]
+    plain = [Column(c.name, c.unit, c.label, c.digits, c.interval, c.confidence) for c in columns]
     return Table(title, plain, rows, notes)
 
 

@@ -1,0 +1,153 @@
+"""Specs of the requirements and claims that a mission states."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import model_validator
+
+from hillsphere.spec.base import DataPath, Ref, Spec, data_path, option, reference, rule
+
+__all__ = [
+    "AnswerSpec", "ComparisonSpec", "NotDerivableSpec", "ResultSpec", "StatementSpec", "ValueSpec",
+]  # fmt: skip
+
+
+class _OutcomeSpec(Spec):
+    """The words of a requirement or claim."""
+
+    text: str = option("the requirement or statement in words, as tables show it", min_length=1)
+    source: str = option("where it is stated, such as 'Table 2' of a paper", default="")
+
+
+class ResultSpec(_OutcomeSpec):
+    """A result of a stage and the value that it is compared with."""
+
+    examples = (
+        {"text": "orbits close", "stage": "family", "metric": "closure", "op": "<=", "value": 1e-9},
+        {
+            "text": "every orbit is stable", "stage": "family", "table": "orbits",
+            "column": "is_stable", "op": "==", "value": True,
+        },
+    )  # fmt: skip
+
+    stage: Ref = reference("stage", "the stage whose result is compared")
+    metric: str = option("name of one of its metrics", default="")
+    table: str = option("instead of a metric: name of one of its tables", default="")
+    row: dict[str, float | int | bool | str] = option(
+        "column and value of the table's rows that are compared; every such row must comply, and "
+        "the worst is shown. By default all rows",
+        default={},
+    )
+    column: str = option("column of the table that holds the compared values", default="")
+    op: Literal["<=", "<", ">=", ">", "==", "!="] = option(
+        "relation in which the result must stand to 'value'"
+    )
+    value: float | int | bool | str = option("value that the result is compared with")
+    unit: str = option(
+        "unit of 'value', such as 'km' or 'm/s'; by default that of the result", default=""
+    )
+    confidence: float | None = option(
+        "probability with which the answer must hold: the result's confidence interval decides, "
+        "and a result without one is undecided. By default the result itself decides",
+        default=None, gt=0.0, lt=1.0,
+    )  # fmt: skip
+
+    @model_validator(mode="after")
+    def _one_result(self) -> Self:
+        if bool(self.metric) == bool(self.table):
+            raise rule("metric", "give either 'metric', or 'table' and 'column'")
+        if bool(self.table) != bool(self.column):
+            raise rule("column", "'table' and 'column' belong together")
+        if self.row and not self.table:
+            raise rule("row", "'row' selects rows of a 'table'")
+        if isinstance(self.value, bool | str):
+            if self.op not in ("==", "!="):
+                raise rule("op", "a text, true or false can only be compared by '==' and '!='")
+            if self.unit:
+                raise rule("unit", "a text, true or false has no unit")
+            if self.confidence is not None:
+                raise rule("confidence", "a text, true or false has no confidence interval")
+        return self
+
+
+class ValueSpec(ResultSpec):
+    """A requirement on a metric, or on the cells of a table."""
+
+
+class StatementSpec(ResultSpec):
+    """A statement about a metric, or about the cells of a table."""
+
+
+class AnswerSpec(_OutcomeSpec):
+    """A statement that a stage answers itself, by a test of its own."""
+
+    examples = (
+        {
+            "text": "B needs less fuel than A", "stage": "summary", "table": "paired_tests",
+            "row": {"test": "fuel"}, "column": "answer",
+        },
+    )  # fmt: skip
+
+    stage: Ref = reference("stage", "the stage that answers")
+    table: str = option("name of the stage's table of answers", min_length=1)
+    row: dict[str, float | int | bool | str] = option(
+        "column and value that select the row of the answer"
+    )
+    column: str = option(
+        "column of the answer: confirmed, refuted or undecided", default="answer", min_length=1
+    )
+
+
+class ComparisonSpec(_OutcomeSpec):
+    """A comparison of a table with published values, to their printed digits."""
+
+    examples = (
+        {
+            "text": "initial states of the orbits", "source": "Table 1", "stage": "family",
+            "table": "orbits",
+        },
+        {
+            "text": "initial states of the orbits", "source": "Table 1", "stage": "family",
+            "table": "orbits", "columns": ["x0_km"], "reference": "orbits.csv", "on": "name",
+        },
+    )  # fmt: skip
+
+    stage: Ref = reference("stage", "the stage whose table is compared")
+    table: str = option("name of the table", min_length=1)
+    columns: tuple[str, ...] = option(
+        "the compared columns; by default all that have published values", default=()
+    )
+    row: dict[str, float | int | bool | str] = option(
+        "column and value of the compared rows; by default all rows", default={}
+    )
+    reference: DataPath | None = data_path(
+        "cited CSV file of the published values; by default those beside the table's own "
+        "columns, NAME_paper",
+        default=None,
+    )
+    on: str = option("column by which rows are matched with those of 'reference'", default="")
+    last_digits: float = option(
+        "largest difference from a published value in units of its last printed digit; 0.5 is "
+        "agreement after rounding",
+        default=0.5, ge=0.5, le=1e6,
+    )  # fmt: skip
+
+    @model_validator(mode="after")
+    def _matched(self) -> Self:
+        if (self.reference is None) != (not self.on):
+            raise rule("on", "'reference' and 'on' belong together")
+        return self
+
+
+class NotDerivableSpec(_OutcomeSpec):
+    """A statement that cannot be derived from what its source gives."""
+
+    examples = (
+        {
+            "text": "the margin is 3 dB", "source": "Section 4",
+            "reason": "the source does not give the weights",
+        },
+    )  # fmt: skip
+
+    reason: str = option("what is missing", min_length=1)

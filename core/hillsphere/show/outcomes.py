@@ -1,0 +1,393 @@
+"""Judgement of requirements and claims from metrics and tables.
+
+With a confidence, an interval decides: a limit is kept if the worse end of the interval keeps it
+and broken if the better end breaks it; otherwise the row is undecided.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from hillsphere.base.problems import did_you_mean
+from hillsphere.interfaces.outcomes import Evidence, Judgement, MissingResultError, State
+from hillsphere.show.outcome_specs import (
+    AnswerSpec,
+    ComparisonSpec,
+    NotDerivableSpec,
+    ResultSpec,
+    StatementSpec,
+    ValueSpec,
+)
+from hillsphere.show.presentation import Cell, Column, Printed, Table
+from hillsphere.show.reference import PAPER_SUFFIX, ReferenceTable, beside, computed_columns
+from hillsphere.spec.units import UNITS, unit_text
+
+__all__ = ["Answer", "Comparison", "NotDerivable", "Statement", "Value", "format_value"]
+
+_Plain: TypeAlias = float | int | bool | str
+_RELATIONS: Mapping[str, Callable[[Any, Any], bool]] = {
+    "<=": operator.le, "<": operator.lt, ">=": operator.ge, ">": operator.gt,
+    "==": operator.eq, "!=": operator.ne,
+}  # fmt: skip
+_SIGNS = {"<=": "≤", "<": "<", ">=": "≥", ">": ">", "==": "", "!=": "not"}
+_SHOWN_DEVIATIONS = 3
+"""Number of deviating cells that a comparison names; the table shows all."""
+_KEY_TOLERANCE = 1e-9
+"""Relative difference up to which a number in `row` selects a cell: far below printed digits, far
+above the rounding of a unit's conversion."""
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """One computed value, with its interval and a text that names its row."""
+
+    value: _Plain
+    unit: str
+    interval: tuple[float, float] | None = None
+    confidence: float | None = None
+    row: str = ""
+
+
+class _Compared:
+    """Comparison of a stage's result with a value."""
+
+    is_kept: State
+    is_broken: State
+
+    def __init__(self, spec: ResultSpec) -> None:
+        self.spec = spec
+
+    def judge(self, evidence: Evidence) -> Judgement:
+        """Return the outcome for the worst of the compared values."""
+        outcomes = [self._judge_one(candidate) for candidate in self._candidates(evidence)]
+        order = (self.is_broken, "undecided", self.is_kept)
+        return min(outcomes, key=lambda o: (order.index(o.state), _or_inf(o.margin)))
+
+    def _candidates(self, evidence: Evidence) -> Iterator[_Candidate]:
+        spec = self.spec
+        if spec.metric:
+            metric = evidence.metric(spec.stage.name, spec.metric)
+            unit = "" if metric.unit == "-" else metric.unit
+            yield _Candidate(_plain(metric.value), unit, metric.interval, metric.confidence)
+            return
+        table = evidence.table(spec.stage.name, spec.table)
+        column = _column(table, spec.column)
+        for row in _rows(table, spec.row):
+            cell = row.get(column.name)
+            if cell is None:
+                where = f" in the row {_row_name(table, row)}"
+                raise MissingResultError(f"column {column.name!r} has no value{where}")
+            unit = "" if column.unit == "-" else column.unit
+            name = "" if len(table.rows) == 1 else _row_name(table, row)
+            yield _Candidate(_plain(cell), unit, _interval(column, row), column.confidence, name)
+
+    def _judge_one(self, one: _Candidate) -> Judgement:
+        spec = self.spec
+        limit = _in_unit(spec.value, spec.unit, one.unit)
+        if isinstance(limit, str) != isinstance(one.value, str):
+            kinds = ("a number", "a text")
+            raise MissingResultError(
+                f"the result is {kinds[isinstance(one.value, str)]}, and is compared with "
+                f"{kinds[isinstance(limit, str)]}"
+            )
+        state, reason = self._decide(one, limit)
+        sign, shown = _SIGNS[spec.op], format_value(limit, one.unit)
+        got = format_value(one.value, one.unit)
+        if spec.confidence is not None and one.interval is not None:
+            ends = " to ".join(format_value(end, "") for end in one.interval)
+            got += f" ({ends})"
+        return Judgement(
+            state=state,
+            text=spec.text,
+            asked=f"{sign} {shown}".strip(),
+            got=f"{got}, {one.row}" if one.row else got,
+            value=one.value,
+            limit=limit,
+            unit=one.unit,
+            margin=_margin(spec.op, one.value, limit),
+            interval=one.interval,
+            confidence=spec.confidence,
+            reason=reason,
+            source=spec.source,
+        )
+
+    def _decide(self, one: _Candidate, limit: _Plain) -> tuple[State, str]:
+        relation, confidence = _RELATIONS[self.spec.op], self.spec.confidence
+        if isinstance(one.value, float) and math.isnan(one.value):
+            return "undecided", "the result is not a number"
+        if confidence is None:
+            return (self.is_kept if relation(one.value, limit) else self.is_broken), ""
+        if one.interval is None or one.confidence is None:
+            return "undecided", "the result has no confidence interval"
+        if one.confidence < confidence:
+            return "undecided", (
+                f"the confidence interval is one of {100 * one.confidence:g} %, asked are "
+                f"{100 * confidence:g} %"
+            )
+        low, high = one.interval
+        if math.isnan(low) or math.isnan(high):
+            return "undecided", "the confidence interval has an end that is not a number"
+        is_inside = low <= float(limit) <= high
+        if self.spec.op in ("==", "!="):
+            # An interval of positive width can exclude a single value, but never confirm it.
+            agree = [low == high] if is_inside else [False]
+            ends = agree if self.spec.op == "==" else [not end for end in agree]
+            if is_inside and low < high:
+                ends = [True, False]
+        else:
+            ends = [relation(end, limit) for end in one.interval]
+        if all(ends):
+            return self.is_kept, ""
+        if not any(ends):
+            return self.is_broken, ""
+        return "undecided", f"the {100 * one.confidence:g} % interval contains the limit"
+
+
+class Value(_Compared):
+    """A requirement on a result of a stage.
+
+    Parameters
+    ----------
+    spec : ValueSpec
+        Its parameters.
+    """
+
+    is_kept = "met"
+    is_broken = "not met"
+
+    def __init__(self, spec: ValueSpec) -> None:
+        super().__init__(spec)
+
+
+class Statement(_Compared):
+    """A claim about a result of a stage.
+
+    Parameters
+    ----------
+    spec : StatementSpec
+        Its parameters.
+    """
+
+    is_kept = "confirmed"
+    is_broken = "refuted"
+
+    def __init__(self, spec: StatementSpec) -> None:
+        super().__init__(spec)
+
+
+class Answer:
+    """A claim that a stage answers by a test of its own.
+
+    Parameters
+    ----------
+    spec : AnswerSpec
+        Its parameters.
+    """
+
+    def __init__(self, spec: AnswerSpec) -> None:
+        self.spec = spec
+
+    def judge(self, evidence: Evidence) -> Judgement:
+        """Return the stage's answer."""
+        spec = self.spec
+        table = evidence.table(spec.stage.name, spec.table)
+        column = _column(table, spec.column)
+        rows = _rows(table, spec.row)
+        if len(rows) > 1:
+            raise MissingResultError(f"{len(rows)} rows are selected; an answer is one cell")
+        answers: dict[Cell, State] = {
+            "confirmed": "confirmed", "refuted": "refuted", "undecided": "undecided",
+        }  # fmt: skip
+        answer = rows[0].get(column.name)
+        if answer not in answers:
+            raise MissingResultError(
+                f"the answer must be one of {', '.join(map(str, answers))}, got {answer!r}"
+            )
+        state = answers[answer]
+        reason = rows[0].get("reason")
+        return Judgement(
+            state, spec.text, got=str(reason or answer), source=spec.source,
+            reason=str(reason) if reason and state == "undecided" else "",
+        )  # fmt: skip
+
+
+class Comparison:
+    """A claim that a table agrees with published values.
+
+    Parameters
+    ----------
+    spec : ComparisonSpec
+        Its parameters.
+    """
+
+    def __init__(self, spec: ComparisonSpec) -> None:
+        self.spec = spec
+        self.reference = None if spec.reference is None else ReferenceTable.read(spec.reference)
+
+    def judge(self, evidence: Evidence) -> Judgement:
+        """Return whether every compared cell agrees, and which do not."""
+        spec = self.spec
+        table = evidence.table(spec.stage.name, spec.table)
+        for name in spec.columns:
+            _column(table, name)
+        rows: Sequence[Mapping[str, Cell]] = _rows(table, spec.row)
+        source, twins = spec.source, computed_columns(table.columns)
+        if self.reference is not None:
+            rows = beside(rows, self.reference, on=spec.on)
+            source = source or self.reference.source
+            twins = {f"{column.name}{PAPER_SUFFIX}": column.name for column in table.columns}
+        compared = [
+            (row, name, printed)
+            for row in rows
+            for twin, name in twins.items()
+            if isinstance(printed := row.get(twin), Printed)
+            and (not spec.columns or name in spec.columns)
+        ]
+        if not compared:
+            raise MissingResultError(f"table {spec.table!r} has no published values to compare")
+        apart = [
+            f"{_row_name(table, row)}, {name}: {_deviation(row[name], printed)}"
+            for row, name, printed in compared
+            if not _agrees(row[name], printed, spec.last_digits)
+        ]
+        more = len(apart) - _SHOWN_DEVIATIONS
+        shown = [*apart[:_SHOWN_DEVIATIONS], *([f"and {more} more"] if more > 0 else [])]
+        equal = len(compared) - len(apart)
+        digits = "" if spec.last_digits == 0.5 else f" ± {spec.last_digits:g} last digits"
+        return Judgement(
+            state="refuted" if apart else "confirmed",
+            text=spec.text,
+            asked=f"{len(compared)} printed values{digits}",
+            got=f"{equal} of {len(compared)} equal",
+            value=equal,
+            limit=len(compared),
+            margin=float(-len(apart)),
+            reason="; ".join(shown),
+            source=source,
+        )
+
+
+class NotDerivable:
+    """A claim that cannot be derived from what its source gives.
+
+    Parameters
+    ----------
+    spec : NotDerivableSpec
+        Its parameters.
+    """
+
+    def __init__(self, spec: NotDerivableSpec) -> None:
+        self.spec = spec
+
+    def judge(self, evidence: Evidence) -> Judgement:
+        """Return the stated reason; no result is read."""
+        spec = self.spec
+        return Judgement("not derivable", spec.text, reason=spec.reason, source=spec.source)
+
+
+def format_value(value: _Plain | None, unit: str) -> str:
+    """Return a value with its unit as a reader sees it: ``"1.19 m/s"``, ``"yes"``."""
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    text = value if isinstance(value, str) else _number(value)
+    return f"{text} {unit}".strip() if unit != "°" else f"{text}°"
+
+
+def _number(value: float | int) -> str:
+    """Return a number with four significant digits, a whole number with all of its digits."""
+    text = str(value) if isinstance(value, int) else f"{value:.4g}"
+    mantissa, e, exponent = text.partition("e")
+    return (f"{mantissa}e{int(exponent)}" if e else text).replace("-", "−")
+
+
+def _plain(cell: Any) -> _Plain:
+    made: _Plain = cell.item() if hasattr(cell, "dtype") else cell
+    return made
+
+
+def _or_inf(margin: float | None) -> float:
+    return math.inf if margin is None else margin
+
+
+def _margin(op: str, value: _Plain, limit: _Plain) -> float | None:
+    if isinstance(value, bool | str) or isinstance(limit, bool | str):
+        return None
+    if op in ("<=", "<"):
+        return float(limit - value)
+    if op in (">=", ">"):
+        return float(value - limit)
+    return -abs(float(value - limit)) if op == "==" else abs(float(value - limit))
+
+
+def _in_unit(value: _Plain, unit: str, wanted: str) -> _Plain:
+    """Convert a value to the unit of the result."""
+    if not unit or unit == wanted or isinstance(value, bool | str):
+        return value
+    for units in UNITS.values():
+        factors = {unit_text(suffix): factor for suffix, factor in units.items()}
+        if unit in factors and wanted in factors:
+            return float(value) * factors[unit] / factors[wanted]
+    raise MissingResultError(f"the result is in {wanted or 'no unit'}, and the value in {unit}")
+
+
+def _column(table: Table, name: str) -> Column:
+    for column in table.columns:
+        if column.name == name:
+            return column
+    hint = did_you_mean(name, [c.name for c in table.columns], otherwise="it has")
+    raise MissingResultError(f"table {table.title!r} has no column {name!r}{hint}")
+
+
+def _rows(table: Table, selected: Mapping[str, _Plain]) -> list[Mapping[str, Cell]]:
+    for name in selected:
+        _column(table, name)
+    rows = [row for row in table.rows if _is_selected(row, selected)]
+    if not rows:
+        given = ", ".join(f"{name} = {value!r}" for name, value in selected.items())
+        raise MissingResultError(
+            f"table {table.title!r} has no row with {given}" if given
+            else f"table {table.title!r} has no rows"
+        )  # fmt: skip
+    return rows
+
+
+def _is_selected(row: Mapping[str, Cell], selected: Mapping[str, _Plain]) -> bool:
+    for name, wanted in selected.items():
+        cell = row.get(name)
+        if isinstance(wanted, bool | str) or isinstance(cell, bool | str | None):
+            if cell != wanted:
+                return False
+        elif not math.isclose(float(cell), float(wanted), rel_tol=_KEY_TOLERANCE):
+            return False
+    return True
+
+
+def _row_name(table: Table, row: Mapping[str, Cell]) -> str:
+    """Return the first cell of a row, which names it."""
+    cell = row.get(table.columns[0].name)
+    return format_value(None if cell is None else _plain(cell), "")
+
+
+def _interval(column: Column, row: Mapping[str, Cell]) -> tuple[float, float] | None:
+    ends = [row.get(name) for name in column.interval]
+    if len(ends) != 2 or any(isinstance(end, str | bool | None) for end in ends):
+        return None
+    return float(ends[0]), float(ends[1])  # type: ignore[arg-type]
+
+
+def _agrees(cell: Cell, printed: Printed, last_digits: float) -> bool:
+    if isinstance(cell, str | None) or not math.isfinite(cell):
+        return False
+    return abs(printed.difference(cell)) <= last_digits
+
+
+def _deviation(cell: Cell, printed: Printed) -> str:
+    if isinstance(cell, str | None) or not math.isfinite(cell):
+        return f"{cell if isinstance(cell, str) else 'no value'} for {printed.text}"
+    return f"{cell:.6g} for {printed.text}"
