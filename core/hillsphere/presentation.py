@@ -1,10 +1,34 @@
 """Presentation of a stage's result: metrics, tables and figures, which are drawn later.
 
-The public names of `hillsphere.show.presentation`.
+The public names of `hillsphere.show.presentation`, `hillsphere.show.charts` and
+`hillsphere.show.colours`.
 """
 
+from hillsphere.show.charts import (
+    Area,
+    Arrows,
+    Axis,
+    Band,
+    Bars,
+    Boxes,
+    Chart,
+    Cloud,
+    Curve,
+    Map,
+    Mesh,
+    Note,
+    Panel,
+    Path,
+    Points,
+    Rule,
+    Segments,
+    Sky,
+    Space,
+    Span,
+    Surface,
+)
+from hillsphere.show.colours import PALETTE, ColourScale
 from hillsphere.show.presentation import (
-    PALETTE,
     Cell,
     Column,
     Figure,
@@ -17,14 +41,8 @@ from hillsphere.show.presentation import (
 )
 
 __all__ = [
-    "PALETTE",
-    "Cell",
-    "Column",
-    "Figure",
-    "Metric",
-    "Presentation",
-    "Printed",
-    "Table",
-    "check_presentation",
-    "presentation_faults",
-]
+    "PALETTE", "Area", "Arrows", "Axis", "Band", "Bars", "Boxes", "Cell", "Chart", "Cloud",
+    "ColourScale", "Column", "Curve", "Figure", "Map", "Mesh", "Metric", "Note", "Panel", "Path",
+    "Points", "Presentation", "Printed", "Rule", "Segments", "Sky", "Space", "Span", "Surface",
+    "Table", "check_presentation", "presentation_faults",
+]  # fmt: skip

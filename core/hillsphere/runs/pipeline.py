@@ -37,7 +37,7 @@ from hillsphere.runs.stage_context import StageContext
 from hillsphere.runs.store import RunDirectory, plain_json
 from hillsphere.runs.wiring import inputs_of, stages_to_repeat, takes_from
 from hillsphere.show.drawing import Drawing, draw
-from hillsphere.show.presentation import Figure, check_presentation
+from hillsphere.show.presentation import AnyFigure, check_presentation
 
 __all__ = ["RunResult", "resume_run", "run_mission"]
 
@@ -420,7 +420,7 @@ class _Run:
             record.files = (*record.files, f"files/{name}/{key}")
 
 
-def _draw(key: str, figure: Figure, *, png: bool) -> Drawing:
+def _draw(key: str, figure: AnyFigure, *, png: bool) -> Drawing:
     try:
         return draw(figure, png=png)
     # Errors of the figure's own code are reported with the figure's name.

@@ -17,7 +17,7 @@ from hillsphere.runs.resume_choices import ResumeChoices, resume_command
 from hillsphere.runs.run_record import RunRecord, free_name
 from hillsphere.runs.wiring import inputs_of, product_class
 from hillsphere.show.drawing import draw_png
-from hillsphere.show.presentation import Figure, check_presentation
+from hillsphere.show.presentation import AnyFigure, check_presentation
 
 __all__ = ["draw_figures"]
 
@@ -100,7 +100,7 @@ def _check_name(earlier: EarlierRun, name: str) -> None:
 
 def _figures(
     earlier: EarlierRun, mission: Mission, name: str | None
-) -> Iterator[tuple[str, Figure]]:
+) -> Iterator[tuple[str, AnyFigure]]:
     """Yield the requested figures under the names that they have in the run.
 
     A name depends on the figures of all earlier stages, so that these present their products too.
@@ -132,7 +132,7 @@ def _figures(
             return
 
 
-def _draw(earlier: EarlierRun, name: str, figure: Figure) -> Path:
+def _draw(earlier: EarlierRun, name: str, figure: AnyFigure) -> Path:
     try:
         png = draw_png(figure)
     # Errors of the figure's own code are reported with the figure's name.

@@ -16,7 +16,7 @@ from hillsphere.runs.judgements import Judgements, RunEvidence
 from hillsphere.runs.run_manifest import SCHEMA
 from hillsphere.runs.stage_cache import StageKeys, file_digest
 from hillsphere.show.drawing import Drawing
-from hillsphere.show.presentation import Figure, Metric, Presentation, Table
+from hillsphere.show.presentation import AnyFigure, Metric, Presentation, Table
 from hillsphere.show.report import Report, Section, render
 
 __all__ = ["Failure", "RunRecord", "StageRecord", "free_name"]
@@ -71,7 +71,7 @@ class StageRecord:
     notes: tuple[str, ...] = ()
     metrics: dict[str, Metric] = field(default_factory=dict)
     tables: dict[str, Table] = field(default_factory=dict)
-    figures: dict[str, tuple[Figure, Drawing]] = field(default_factory=dict)
+    figures: dict[str, tuple[AnyFigure, Drawing]] = field(default_factory=dict)
     files: tuple[str, ...] = ()
     shown: Presentation | None = None
 

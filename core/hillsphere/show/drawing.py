@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
-from hillsphere.show.presentation import PALETTE, Figure
+from hillsphere.show.charts import Chart
+from hillsphere.show.presentation import PALETTE, AnyFigure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure
@@ -64,12 +65,12 @@ class Drawing:
         return len(self.svg) > MAX_SVG_BYTES
 
 
-def draw(figure: Figure, *, png: bool = False) -> Drawing:
+def draw(figure: AnyFigure, *, png: bool = False) -> Drawing:
     """Draw a figure.
 
     Parameters
     ----------
-    figure : Figure
+    figure : Figure or Chart
         Figure of a stage.
     png : bool
         Draw it as PNG too. This is always done if the SVG is larger than `MAX_SVG_BYTES`.
@@ -92,7 +93,7 @@ def draw(figure: Figure, *, png: bool = False) -> Drawing:
     return drawing
 
 
-def draw_png(figure: Figure) -> bytes:
+def draw_png(figure: AnyFigure) -> bytes:
     """Draw a figure as PNG only: the bytes of ``draw(figure, png=True).png``."""
     with _laid_out(figure) as (made, whole):
         return _save_png(made, whole)
@@ -112,12 +113,14 @@ def _save_png(made: MatplotlibFigure, whole: BboxBase) -> bytes:
 
 
 @contextmanager
-def _laid_out(figure: Figure) -> Iterator[tuple[MatplotlibFigure, BboxBase]]:
+def _laid_out(figure: AnyFigure) -> Iterator[tuple[MatplotlibFigure, BboxBase]]:
     """Yield the laid-out figure and its box in inches, within the context of our style."""
     import matplotlib as mpl
     from cycler import cycler
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as MatplotlibFigure
+
+    from hillsphere.show.matplotlib_renderer import draw_chart
 
     # Defaults first: a user's own matplotlibrc must not change what a mission shows.
     settings: Any = dict(mpl.rcParamsDefault) | STYLE
@@ -125,9 +128,13 @@ def _laid_out(figure: Figure) -> Iterator[tuple[MatplotlibFigure, BboxBase]]:
     settings = {k: v for k, v in settings.items() if k not in ("backend", "backend_fallback")}
     settings["axes.prop_cycle"] = cycler(color=list(PALETTE.values())[:-1])
     with mpl.rc_context(settings):
-        canvas = FigureCanvasAgg(MatplotlibFigure(figsize=figure.size_in, layout="constrained"))
+        size = figure.size if isinstance(figure, Chart) else figure.size_in
+        canvas = FigureCanvasAgg(MatplotlibFigure(figsize=size, layout="constrained"))
         made = canvas.figure
-        figure.draw(made)
+        if isinstance(figure, Chart):
+            draw_chart(made, figure)
+        else:
+            figure.draw(made)
         # Laid out and measured once, at the resolution of a PNG, whatever is drawn of it: both
         # formats show the same layout, and that takes as long as drawing them.
         made.set_dpi(settings["savefig.dpi"])

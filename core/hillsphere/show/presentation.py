@@ -10,13 +10,15 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, TypeAlias
 
 from hillsphere.base.errors import StageError
+from hillsphere.show.charts import Chart
+from hillsphere.show.colours import PALETTE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure
 
 __all__ = [
-    "PALETTE", "Cell", "Column", "Figure", "Metric", "Presentation", "Printed", "Table",
-    "check_presentation", "presentation_faults",
+    "PALETTE", "AnyFigure", "Cell", "Column", "Figure", "Metric", "Presentation", "Printed",
+    "Table", "check_presentation", "presentation_faults",
 ]  # fmt: skip
 
 _IDENTIFIER = re.compile(r"[a-z][a-z0-9_]{0,99}")
@@ -24,22 +26,6 @@ _FILE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,80}(\.[a-z0-9]{1,8}){1,2}")
 _DECIMAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 Cell: TypeAlias = float | int | str | bool | None
-
-PALETTE: Mapping[str, str] = {
-    "blue": "#0072B2",
-    "vermillion": "#D55E00",
-    "green": "#009E73",
-    "purple": "#CC79A7",
-    "orange": "#E69F00",
-    "sky": "#56B4E9",
-    "black": "#000000",
-    "yellow": "#F0E442",
-}
-"""Colours that survive colour-blindness (Okabe and Ito, 2008).
-
-Figures without explicit colours use them in this order, except yellow, which is too light for a
-line. Name a colour where it carries a meaning.
-"""
 
 
 class Printed(float):
@@ -170,7 +156,9 @@ class Table:
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure of a result.
+    """A figure of a result that a stage draws itself with matplotlib; `Chart` is one as data.
+
+    A page can only show it as a picture.
 
     Parameters
     ----------
@@ -191,6 +179,9 @@ class Figure:
     size_in: tuple[float, float] = (7.0, 4.5)
 
 
+AnyFigure: TypeAlias = Figure | Chart
+
+
 @dataclass(frozen=True)
 class Presentation:
     """Metrics, tables, figures, verdict and files of a stage.
@@ -208,7 +199,7 @@ class Presentation:
 
     metrics: Mapping[str, Metric] = field(default_factory=dict)
     tables: Mapping[str, Table] = field(default_factory=dict)
-    figures: Mapping[str, Figure] = field(default_factory=dict)
+    figures: Mapping[str, AnyFigure] = field(default_factory=dict)
     verdict: Sequence[str] = ()
     files: Mapping[str, str] = field(default_factory=dict)
 

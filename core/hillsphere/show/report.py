@@ -16,8 +16,9 @@ from html import escape
 from importlib.resources import files
 from typing import Any
 
+from hillsphere.show.charts import Chart
 from hillsphere.show.drawing import Drawing
-from hillsphere.show.presentation import Column, Figure, Metric, Printed, Table
+from hillsphere.show.presentation import AnyFigure, Column, Metric, Printed, Table
 from hillsphere.show.reference import computed_columns, without_unit
 
 __all__ = ["Report", "Section", "render"]
@@ -62,7 +63,7 @@ class Section:
     message: str = ""
     metrics: Mapping[str, Metric] = field(default_factory=dict)
     tables: Mapping[str, Table] = field(default_factory=dict)
-    figures: Mapping[str, tuple[Figure, Drawing]] = field(default_factory=dict)
+    figures: Mapping[str, tuple[AnyFigure, Drawing]] = field(default_factory=dict)
     files: tuple[str, ...] = ()
 
 
@@ -277,13 +278,14 @@ def _cell(value: Any, digits: int) -> str:
     return escape(str(value))
 
 
-def _figure(figure: Figure, drawing: Drawing) -> str:
+def _figure(figure: AnyFigure, drawing: Drawing) -> str:
     # As an image, not inline: identifiers in one figure cannot then meet those of another.
     kind, data, width = "svg+xml", drawing.svg, ""  # an SVG knows its own size
     if drawing.is_large and drawing.png is not None:
         kind, data = "png", drawing.png
         # It has more pixels than it should take on the page.
-        width = f' width="{round(96 * figure.size_in[0])}"'
+        size = figure.size if isinstance(figure, Chart) else figure.size_in
+        width = f' width="{round(96 * size[0])}"'
     caption = f" {escape(figure.caption)}" if figure.caption else ""
     return (
         f'<figure><img alt="{escape(figure.title)}"{width} '

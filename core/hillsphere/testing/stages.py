@@ -13,7 +13,9 @@ import numpy as np
 
 from hillsphere.plugins.registry import Registry, default_registry, load_object, validate
 from hillsphere.products.products import load_product, save_product
-from hillsphere.show.presentation import Figure, Presentation, Table, presentation_faults
+from hillsphere.show.charts import Chart
+from hillsphere.show.drawing import draw
+from hillsphere.show.presentation import AnyFigure, Presentation, Table, presentation_faults
 from hillsphere.testing.context import RecordingContext
 from hillsphere.testing.contract import require
 from hillsphere.testing.examples import bound_example, example_inputs, example_repeated
@@ -145,11 +147,15 @@ def _check_table(name: str, table: Table) -> None:
         require(beside in columns, f"table {name!r}: {column} stands beside no {beside}")
 
 
-def _check_figure(name: str, figure: Figure) -> None:
+def _check_figure(name: str, figure: AnyFigure) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as Canvas
 
     require(figure.title, f"figure {name!r} has no title")
+    if isinstance(figure, Chart):
+        require(figure.panels, f"figure {name!r} has no panels")
+        draw(figure)
+        return
     canvas = Canvas(figsize=figure.size_in, dpi=60)
     figure.draw(canvas)
     require(canvas.axes, f"figure {name!r} draws no axes")
