@@ -27,7 +27,7 @@ from hillsphere.show.colours import ColourScale
 __all__ = [
     "Area", "Arrows", "Axis", "Band", "Bars", "Boxes", "Chart", "Cloud", "Curve", "Direction",
     "Map", "Mark", "Mesh", "Note", "Panel", "Path", "Points", "Rows", "Rule", "Segments", "Sky",
-    "Solid", "Space", "Span", "Surface",
+    "Solid", "Space", "Span", "Surface", "scales_of",
 ]  # fmt: skip
 
 Direction: TypeAlias = Literal["x", "y"]
@@ -631,3 +631,13 @@ class Chart:
         if len(self.panels) == 1:
             return (7.0, 6.0 if isinstance(self.panels[0], Space) else 4.5)
         return (1.0 + 3.4 * self.columns if self.columns > 1 else 7.0, 0.8 + 2.7 * self.rows)
+
+
+def scales_of(panel: Panel | Sky | Space) -> list[ColourScale]:
+    """Return the colour scales of a panel, each once."""
+    if isinstance(panel, Sky):
+        marks: Sequence[object] = panel.marks
+    else:
+        marks = panel.marks if isinstance(panel, Panel) else panel.solids
+    some = [getattr(panel, "scale", None), *(getattr(mark, "scale", None) for mark in marks)]
+    return list(dict.fromkeys(scale for scale in some if scale is not None))

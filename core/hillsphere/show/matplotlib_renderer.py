@@ -30,6 +30,7 @@ from hillsphere.show.charts import (
     Space,
     Span,
     Surface,
+    scales_of,
 )
 from hillsphere.show.colours import PALETTE, ColourScale, hex_colour
 
@@ -433,13 +434,3 @@ def _colour_bars(figure: MatplotlibFigure, chart: Chart, drawn: Sequence[Axes]) 
             ScalarMappable(norm, shades), ax=where, label=text, fraction=0.05,
             pad=0.1 if is_space else 0.02, shrink=0.7 if is_space else 1.0,
         )  # fmt: skip
-
-
-def scales_of(panel: Panel | Sky | Space) -> list[ColourScale]:
-    """Return the colour scales of a panel, each once."""
-    if isinstance(panel, Sky):
-        marks: Sequence[Any] = panel.marks
-    else:
-        marks = panel.marks if isinstance(panel, Panel) else panel.solids
-    some = [getattr(panel, "scale", None), *(getattr(mark, "scale", None) for mark in marks)]
-    return list(dict.fromkeys(scale for scale in some if scale is not None))
