@@ -15,6 +15,7 @@ from hillsphere.show.charts import (
     Cloud,
     Curve,
     Map,
+    Mark,
     Mesh,
     Note,
     Panel,
@@ -22,7 +23,9 @@ from hillsphere.show.charts import (
     Points,
     Rule,
     Segments,
+    Side,
     Sky,
+    Solid,
     Space,
     Span,
     Surface,
@@ -42,7 +45,7 @@ from hillsphere.show.presentation import (
 
 __all__ = [
     "PALETTE", "Area", "Arrows", "Axis", "Band", "Bars", "Boxes", "Cell", "Chart", "Cloud",
-    "ColourScale", "Column", "Curve", "Figure", "Map", "Mesh", "Metric", "Note", "Panel", "Path",
-    "Points", "Presentation", "Printed", "Rule", "Segments", "Sky", "Space", "Span", "Surface",
-    "Table", "check_presentation", "presentation_faults",
+    "ColourScale", "Column", "Curve", "Figure", "Map", "Mark", "Mesh", "Metric", "Note", "Panel",
+    "Path", "Points", "Presentation", "Printed", "Rule", "Segments", "Side", "Sky", "Solid",
+    "Space", "Span", "Surface", "Table", "check_presentation", "presentation_faults",
 ]  # fmt: skip

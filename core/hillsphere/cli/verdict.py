@@ -10,7 +10,7 @@ from typing import Any
 from hillsphere.cli.output import number, write, write_table
 from hillsphere.interfaces.outcomes import CLAIM_STATES, REQUIREMENT_STATES
 
-__all__ = ["format_margin", "headline", "show_verdict"]
+__all__ = ["format_margin", "show_verdict"]
 
 _MOST_ROWS = 15
 """Most rows of requirements, claims or sentences: with headings the verdict then fits into the 25
@@ -33,7 +33,7 @@ def show_verdict(summary: Mapping[str, Any], report: Path, *, verbose: bool) -> 
     verbose : bool
         Write all rows, with the sentences and metrics of the stages; otherwise at most 25 lines.
     """
-    write(headline(summary))
+    write(f"{summary['mission']}: {summary['verdict']['text']}")
     groups = [_rows(summary, "requirements"), _rows(summary, "claims")]
     room = sum(map(len, groups)) if verbose else _MOST_ROWS
     hidden: dict[str, int] = {}
@@ -62,25 +62,6 @@ def show_verdict(summary: Mapping[str, Any], report: Path, *, verbose: bool) -> 
     write(f"report: {report}")
 
 
-def headline(summary: Mapping[str, Any]) -> str:
-    """Return the verdict of a run in one line."""
-    parts = [
-        part
-        for key, state, word in (
-            ("requirements", "met", "requirement"), ("claims", "confirmed", "claim"),
-        )
-        if (part := _count(summary.get(key, ()), state, word))
-    ]  # fmt: skip
-    state = summary["verdict"]["state"]
-    if state != "success":
-        failed = len(summary.get("failures", ()))
-        stages = f"{failed} stage{'s' * (failed != 1)} did not finish"
-        parts.insert(0, stages if state == "failed" else f"{state}; {stages}")
-    elif not parts:
-        parts.append("every stage finished; the mission states no requirement")
-    return f"{summary['mission']}: {', '.join(parts)}"
-
-
 def format_margin(row: Mapping[str, Any]) -> str:
     """Return the distance of a value from its limit: ``"3 decades"``, ``"12 %"``."""
     if row["margin"] is None or row["asked"][:1] not in ("≤", "<", "≥", ">"):
@@ -93,15 +74,6 @@ def format_margin(row: Mapping[str, Any]) -> str:
     if limit == 0:
         return f"{margin:.3g} {row['unit']}".strip().replace("-", "−")
     return f"{100.0 * margin / abs(limit):.3g} %".replace("-", "−")
-
-
-def _count(rows: Sequence[Mapping[str, Any]], state: str, word: str) -> str:
-    """Return ``"3 of 4 requirements met"`` of the rows that could be judged, ``""`` for none."""
-    judged = [r for r in rows if r["state"] not in ("not evaluated", "not derivable")]
-    if not judged:
-        return f"no {word} evaluated" if rows else ""
-    reached = sum(row["state"] == state for row in judged)
-    return f"{reached} of {len(judged)} {word}{'s' * (len(judged) != 1)} {state}"
 
 
 def _rows(summary: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:

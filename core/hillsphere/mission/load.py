@@ -14,6 +14,7 @@ from hillsphere.mission.each import expand_tables
 from hillsphere.mission.layers import Layers, parse_setting
 from hillsphere.mission.likes import Derived, resolve_likes
 from hillsphere.mission.links import check_links, resolve_data_paths, topological
+from hillsphere.mission.report_spec import ReportSpec
 from hillsphere.mission.tables import (
     FORMAT,
     MISSION_KINDS,
@@ -46,6 +47,8 @@ class Mission:
         Root seed of all random numbers.
     description : str
         Description for the report; may be empty.
+    report : ReportSpec
+        What the report asks, answers and shows.
     path : Path
         The mission file.
     directory : Path
@@ -72,6 +75,7 @@ class Mission:
     title: str
     seed: int
     description: str
+    report: ReportSpec
     path: Path
     directory: Path
     text: str = field(repr=False)
@@ -99,6 +103,8 @@ class Mission:
         }  # fmt: skip
         if self.description:
             tables["description"] = self.description
+        if self.report != ReportSpec():
+            tables["report"] = self.report.model_dump(mode="json", exclude_defaults=True)
         for kind, specs in self.specs.items():
             tables[kind] = {
                 name: {
@@ -177,6 +183,7 @@ def load_mission(
         title=validated.head.title,
         seed=validated.head.seed,
         description=validated.head.description,
+        report=validated.head.report,
         path=Path(os.path.abspath(path)),
         directory=Path(directory),
         text=text,

@@ -56,6 +56,8 @@ def mission_schema(registry: Registry) -> dict[str, Any]:
         if kind in MISSION_KINDS
     }
     head = _object(Head.model_json_schema(mode="validation"))
+    for name, definition in head.pop("$defs", {}).items():
+        definitions[name] = _object(definition)
     properties: dict[str, Any] = {
         "format": {"const": FORMAT, "description": "version of the mission format"},
         **head["properties"],

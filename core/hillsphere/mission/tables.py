@@ -14,6 +14,7 @@ from hillsphere.base.errors import PluginError, UnknownComponentError
 from hillsphere.base.problems import Problem, did_you_mean, format_value
 from hillsphere.mission.faults import faults_of
 from hillsphere.mission.likes import Derived, without_superseded_units
+from hillsphere.mission.report_spec import ReportSpec
 from hillsphere.plugins.registry import DEFAULT_TYPES, KINDS, Registered, Registry, kind_words
 from hillsphere.spec.base import Spec, option
 
@@ -50,6 +51,7 @@ class Head(Spec):
     title: str = option("one line that says what the mission is about", min_length=1)
     seed: int = option("root seed of everything random", ge=0, le=2**63 - 1)
     description: str = option("what a reader should know", default="")
+    report: ReportSpec = option("what the report asks, answers and shows", default=ReportSpec())
 
     @field_validator("name")
     @classmethod

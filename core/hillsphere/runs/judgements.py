@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -32,15 +32,26 @@ class Judgements:
     requirements: Mapping[str, Judgement] = field(default_factory=dict)
     claims: Mapping[str, Judgement] = field(default_factory=dict)
 
-    @property
-    def rows(self) -> list[Judgement]:
-        """All requirements, then all claims; of each kind those first that need attention."""
-        order = (REQUIREMENT_STATES, CLAIM_STATES)
-        return [
-            one
-            for states, group in zip(order, (self.requirements, self.claims), strict=True)
-            for one in sorted(group.values(), key=lambda one: states.index(one.state))
+    def verdict(self, state: str, failures: int) -> str:
+        """Return the verdict of a run in one line.
+
+        Parameters
+        ----------
+        state : str
+            ``"success"``, ``"failed"`` or ``"interrupted"``.
+        failures : int
+            Number of stages that did not finish.
+        """
+        parts = [
+            _count(self.requirements.values(), "met", "requirement"),
+            _count(self.claims.values(), "confirmed", "claim"),
         ]
+        if state != "success":
+            stages = f"{failures} stage{'s' * (failures != 1)} did not finish"
+            parts.insert(0, stages if state == "failed" else f"{state}; {stages}")
+        elif not any(parts):
+            parts.append("every stage finished; the mission states no requirement")
+        return ", ".join(filter(None, parts))
 
     def to_json(self) -> dict[str, Any]:
         """Return the two lists of ``summary.json``."""
@@ -80,6 +91,15 @@ class RunEvidence:
         if name not in tables:
             raise MissingResultError(_missing("table", stage, name, list(tables)))
         return tables[name]
+
+
+def _count(rows: Iterable[Judgement], state: str, word: str) -> str:
+    """Return ``"3 of 4 requirements met"`` of the rows that could be judged, ``""`` for none."""
+    states = [row.state for row in rows]
+    judged = [one for one in states if one not in ("not evaluated", "not derivable")]
+    if not judged:
+        return f"no {word} evaluated" if states else ""
+    return f"{judged.count(state)} of {len(judged)} {word}{'s' * (len(judged) != 1)} {state}"  # type: ignore[arg-type]
 
 
 def judge_run(

@@ -7,6 +7,7 @@ continues a run that ended early for any reason, without computing stored produc
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
 import threading
@@ -36,8 +37,11 @@ from hillsphere.runs.stage_cache import StageCache
 from hillsphere.runs.stage_context import StageContext
 from hillsphere.runs.store import RunDirectory, plain_json
 from hillsphere.runs.wiring import inputs_of, stages_to_repeat, takes_from
-from hillsphere.show.drawing import Drawing, draw
+from hillsphere.show.charts import Chart
+from hillsphere.show.drawing import draw
+from hillsphere.show.plotly_renderer import plotly_figure
 from hillsphere.show.presentation import AnyFigure, check_presentation
+from hillsphere.show.report import ShownFigure
 
 __all__ = ["RunResult", "resume_run", "run_mission"]
 
@@ -407,22 +411,44 @@ class _Run:
             free = self.record.free_name("tables", key, name)
             self.directory.put_table(free, table)
             record.tables[free] = table
+            record.own_names[key] = free
         figures = shown.figures if getattr(self.specs[name], "figures", True) else {}
         for key, figure in figures.items():
-            drawing = _draw(key, figure, png=self.figures)
             free = self.record.free_name("figures", key, name)
-            self.directory.put_svg(free, drawing.svg)
-            if self.figures and drawing.png is not None:
-                self.directory.put_png(free, drawing.png)
-            record.figures[free] = (figure, drawing)
+            record.own_names[key] = free
+            is_lead = self._is_lead(name, key)
+            record.figures[free] = self._show_figure(free, figure, is_lead=is_lead)
         for key, text in shown.files.items():
             self.directory.put_text(f"files/{name}/{key}", text)
             record.files = (*record.files, f"files/{name}/{key}")
 
+    def _is_lead(self, stage: str, name: str) -> bool:
+        """Return whether a figure stands on the first screen of the report, where all see it."""
+        lead = self.mission.report.figure
+        return f"{stage}.{name}" == lead if lead else not any(
+            record.figures for record in self.record.stages.values()
+        )  # fmt: skip
 
-def _draw(key: str, figure: AnyFigure, *, png: bool) -> Drawing:
-    try:
-        return draw(figure, png=png)
-    # Errors of the figure's own code are reported with the figure's name.
-    except Exception as error:
-        raise StageError(f"figure {key!r} cannot be drawn: {describe_error(error)}") from error
+    def _show_figure(self, name: str, figure: AnyFigure, *, is_lead: bool) -> ShownFigure:
+        """Return a figure for the report; write its data, and its pictures if they are wanted.
+
+        A chart is drawn by the reader's browser. Its picture is drawn if it was asked for, and for
+        the first screen, which is printed.
+        """
+        try:
+            plot = plotly_figure(figure) if isinstance(figure, Chart) else None
+            drawing = None
+            if plot is None or is_lead or self.figures:
+                drawing = draw(figure, png=self.figures)
+        # Errors of the figure's own code are reported with the figure's name.
+        except Exception as error:
+            text = f"figure {name!r} cannot be drawn: {describe_error(error)}"
+            raise StageError(text) from error
+        if plot is not None:
+            text = json.dumps(plot, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+            self.directory.put_text(f"figures/{name}.json", text)
+        if drawing is not None:
+            self.directory.put_svg(name, drawing.svg)
+            if self.figures and drawing.png is not None:
+                self.directory.put_png(name, drawing.png)
+        return ShownFigure(figure, plot, drawing)

@@ -15,9 +15,8 @@ from hillsphere.mission.load import Mission
 from hillsphere.runs.judgements import Judgements, RunEvidence
 from hillsphere.runs.run_manifest import SCHEMA
 from hillsphere.runs.stage_cache import StageKeys, file_digest
-from hillsphere.show.drawing import Drawing
-from hillsphere.show.presentation import AnyFigure, Metric, Presentation, Table
-from hillsphere.show.report import Report, Section, render
+from hillsphere.show.presentation import Metric, Presentation, Table
+from hillsphere.show.report import Report, ShownFigure, StageResult, render
 
 __all__ = ["Failure", "RunRecord", "StageRecord", "free_name"]
 
@@ -56,7 +55,8 @@ class StageRecord:
     """Facts about one stage, which are completed while it runs.
 
     `product` is the SHA-256 of the file of its product, once that is written. `metrics`, `tables`
-    and `figures` have the names of the run; `shown` has the stage's own.
+    and `figures` have the names of the run; `shown` has the stage's own, `own_names` gives the
+    names in the run of its tables and figures.
     """
 
     name: str
@@ -71,7 +71,8 @@ class StageRecord:
     notes: tuple[str, ...] = ()
     metrics: dict[str, Metric] = field(default_factory=dict)
     tables: dict[str, Table] = field(default_factory=dict)
-    figures: dict[str, tuple[AnyFigure, Drawing]] = field(default_factory=dict)
+    figures: dict[str, ShownFigure] = field(default_factory=dict)
+    own_names: dict[str, str] = field(default_factory=dict)
     files: tuple[str, ...] = ()
     shown: Presentation | None = None
 
@@ -147,7 +148,11 @@ class RunRecord:
         return {
             "schema": SCHEMA,
             "mission": self.mission.name,
-            "verdict": {"state": state, "notes": self.notes()},
+            "verdict": {
+                "state": state,
+                "text": self.judgements.verdict(state, len(self.failures())),
+                "notes": self.notes(),
+            },
             **self.judgements.to_json(),
             "metrics": {
                 key: {"value": metric.value, "unit": metric.unit}
@@ -213,24 +218,30 @@ class RunRecord:
     def report(self, state: str) -> str:
         """Return the report, an HTML page."""
         finished = self.finished or datetime.now(UTC)
+        mission, components = self.mission, self.mission.components["stage"]
+        judged = self.judgements
         return render(
             Report(
-                mission=self.mission.name,
-                title=self.mission.title,
-                description=self.mission.description,
-                state=state,
-                notes=self.notes(),
-                sections=[
-                    Section(
-                        s.name, s.type, s.state, s.seconds, s.cached, s.message,
-                        s.metrics, s.tables, s.figures, s.files,
+                mission=mission.name,
+                title=mission.title,
+                description=mission.description,
+                profile=mission.profile or "",
+                verdict=judged.verdict(state, len(self.failures())),
+                spec=mission.report,
+                requirements=judged.requirements,
+                claims=judged.claims,
+                stages=[
+                    StageResult(
+                        s.name, s.type, components[s.name].component.summary, s.state, s.seconds,
+                        s.cached, s.message, s.notes, s.metrics, s.tables, s.figures,
+                        s.own_names, s.shown.metrics if s.shown else {}, s.files,
                     )
                     for s in self.stages.values()
                 ],
                 started=_utc(self.started),
                 seconds=(finished - self.started).total_seconds(),
                 command=self.command(),
-                mission_text=self.mission.text,
+                mission_text=mission.text,
                 versions={
                     "python": environment()["python"], **package_versions(), **self._plugins()
                 },

@@ -26,8 +26,8 @@ from hillsphere.show.colours import ColourScale
 
 __all__ = [
     "Area", "Arrows", "Axis", "Band", "Bars", "Boxes", "Chart", "Cloud", "Curve", "Direction",
-    "Map", "Mark", "Mesh", "Note", "Panel", "Path", "Points", "Rows", "Rule", "Segments", "Sky",
-    "Solid", "Space", "Span", "Surface", "scales_of",
+    "Map", "Mark", "Mesh", "Note", "Panel", "Path", "Points", "Rows", "Rule", "Segments", "Side",
+    "Sky", "Solid", "Space", "Span", "Surface", "scales_of",
 ]  # fmt: skip
 
 Direction: TypeAlias = Literal["x", "y"]
@@ -44,6 +44,7 @@ MarkerShape: TypeAlias = Literal[
     "star",
     "bar",
 ]
+Side: TypeAlias = Literal["top right", "top left", "bottom right", "bottom left", "centre"]
 Rows: TypeAlias = int | Sequence[int] | None
 """Row of the figure's table that a mark stands for, or one row per point."""
 
@@ -365,15 +366,18 @@ class Note:
     text : str
         The text.
     x, y : float, optional
-        Point that it belongs to; by default it is written into a corner.
+        Point that it belongs to; by default it is written into a corner of the panel.
     corner : str
-        The corner, or ``"centre"``.
+        The corner, or ``"centre"``; with a point the side of it on which the text stands.
+    colour : str
+        As for `Curve`.
     """
 
     text: str
     x: float | None = None
     y: float | None = None
-    corner: Literal["top right", "top left", "bottom right", "bottom left", "centre"] = "top right"
+    corner: Side = "top right"
+    colour: str = "ink"
 
 
 Mark: TypeAlias = Curve | Points | Band | Area | Rule | Span | Bars | Segments | Boxes | Map | Note

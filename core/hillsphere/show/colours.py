@@ -24,8 +24,10 @@ PALETTE: Mapping[str, str] = {
 Figures without explicit colours use them in this order, except yellow, which is too light for a
 line. Name a colour where it carries a meaning.
 """
-NEUTRAL: Mapping[str, str] = {"grey": "#777777", "light": "#BBBBBB", "body": "#999999"}
-"""Greys for limits, backgrounds and bodies."""
+NEUTRAL: Mapping[str, str] = {
+    "ink": "#444444", "grey": "#777777", "body": "#999999", "light": "#BBBBBB",
+}  # fmt: skip
+"""Greys for texts, limits, bodies and backgrounds."""
 
 SCHEMES: Mapping[str, tuple[str, ...]] = {
     "viridis": (

@@ -288,13 +288,20 @@ def _luminance(colour: str) -> float:
 
 
 def _note(axes: Axes, mark: Note, colours: Colours) -> None:
+    colour = hex_colour(mark.colour)
     if mark.x is not None and mark.y is not None:
-        axes.annotate(mark.text, (mark.x, mark.y), xytext=(5, 4), textcoords="offset points",
-                      fontsize=8, zorder=6)  # fmt: skip
+        right, above = ("left" not in mark.corner), ("bottom" not in mark.corner)
+        is_centred = mark.corner == "centre"
+        axes.annotate(
+            mark.text, (mark.x, mark.y), fontsize=8, zorder=6, color=colour,
+            xytext=(0 if is_centred else 5 if right else -5, 4 if above else -4),
+            textcoords="offset points", ha="center" if is_centred else "left" if right else "right",
+            va="bottom" if above else "top",
+        )  # fmt: skip
         return
     x, y, ha, va = _CORNERS[mark.corner]
     axes.text(
-        x, y, mark.text, transform=axes.transAxes, ha=ha, va=va, fontsize=8, color="#444444",
+        x, y, mark.text, transform=axes.transAxes, ha=ha, va=va, fontsize=8, color=colour,
         wrap=mark.corner == "centre",
         bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 2},
     )  # fmt: skip

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from base64 import b64encode
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import cycle
 from typing import Any, TypeAlias
 
@@ -61,9 +61,10 @@ _PIXELS = 96.0 / 72.0
 """CSS pixels per point."""
 _PIXELS_PER_INCH = 75.0
 """Height of a figure on the page per inch of the printed one: a page is read from farther away."""
-_GAP = (0.12, 0.16)
-"""Gaps between panels, horizontally and vertically, as a part of a panel's size: room for the
-labels of the axes."""
+_GAP_PX = (80.0, 74.0)
+"""Gaps between panels, horizontally and vertically, in pixels: room for the labels of the axes."""
+_WIDTH_PX = 1000.0
+"""Width of a figure in the report at 1280 pixels, for the gaps."""
 _EXACT_PART = 1e-4
 """Smallest ratio of the range of an array to its largest value at which single precision, with a
 relative error of 6e-8, shows no steps on a screen of 2000 pixels."""
@@ -131,9 +132,10 @@ def plotly_figure(chart: Chart) -> dict[str, Any]:
         ``data``, ``layout`` and ``height`` (CSS pixels), of JSON types.
     """
     made = _Builder(chart)
-    domains = _domains(chart)
+    domains, stacked = _domains(chart), _domains(_stack(chart))
     counts = {"": 0, "scene": 0, "polar": 0}
     axes: list[str] = []
+    narrow: dict[str, Any] = {"layout": {}, "annotations": {}}
     for index, panel in enumerate(chart.panels):
         made.colours = cycle([name for name in PALETTE if name != "yellow"])
         kind = {Sky: "polar", Space: "scene"}.get(type(panel), "")
@@ -150,17 +152,42 @@ def plotly_figure(chart: Chart) -> dict[str, Any]:
         else:
             made.subplot = f"scene{number}"
             _space(made, panel, domains[index])
+        _place_narrow(narrow, made, panel, number, stacked[index])
     _colour_bars(made)
-    has_legend = bool(made.named)
-    many = len(made.named)
+    legend_px = 19 * math.ceil(len(made.named) / 4)
     layout = made.layout | {
-        "showlegend": has_legend and any(getattr(p, "legend", "") != "none" for p in chart.panels),
+        "showlegend": any(getattr(panel, "legend", "") != "none" for panel in chart.panels),
         "legend": {"orientation": "h", "x": 0.0, "xanchor": "left", "y": 1.02, "yanchor": "bottom"},
-        "margin": {"l": 64, "r": 16, "t": 34 + 19 * math.ceil(many / 4) if many else 34, "b": 52},
+        "margin": {"l": 64, "r": 16, "t": 34 + legend_px, "b": 52},
         "hovermode": "closest",
     }
-    height = round(_PIXELS_PER_INCH * chart.size[1]) + (19 * math.ceil(many / 4))
-    return {"data": made.traces, "layout": layout, "height": height}
+    height = round(_PIXELS_PER_INCH * chart.size[1]) + legend_px
+    figure = {"data": made.traces, "layout": layout, "height": height}
+    if chart.columns > 1:
+        rows = _stack(chart).rows
+        figure["narrow"] = narrow | {"height": round(height * rows / chart.rows)}
+    return figure
+
+
+def _stack(chart: Chart) -> Chart:
+    """Return the chart with its panels below one another, for a narrow page."""
+    return replace(chart, columns=1, heights=(), widths=(), size_in=None)
+
+
+def _place_narrow(
+    narrow: dict[str, Any], made: _Builder, panel: Panel | Sky | Space, number: str,
+    domain: tuple[list[float], list[float]],
+) -> None:  # fmt: skip
+    """Add the place of a panel, and of its title, on a narrow page."""
+    if isinstance(panel, Panel):
+        narrow["layout"] |= {
+            f"xaxis{number}": {"domain": domain[0]}, f"yaxis{number}": {"domain": domain[1]},
+        }  # fmt: skip
+    else:
+        narrow["layout"][made.subplot] = {"domain": {"x": domain[0], "y": domain[1]}}
+    if panel.title or getattr(panel, "note", ""):
+        last = len(made.layout["annotations"]) - 1
+        narrow["annotations"][str(last)] = {"x": sum(domain[0]) / 2.0, "y": domain[1][1]}
 
 
 def _shared(chart: Chart, axes: Sequence[str], index: int) -> tuple[str | None, str | None]:
@@ -174,19 +201,22 @@ def _shared(chart: Chart, axes: Sequence[str], index: int) -> tuple[str | None, 
 def _domains(chart: Chart) -> list[tuple[list[float], list[float]]]:
     """Return the part of the figure's width and height that each panel takes."""
     spans = []
+    height = _PIXELS_PER_INCH * chart.size[1]
     for count, ratios, gap in (
-        (chart.columns, chart.widths, _GAP[0]), (chart.rows, chart.heights, _GAP[1]),
-    ):  # fmt: skip
+        (chart.columns, chart.widths, _GAP_PX[0] / _WIDTH_PX),
+        (chart.rows, chart.heights, _GAP_PX[1] / height),
+    ):
         sizes = np.array(ratios or np.ones(count), dtype=float)
-        space = gap * float(sizes.mean()) * (count > 1)
-        starts = np.concatenate([[0.0], np.cumsum(sizes + space)[:-1]])
-        whole = float(sizes.sum() + space * (count - 1))
-        spans.append([(s / whole, (s + w) / whole) for s, w in zip(starts, sizes, strict=True)])
+        # Panels keep a tenth of the figure's width or height among them, however many there are.
+        sizes *= max(1.0 - gap * (count - 1), 0.1) / sizes.sum()
+        starts = np.concatenate([[0.0], np.cumsum(sizes + gap)[:-1]])
+        ends = np.minimum(starts + sizes, 1.0)
+        spans.append(list(zip(np.minimum(starts, ends).tolist(), ends.tolist(), strict=True)))
     made = []
     for index in range(len(chart.panels)):
         row, column = divmod(index, chart.columns)
         low, high = spans[1][row]
-        made.append((list(map(float, spans[0][column])), [float(1.0 - high), float(1.0 - low)]))
+        made.append((list(spans[0][column]), [1.0 - high, 1.0 - low]))
     return made
 
 
@@ -446,16 +476,21 @@ def _map(made: _Builder, mark: Map) -> None:
 
 
 def _note(made: _Builder, mark: Note) -> None:
+    font = {"size": 11} if mark.colour == "ink" else {"size": 11, "color": hex_colour(mark.colour)}
     if mark.x is not None and mark.y is not None:
+        is_right, is_above = "left" not in mark.corner, "bottom" not in mark.corner
+        is_centred = mark.corner == "centre"
         made.annotate(
-            mark.text, mark.x, mark.y, xref=made.x, yref=made.y, xanchor="left", yanchor="bottom",
-            xshift=4, yshift=3,
+            mark.text, mark.x, mark.y, xref=made.x, yref=made.y, font=font,
+            xanchor="center" if is_centred else "left" if is_right else "right",
+            yanchor="bottom" if is_above else "top", yshift=3 if is_above else -3,
+            xshift=0 if is_centred else 4 if is_right else -4,
         )  # fmt: skip
         return
     x, y, xanchor, yanchor = _CORNERS[mark.corner]
     made.annotate(
         mark.text, x, y, xref=f"{made.x} domain", yref=f"{made.y} domain", xanchor=xanchor,
-        yanchor=yanchor, align=xanchor,
+        yanchor=yanchor, align=xanchor, font=font,
     )  # fmt: skip
 
 

@@ -1,46 +1,71 @@
 """The report of a run: one self-contained HTML page.
 
-It has no scripts and loads nothing from the network or from other files: figures are embedded as
-data, the style is inline, and a content security policy forbids everything else. All text is
-escaped.
+It loads nothing from the network or from other files: plotly.js, the page's own script, the style
+and all figures are embedded, and a content security policy allows these two scripts by their hash
+and nothing else. All text is escaped. Without scripts the page shows the static pictures.
 """
 
 from __future__ import annotations
 
-import math
+import json
+import re
+import zlib
 from base64 import b64encode
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from hashlib import sha256
 from html import escape
 from importlib.resources import files
 from typing import Any
 
+from hillsphere.interfaces.outcomes import Judgement
+from hillsphere.mission.report_spec import ReportSpec, SectionSpec
 from hillsphere.show.charts import Chart
 from hillsphere.show.drawing import Drawing
-from hillsphere.show.presentation import AnyFigure, Column, Metric, Printed, Table
-from hillsphere.show.reference import computed_columns, without_unit
+from hillsphere.show.html_tables import render_cell, render_table
+from hillsphere.show.outcomes import format_value
+from hillsphere.show.presentation import AnyFigure, Metric, Table
 
-__all__ = ["Report", "Section", "render"]
+__all__ = ["Report", "ShownFigure", "StageResult", "render"]
 
-MAX_ROWS = 200
-"""Most rows of a table in the report, so that the page stays readable; the CSV file has all."""
-_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
-_HEADLINES = {
-    "success": "Success",
-    "failed": "A stage failed",
-    "interrupted": "Interrupted",
-}
+_STATES = {"failed": "failed", "interrupted": "was interrupted", "not run": "was not run"}
+_DEFAULT_NUMBERS = 4
+"""Large numbers on the first screen: one row at 1280 pixels."""
+_PLACEHOLDER = re.compile(r"\{([a-z][a-z0-9_.-]*)\}")
+_COMPRESSION = 4
+"""Level of zlib for plotly.js: 0.07 s of CPU; the highest needs 0.18 s for 4 % less."""
+_LONGEST_LEAD = 110
+"""Longest sentence, in characters, beside the title of a folded section."""
 
 
 @dataclass(frozen=True)
-class Section:
-    """Section of the report about one stage.
+class ShownFigure:
+    """A figure of the report.
 
     Parameters
     ----------
-    stage, type : str
-        Name and type of the stage.
+    figure : Figure or Chart
+        The figure.
+    plot : mapping or None
+        Its form for plotly.js; None for one that a stage draws itself.
+    drawing : Drawing or None
+        Its picture, if it was drawn.
+    """
+
+    figure: AnyFigure
+    plot: Mapping[str, Any] | None = None
+    drawing: Drawing | None = None
+
+
+@dataclass(frozen=True)
+class StageResult:
+    """What the report says about one stage.
+
+    Parameters
+    ----------
+    stage, type, title : str
+        Name and type of the stage, and what it is in words.
     state : str
         ``"done"``, ``"failed"``, ``"interrupted"`` or ``"not run"``.
     seconds : float
@@ -49,21 +74,31 @@ class Section:
         Whether its product was taken from the cache.
     message : str
         Error message of a stage that failed.
+    notes : sequence of str
+        Its sentences of the verdict.
     metrics, tables, figures : mapping
-        Its presentation, by identifier; a figure with its drawing.
+        Its presentation, by identifier in the run.
+    own_names : mapping
+        The stage's own name of a table or figure → that in the run.
+    own_metrics : mapping
+        Its metrics by the stage's own names.
     files : tuple of str
         Further files, relative to the page.
     """
 
     stage: str
     type: str
+    title: str = ""
     state: str = "done"
     seconds: float = 0.0
     cached: bool = False
     message: str = ""
+    notes: Sequence[str] = ()
     metrics: Mapping[str, Metric] = field(default_factory=dict)
     tables: Mapping[str, Table] = field(default_factory=dict)
-    figures: Mapping[str, tuple[AnyFigure, Drawing]] = field(default_factory=dict)
+    figures: Mapping[str, ShownFigure] = field(default_factory=dict)
+    own_names: Mapping[str, str] = field(default_factory=dict)
+    own_metrics: Mapping[str, Metric] = field(default_factory=dict)
     files: tuple[str, ...] = ()
 
 
@@ -75,12 +110,16 @@ class Report:
     ----------
     mission, title, description : str
         Name, title and description of the mission.
-    state : str
-        ``"success"``, ``"failed"`` or ``"interrupted"``.
-    notes : sequence of str
-        Sentences of the verdict.
-    sections : sequence of Section
-        One per stage, in order.
+    profile : str
+        Name of the profile, ``""`` for none.
+    verdict : str
+        Verdict in one line.
+    spec : ReportSpec
+        What the mission says about its report.
+    requirements, claims : mapping
+        Outcomes by name, in the order in which they are shown.
+    stages : sequence of StageResult
+        In order.
     started : str
         Time of the start, UTC.
     seconds : float
@@ -96,9 +135,12 @@ class Report:
     mission: str
     title: str
     description: str
-    state: str
-    notes: Sequence[str]
-    sections: Sequence[Section]
+    profile: str
+    verdict: str
+    spec: ReportSpec
+    requirements: Mapping[str, Judgement]
+    claims: Mapping[str, Judgement]
+    stages: Sequence[StageResult]
     started: str
     seconds: float
     command: str
@@ -119,166 +161,307 @@ def render(report: Report) -> str:
     str
         A complete HTML document.
     """
-    body = [
-        f"<header><h1>{escape(report.title or report.mission)}</h1>"
-        f"<p class=subtitle>Mission <code>{escape(report.mission)}</code>, run "
-        f"{escape(report.started)}, {_duration(report.seconds)}</p>",
-        f"<p>{escape(report.description)}</p>" if report.description else "",
-        _verdict(report),
-        "</header>",
-        _contents(report.sections),
-        *(_section(section) for section in report.sections),
-        _appendix(report),
-    ]
+    page = _Page(report)
+    main = [page.head(), page.cards(), page.overview(), *page.sections(), *page.results()]
+    main.append(_appendix(report))
+    plots = page.plots()
+    title = escape(report.spec.question or report.title or report.mission)
+    policy = _policy(bool(plots))
+    scripts = f"{plots}<script>{_own_script()}</script>"
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(report.title or report.mission)}</title>\n"
-        f"<style>\n{_style()}</style>\n</head>\n<body>\n"
-        + "\n".join(part for part in body if part)
-        + "\n</body>\n</html>\n"
+        f"<title>{title}</title>\n<style>\n{_asset('report.css')}</style>\n</head>\n<body>\n"
+        f"{page.contents()}\n<main>\n"
+        + "\n".join(part for part in main if part)
+        + f"\n</main>\n{scripts}\n</body>\n</html>\n"
+    )
+
+
+def _policy(has_plots: bool) -> str:
+    scripts = [_own_script(), *([_plotly()] if has_plots else [])]
+    hashes = " ".join(
+        f"'sha256-{b64encode(sha256(text.encode()).digest()).decode()}'" for text in scripts
+    )
+    return (
+        "default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; "
+        f"script-src {hashes}; base-uri 'none'; form-action 'none'"
     )
 
 
 @cache
-def _style() -> str:
-    return files("hillsphere.show").joinpath("report.css").read_text(encoding="utf-8")
+def _asset(name: str) -> str:
+    return files("hillsphere.show").joinpath(name).read_text(encoding="utf-8")
 
 
-def _verdict(report: Report) -> str:
-    faults = [
-        f"Stage {s.stage} {_STATES[s.state]}" + (f": {s.message}" if s.message else ".")
-        for s in report.sections
-        if s.state != "done"
-    ]
-    items = "".join(f"<li>{escape(note)}</li>" for note in [*faults, *report.notes])
+@cache
+def _own_script() -> str:
+    return _asset("report.js")
+
+
+@cache
+def _plotly() -> str:
+    """Return plotly.js, which the package plotly brings."""
+    return files("plotly").joinpath("package_data/plotly.min.js").read_text(encoding="utf-8")
+
+
+class _Page:
+    """The parts of the page; each figure and table is shown once, where a reader meets it first."""
+
+    def __init__(self, report: Report) -> None:
+        self.report = report
+        self.by_stage = {stage.stage: stage for stage in report.stages}
+        self.shown: dict[str, str] = {}
+        self.embedded: dict[str, Mapping[str, Any]] = {}
+        self.values = dict(_values(report))
+
+    def head(self) -> str:
+        report, spec = self.report, self.report.spec
+        profile = f", profile {escape(report.profile)}" if report.profile else ""
+        faults = "".join(
+            f"<p class=differs>Stage {escape(s.stage)} {_STATES[s.state]}"
+            f"{': ' + escape(s.message) if s.message else '.'}</p>"
+            for s in report.stages
+            if s.state != "done"
+        )
+        answer = self.fill(spec.answer) if spec.answer else escape(_sentence(report.verdict))
+        description = f"<p>{escape(report.description)}</p>" if report.description else ""
+        return (
+            f'<header id="answer"><p class=soft>Mission {escape(report.mission)}{profile} · '
+            f"{escape(report.started[:10])} · {_duration(report.seconds)}</p>"
+            f"<h1>{escape(spec.question or report.title or report.mission)}</h1>"
+            f"<p class=lead>{answer}</p>{faults}{description}</header>"
+        )
+
+    def fill(self, text: str) -> str:
+        """Return escaped text with the values of its placeholders."""
+        return _PLACEHOLDER.sub(
+            lambda match: f"<b>{escape(self.values.get(match[1], '–'))}</b>",
+            escape(text, quote=False),
+        )
+
+    def cards(self) -> str:
+        names = self.report.spec.numbers or list(self.report.requirements)[:_DEFAULT_NUMBERS]
+        cards = "".join(filter(None, map(self._card, names)))
+        return f"<ul class=cards>{cards}</ul>" if cards else ""
+
+    def _card(self, name: str) -> str:
+        one = self.report.requirements.get(name) or self.report.claims.get(name)
+        if one is not None:
+            value, unit = one.value, one.unit
+            big = format_value(value, "") if value is not None else (one.got or one.state)
+            below = f"{_badge(one.state)} {f'asked {escape(one.asked)}' if one.asked else ''}"
+            label = one.text
+            if isinstance(one.limit, int) and one.asked.endswith("printed values"):
+                big, unit = f"{value} of {one.limit}", ""
+        else:
+            stage, _, metric = name.partition(".")
+            result = self.by_stage.get(stage)
+            found = result and result.own_metrics.get(metric)
+            if not found:
+                return ""
+            label, below = metric.replace("_", " "), ""
+            big, unit = format_value(_plain(found.value), ""), found.unit
+        shown = f" <span class=unit>{escape(unit)}</span>" if unit not in ("", "-") else ""
+        return (
+            f"<li><span class=label>{escape(label)}</span>"
+            f"<span class=big>{escape(big)}{shown}</span><span class=soft>{below}</span></li>"
+        )
+
+    def overview(self) -> str:
+        """Return the figure that carries the answer, beside requirements and claims."""
+        lead = self.report.spec.figure or next(
+            (f"{s.stage}.{own}" for s in self.report.stages for own, name in s.own_names.items()
+             if name in s.figures), ""
+        )  # fmt: skip
+        figure = self._item(lead, "answer", is_open=True) if lead else ""
+        tables = _outcomes("requirement", "asked", self.report.requirements)
+        tables += _outcomes("claim", "published", self.report.claims)
+        if not (figure or tables):
+            return ""
+        side = f"<div class=panel>{tables}</div>" if tables else ""
+        return f"<div class=overview>{figure}{side}</div>"
+
+    def sections(self) -> Iterator[str]:
+        for number, section in enumerate(self.report.spec.section, 1):
+            text = self.fill(section.text)
+            body = "".join(self._item(item, f"section-{number}") for item in section.show)
+            yield _fold(f"section-{number}", f"{number} {escape(section.title)}",
+                        _lead(section), f"<p>{text}</p>{body}" if text else body)  # fmt: skip
+
+    def results(self) -> Iterator[str]:
+        """Return one folded section per stage with all that was not shown before."""
+        yield '<h2 id="results">All results</h2>'
+        for stage in self.report.stages:
+            key = f"stage-{stage.stage}"
+            parts = [f"<p class=differs>{escape(stage.message)}</p>" if stage.message else ""]
+            if stage.notes:
+                parts.append(
+                    f"<ul>{''.join(f'<li>{escape(note)}</li>' for note in stage.notes)}</ul>"
+                )
+            parts.append(_metrics(stage.metrics))
+            parts += [self._show(stage, name, key) for name in (*stage.tables, *stage.figures)]
+            if stage.files:
+                links = ", ".join(f'<a href="{escape(n)}">{escape(n)}</a>' for n in stage.files)
+                parts.append(f"<p class=soft>Further files: {links}</p>")
+            how = "from the cache" if stage.cached else _duration(stage.seconds)
+            state = how if stage.state == "done" else stage.state
+            title = escape(_sentence(stage.title or stage.type).rstrip("."))
+            name = escape(stage.stage.replace("_", " "))
+            yield _fold(key, title, f"{name}, {escape(state)}", "".join(parts))
+
+    def _item(self, item: str, where: str, *, is_open: bool = False) -> str:
+        """Return a table or figure ``STAGE.NAME``, or all of a stage; empty if it is not there."""
+        name, _, own = item.partition(".")
+        stage = self.by_stage.get(name)
+        if stage is None or stage.state != "done":
+            return ""
+        if own:
+            return self._show(stage, stage.own_names.get(own, ""), where, is_open=is_open)
+        names = (*stage.tables, *stage.figures)
+        return "".join(self._show(stage, free, where) for free in names)
+
+    def _show(self, stage: StageResult, name: str, where: str, *, is_open: bool = False) -> str:
+        if name in self.shown:
+            title = (stage.tables.get(name) or stage.figures[name].figure).title
+            return (
+                f'<p class=soft>{escape(title)}: <a href="#{self.shown[name]}">see there</a>.</p>'
+            )
+        if name in stage.tables:
+            self.shown[name] = f"table-{name}"
+            return render_table(name, stage.tables[name], f"tables/{name}.csv")
+        if name in stage.figures:
+            self.shown[name] = f"figure-{name}"
+            return self._figure(stage, name, is_open=is_open)
+        return ""
+
+    def _figure(self, stage: StageResult, name: str, *, is_open: bool) -> str:
+        shown = stage.figures[name]
+        figure = shown.figure
+        caption = f" {escape(figure.caption)}" if figure.caption else ""
+        alt = (figure.alt if isinstance(figure, Chart) else "") or figure.caption or figure.title
+        picture = _picture(figure, shown.drawing, alt) if shown.drawing else ""
+        plot = ""
+        if shown.plot is not None:
+            self.embedded[name] = shown.plot
+            height = shown.plot["height"]
+            table = ""
+            if isinstance(figure, Chart) and figure.table:
+                table = f' data-table="table-{escape(stage.own_names[figure.table])}"'
+            plot = (
+                f'<div class=plot data-plot="{escape(name)}"{table} style="height:{height}px" '
+                f'role=img aria-label="{escape(alt)}"></div>'
+            )
+        command = (
+            "" if picture else f"<noscript><p class=soft>To draw it: <code>hillsphere figures RUN "
+            f"{escape(name)}</code></p></noscript>"
+        )  # fmt: skip
+        css = " class=panel" if is_open else ""
+        return (
+            f'<figure id="figure-{escape(name)}"{css}><figcaption><b>{escape(figure.title)}.</b>'
+            f"{caption}</figcaption>{plot}{picture}{command}</figure>"
+        )
+
+    def plots(self) -> str:
+        """Return the figures' data and plotly.js, both as data blocks that no browser runs."""
+        if not self.embedded:
+            return ""
+        blocks = "".join(
+            f'<script type="application/json" id="plot-{escape(name)}">{_json(plot)}</script>\n'
+            for name, plot in self.embedded.items()
+        )
+        packed = b64encode(zlib.compress(_plotly().encode(), _COMPRESSION)).decode()
+        return f'{blocks}<script type="text/plain" id="plotly">{packed}</script>\n'
+
+    def contents(self) -> str:
+        sections = "".join(
+            f'<li><a href="#section-{n}">{n} {escape(section.title)}</a></li>'
+            for n, section in enumerate(self.report.spec.section, 1)
+        )
+        return (
+            f'<nav aria-label="Contents"><p>{escape(self.report.mission)}</p><ul>'
+            f'<li><a href="#answer">Answer</a></li>{sections}'
+            '<li><a href="#results">All results</a></li>'
+            '<li><a href="#run">How it was run</a></li></ul>'
+            '<input type=search id=search placeholder="Search" aria-label="Search" hidden></nav>'
+        )
+
+
+def _values(report: Report) -> Iterator[tuple[str, str]]:
+    """Yield the placeholders of texts with their values."""
+    for kind, group in (("requirement", report.requirements), ("claim", report.claims)):
+        for name, one in group.items():
+            yield f"{kind}.{name}", one.got or one.state
+    for stage in report.stages:
+        for own, metric in stage.own_metrics.items():
+            unit = "" if metric.unit == "-" else metric.unit
+            yield f"{stage.stage}.{own}", format_value(_plain(metric.value), unit)
+
+
+def _plain(value: Any) -> Any:
+    return value.item() if hasattr(value, "dtype") else value
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def _lead(section: SectionSpec) -> str:
+    """Return the first sentence of a section, if it is short and has no placeholder."""
+    first = section.text.partition(". ")[0].rstrip(".")
+    return escape(first) if len(first) <= _LONGEST_LEAD and "{" not in first else ""
+
+
+def _fold(key: str, title: str, lead: str, body: str) -> str:
+    tail = f" <span class=soft>— {lead}</span>" if lead else ""
     return (
-        f'<section class="verdict {escape(report.state)}" aria-label="Verdict">'
-        f"<strong>{escape(_HEADLINES.get(report.state, report.state))}</strong>"
-        f"{f'<ul>{items}</ul>' if items else ''}</section>"
+        f'<details id="{escape(key)}"><summary><h3>{title}</h3>{tail}</summary>\n{body}\n</details>'
     )
 
 
-_STATES = {"failed": "failed", "interrupted": "was interrupted", "not run": "was not run"}
+def _badge(state: str) -> str:
+    return f'<span class="badge {escape(state.replace(" ", "-"))}">{escape(state)}</span>'
 
 
-def _contents(sections: Sequence[Section]) -> str:
-    links = "".join(
-        f'<li><a href="#stage-{escape(s.stage)}">{escape(s.stage)}</a></li>' for s in sections
+def _outcomes(what: str, asked: str, outcomes: Mapping[str, Judgement]) -> str:
+    """Return the table of requirements or claims."""
+    if not outcomes:
+        return ""
+    rows = "".join(
+        f"<tr><th scope=row class=text>{escape(one.text)}"
+        f"{f' <span class=soft>{escape(one.source)}</span>' if one.source else ''}</th>"
+        f"<td class=text>{escape(one.asked)}</td><td class=text>{escape(one.got)}"
+        f"{f'<br><span class=soft>{escape(one.reason)}</span>' if one.reason else ''}</td>"
+        f"<td>{_badge(one.state)}</td></tr>"
+        for one in outcomes.values()
     )
-    return f'<nav aria-label="Contents"><ul>{links}<li><a href="#run">the run</a></li></ul></nav>'
-
-
-def _section(section: Section) -> str:
-    how = "taken from the cache" if section.cached else _duration(section.seconds)
-    parts = [
-        f'<section id="stage-{escape(section.stage)}"><h2>{escape(section.stage)}</h2>',
-        f"<p class=soft>Stage of type <code>{escape(section.type)}</code>, "
-        f"{escape(how if section.state == 'done' else section.state)}</p>",
-        f'<p class="differs">{escape(section.message)}</p>' if section.message else "",
-        _metrics(section.metrics) if section.metrics else "",
-        *(_table(name, table) for name, table in section.tables.items()),
-        *(_figure(figure, drawing) for figure, drawing in section.figures.values()),
-        _files(section.files) if section.files else "",
-        "</section>",
-    ]
-    return "\n".join(part for part in parts if part)
-
-
-def _files(files: Sequence[str]) -> str:
-    links = ", ".join(f'<a href="{escape(name)}">{escape(name)}</a>' for name in files)
-    return f"<p class=soft>Further files: {links}</p>"
+    title = {"requirement": "Requirements", "claim": "Published claims"}[what]
+    return (
+        f"<h2>{title}</h2><div class=wide tabindex=0 role=region aria-label=\"{title}\"><table>"
+        f"<thead><tr><th scope=col class=text>{what}</th><th scope=col class=text>{asked}</th>"
+        "<th scope=col class=text>got</th><th scope=col>state</th></tr></thead>"
+        f"<tbody>{rows}</tbody></table></div>"
+    )  # fmt: skip
 
 
 def _metrics(metrics: Mapping[str, Metric]) -> str:
+    if not metrics:
+        return ""
     rows = "".join(
-        f"<tr><td class=text>{escape(name.replace('_', ' '))}</td>"
-        f"<td>{_cell(metric.value, 8)}</td><td class=text>{_unit(metric.unit)}</td></tr>"
+        f"<tr><th scope=row class=text>{escape(name.replace('_', ' '))}</th>"
+        f"<td>{render_cell(metric.value, 6)}</td>"
+        f"<td class=text>{escape(metric.unit) if metric.unit not in ('', '-') else ''}</td></tr>"
         for name, metric in metrics.items()
     )
     return (
-        "<div class=wide><table><thead><tr><th class=text>Metric</th><th>Value</th>"
-        f"<th class=text>Unit</th></tr></thead><tbody>{rows}</tbody></table></div>"
+        '<div class=wide tabindex=0 role=region aria-label="Metrics"><table><thead><tr>'
+        "<th scope=col class=text>metric</th><th scope=col>value</th>"
+        f"<th scope=col class=text>unit</th></tr></thead><tbody>{rows}</tbody></table></div>"
     )
 
 
-def _table(name: str, table: Table) -> str:
-    twins = computed_columns(table.columns)
-    head = "".join(_heading(column, column.name in twins) for column in table.columns)
-    rows = "".join(_row(table.columns, twins, row) for row in table.rows[:MAX_ROWS])
-    notes = list(table.notes)
-    if any(isinstance(row.get(twin), Printed) for row in table.rows for twin in twins):
-        notes.append(
-            "✓ agrees with the paper to its printed digit; Δ difference (computed − paper) in "
-            "units of the paper's last digit."
-        )
-    more = f", of which the first {MAX_ROWS} are shown" if len(table.rows) > MAX_ROWS else ""
-    notes.append(f"All digits: tables/{name}.csv ({len(table.rows)} rows{more}).")
-    return (
-        f"<h3>{escape(table.title)}</h3><div class=wide><table><thead><tr>{head}</tr></thead>"
-        f"<tbody>{rows}</tbody></table></div>"
-        + "".join(f"<p class=notes>{escape(note)}</p>" for note in notes)
-    )
-
-
-def _heading(column: Column, twin: bool) -> str:
-    label = column.label or ("paper" if twin else _stem(column))
-    unit = "" if twin else column.unit  # the same as its left neighbour's
-    classes = ("twin" if twin else "") + (" text" if not column.unit else "")
-    return f'<th class="{classes.strip()}">{escape(label)}{_unit(unit, "unit")}</th>'
-
-
-def _stem(column: Column) -> str:
-    """Return the heading of a column without its unit, which is shown below: x0 for ``x0_km``."""
-    return without_unit(column).replace("_", " ")
-
-
-def _unit(unit: str, css: str = "") -> str:
-    shown = escape(unit) if unit not in ("", "-") else ""
-    return f'<span class="{css}">{shown}</span>' if css else shown
-
-
-def _row(columns: Iterable[Column], twins: Mapping[str, str], row: Mapping[str, Any]) -> str:
-    cells = []
-    for column in columns:
-        value = row.get(column.name)
-        if column.name in twins:
-            ours = row.get(twins[column.name])
-            cells.append(f"<td class=twin>{_cell(value, column.digits)}{_mark(ours, value)}</td>")
-        else:
-            kind = " class=text" if not column.unit or isinstance(value, str) else ""
-            cells.append(f"<td{kind}>{_cell(value, column.digits)}</td>")
-    return f"<tr>{''.join(cells)}</tr>"
-
-
-def _mark(ours: Any, printed: Any) -> str:
-    if not isinstance(printed, Printed) or isinstance(ours, str) or ours is None:
-        return ""
-    value = float(ours)
-    if printed.agrees(value):
-        return ' <span class=agrees title="agrees to the printed digit">✓</span>'
-    if not math.isfinite(value):
-        return " <span class=differs>Δ</span>"
-    title = "difference in units of the last printed digit"
-    return f' <span class=differs title="{title}">Δ {printed.difference(value):+.2f}</span>'
-
-
-def _cell(value: Any, digits: int) -> str:
-    if hasattr(value, "dtype"):
-        value = value.item()
-    if value is None:
-        return "–"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, Printed):
-        return escape(value.text)
-    if isinstance(value, float):
-        return "–" if math.isnan(value) else f"{value:.{digits}g}"
-    return escape(str(value))
-
-
-def _figure(figure: AnyFigure, drawing: Drawing) -> str:
+def _picture(figure: AnyFigure, drawing: Drawing, alt: str) -> str:
     # As an image, not inline: identifiers in one figure cannot then meet those of another.
     kind, data, width = "svg+xml", drawing.svg, ""  # an SVG knows its own size
     if drawing.is_large and drawing.png is not None:
@@ -286,40 +469,49 @@ def _figure(figure: AnyFigure, drawing: Drawing) -> str:
         # It has more pixels than it should take on the page.
         size = figure.size if isinstance(figure, Chart) else figure.size_in
         width = f' width="{round(96 * size[0])}"'
-    caption = f" {escape(figure.caption)}" if figure.caption else ""
     return (
-        f'<figure><img alt="{escape(figure.title)}"{width} '
+        f'<img class=picture alt="{escape(alt)}"{width} '
         f'src="data:image/{kind};base64,{b64encode(data).decode()}">'
-        f"<figcaption><b>{escape(figure.title)}.</b>{caption}</figcaption></figure>"
     )
+
+
+def _json(value: Any) -> str:
+    """Return JSON that can stand in a script element."""
+    text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c")
 
 
 def _appendix(report: Report) -> str:
-    timings = "".join(
-        f"<tr><td class=text>{escape(s.stage)}</td><td class=text>{escape(s.type)}</td>"
-        f"<td class=text>{escape('from the cache' if s.cached else s.state)}</td>"
-        f"<td>{s.seconds:.2f}</td></tr>"
-        for s in report.sections
-    )
-    versions = "".join(
-        f"<tr><td class=text>{escape(name)}</td><td class=text>{escape(version)}</td></tr>"
-        for name, version in report.versions.items()
+    timings = _rows(
+        (s.stage, s.type, "from the cache" if s.cached else s.state, f"{s.seconds:.2f}")
+        for s in report.stages
     )
     mission = (
         f"<h3>Mission file</h3><pre>{escape(report.mission_text)}</pre>"
         if report.mission_text
         else ""
     )
-    return (
-        '<section id="run"><h2>The run</h2><h3>To get these results again</h3>'
-        f"<pre>{escape(report.command)}</pre>{mission}"
-        "<h3>Time</h3><div class=wide><table><thead><tr><th class=text>Stage</th>"
-        "<th class=text>Type</th><th class=text>State</th><th>Time<span class=unit>s</span></th>"
-        f"</tr></thead><tbody>{timings}</tbody></table></div>"
-        "<h3>Versions</h3><div class=wide><table><thead><tr><th class=text>Name</th>"
-        f"<th class=text>Version</th></tr></thead><tbody>{versions}</tbody></table></div>"
-        "<p class=notes>The resolved mission, seeds and hashes of all inputs stand in "
-        "manifest.json, all numbers in summary.json.</p></section>"
+    body = (
+        f"<h3>To get these results again</h3><pre>{escape(report.command)}</pre>{mission}"
+        "<h3>Time</h3><div class=wide tabindex=0 role=region aria-label=\"Time\"><table><thead><tr>"
+        "<th scope=col class=text>stage</th><th scope=col class=text>type</th>"
+        "<th scope=col class=text>state</th><th scope=col>time<span class=unit>s</span></th></tr>"
+        f"</thead><tbody>{timings}</tbody></table></div><h3>Versions</h3>"
+        '<div class=wide tabindex=0 role=region aria-label="Versions"><table><thead><tr>'
+        "<th scope=col class=text>name</th><th scope=col class=text>version</th></tr></thead>"
+        f"<tbody>{_rows(report.versions.items())}</tbody></table></div>"
+        "<p class=notes>The resolved mission, seeds and hashes of all inputs are in "
+        "manifest.json, all numbers in summary.json.</p>"
+    )  # fmt: skip
+    return _fold("run", "How it was run", "command, mission file, time, versions", body)
+
+
+def _rows(rows: Iterable[Sequence[str]]) -> str:
+    return "".join(
+        f"<tr><th scope=row class=text>{escape(first)}</th>"
+        + "".join(f"<td class=text>{escape(cell)}</td>" for cell in rest)
+        + "</tr>"
+        for first, *rest in rows
     )
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from hillsphere.base.problems import Key
 from hillsphere.mission.load import Mission
+from hillsphere.mission.report_spec import ReportSpec
 from hillsphere.plugins.registry import (
     Registered,
     Registry,
@@ -185,7 +186,7 @@ def _example_mission(name: str, campaign: Spec, registry: Registry) -> Any:
     }
     here = Path.cwd()
     mission = Mission(
-        format=1, name="example", title="Examples", seed=1, description="",
+        format=1, name="example", title="Examples", seed=1, description="", report=ReportSpec(),
         path=here / "example.toml", directory=here, text="", profile=None, sets=(), profiles=(),
         specs=specs, components=components, places=places,
     )  # fmt: skip

@@ -18,14 +18,14 @@ import numpy as np
 
 from hillsphere.errors import StageError
 from hillsphere.interfaces import Array, Context
-from hillsphere.presentation import Figure, Presentation
+from hillsphere.presentation import Presentation
 from hillsphere.products import Bifurcations
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.continuation import Branch
 from hillsphere_orbits.correction import tangents
 from hillsphere_orbits.members import insert_members, members_where
 from hillsphere_orbits.qso.families import Qso
-from hillsphere_orbits.qso.figures import draw_resonances
+from hillsphere_orbits.qso.figures import resonance_chart
 from hillsphere_orbits.qso.presentation import label_identifier
 from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.qso.qso_family import family_of
@@ -155,20 +155,12 @@ class BifurcationStage:
         ]
         if absent:
             verdict.append(f"Not met there: {', '.join(absent)}.")
+        own = label_identifier("bifurcations", label)
         return Presentation(
-            tables={
-                label_identifier("bifurcations", label): tabulate(
-                    "Bifurcations of the family", _columns(product)
-                )
-            },
+            tables={own: tabulate("Bifurcations of the family", _columns(product))},
             figures={
-                label_identifier("resonances", label): Figure(
-                    "Stability indices with the resonances",
-                    lambda figure: draw_resonances(figure, family, compare, product),
-                    "Marked: where a family of orbits of n revolutions branches off, "
-                    "b = 2 cos(2π d/n); where they crowd, some stay without a name (the table has "
-                    "all). Dashed: the family compared with.",
-                    size_in=(8.0, 5.0),
+                label_identifier("resonances", label): resonance_chart(
+                    family, compare, product, own
                 )
             },
             verdict=verdict,

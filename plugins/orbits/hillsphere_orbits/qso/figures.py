@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
 import numpy as np
 
 from hillsphere.base.constants import HOUR_S
 from hillsphere.interfaces import Array
-from hillsphere.presentation import PALETTE
+from hillsphere.presentation import (
+    Area,
+    Axis,
+    Chart,
+    Curve,
+    Mark,
+    Note,
+    Panel,
+    Points,
+    Rule,
+    Side,
+    Span,
+)
 from hillsphere.products import Bifurcations
 from hillsphere_orbits.qso.products import QsoFamily
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+__all__ = ["index_chart", "orbit_chart", "period_chart", "resonance_chart"]
 
-__all__ = ["draw_indices", "draw_orbits", "draw_periods", "draw_resonances"]
-
-_PLANES = (("planar", PALETTE["blue"]), ("vertical", PALETTE["vermillion"]))
+_PLANES = (("planar", "blue"), ("vertical", "vermillion"))
+_COLOURS = ("blue", "vermillion", "green", "purple", "orange", "sky")
+_AMPLITUDE = Axis("x at the crossing of the x axis", "km")
 
 
 def _amplitudes(product: QsoFamily) -> Array:
@@ -28,66 +37,87 @@ def _other_name(product: QsoFamily, compare: QsoFamily) -> str:
     return compare.name + (" (compared with)" if compare.name == product.name else "")
 
 
-def draw_periods(figure: Figure, product: QsoFamily, compare: QsoFamily | None) -> None:
-    """Draw the period against the amplitude."""
-    axes = figure.add_subplot()
-    axes.axhline(2.0 * np.pi * product.curve.time_s / HOUR_S, color="#666666", ls=":", lw=1.2,
-                 label="orbital period of the moon")  # fmt: skip
+def period_chart(product: QsoFamily, compare: QsoFamily | None, table: str) -> Chart:
+    """Return the period against the amplitude; `table` lists the members."""
+    month_h = 2.0 * np.pi * product.curve.time_s / HOUR_S
+    marks: list[Mark] = [Rule("y", month_h, "orbital period of the moon")]
     if compare is not None:
-        axes.plot(_amplitudes(compare), compare.curve.period_s / HOUR_S, "--",
-                  color=PALETTE["orange"], label=_other_name(product, compare))  # fmt: skip
-    axes.plot(_amplitudes(product), product.curve.period_s / HOUR_S, color=PALETTE["blue"],
-              label=product.name)  # fmt: skip
+        marks.append(
+            Curve(_amplitudes(compare), compare.curve.period_s / HOUR_S,
+                  _other_name(product, compare), "orange", "dashed")
+        )  # fmt: skip
     members = product.members
-    axes.plot(members.x0[0] / 1e3, members.period_s / HOUR_S, "o", color=PALETTE["black"],
-              label="orbits asked for")  # fmt: skip
-    axes.set_xlabel("x at the crossing of the x axis (km)")
-    axes.set_ylabel("period (h)")
-    axes.legend(loc="lower right")
+    marks += [
+        Curve(_amplitudes(product), product.curve.period_s / HOUR_S, product.name, "blue"),
+        Points(members.x0[0] / 1e3, members.period_s / HOUR_S, "members of the table", "black",
+               names=members.labels, rows=range(len(members.labels))),
+    ]  # fmt: skip
+    return Chart(
+        "Period of the family",
+        [Panel(_AMPLITUDE, Axis("period", "h"), marks)],
+        "Far away the period is that of the moon's orbit; close in it falls.",
+        table=table,
+    )
 
 
-def draw_indices(figure: Figure, product: QsoFamily, compare: QsoFamily | None) -> Any:
-    """Draw both stability indices against the amplitude; returns the axes."""
-    axes = figure.add_subplot()
-    axes.axhspan(-2.0, 2.0, color="#f0f0f0", zorder=0)
+def index_chart(product: QsoFamily, compare: QsoFamily | None) -> Chart:
+    """Return both stability indices against the amplitude."""
+    return Chart(
+        "Stability of the family",
+        [_index_panel(product, compare, [])],
+        "Stability indices b = λ + 1/λ; the family is linearly stable in the shaded band.",
+    )
+
+
+def _index_panel(product: QsoFamily, compare: QsoFamily | None, further: list[Mark]) -> Panel:
+    marks: list[Mark] = [Span("y", -2.0, 2.0)]
     for row, (plane, colour) in enumerate(_PLANES):
         if compare is not None:
-            axes.plot(_amplitudes(compare), compare.curve_indices[row], "--", color=colour, lw=1.1,
-                      alpha=0.8, label=f"{plane}, {_other_name(product, compare)}")  # fmt: skip
-        axes.plot(_amplitudes(product), product.curve_indices[row], color=colour,
-                  label=f"{plane}, {product.name}")  # fmt: skip
-    axes.set_xlabel("x at the crossing of the x axis (km)")
-    axes.set_ylabel("stability index b = λ + 1/λ")
+            marks.append(
+                Curve(_amplitudes(compare), compare.curve_indices[row],
+                      f"{plane}, {_other_name(product, compare)}", colour, "dashed", 1.1, 0.8)
+            )  # fmt: skip
+        marks.append(
+            Curve(_amplitudes(product), product.curve_indices[row], f"{plane}, {product.name}",
+                  colour)
+        )  # fmt: skip
     finite = product.curve_indices[np.isfinite(product.curve_indices)]
-    axes.set_ylim(max(-4.0, min(-2.3, float(finite.min()) - 0.2)),
-                  min(4.0, max(2.3, float(finite.max()) + 0.2)))  # fmt: skip
-    axes.legend(loc="lower right")
-    return axes
+    low = max(-4.0, min(-2.3, float(finite.min()) - 0.2))
+    high = min(4.0, max(2.3, float(finite.max()) + 0.2))
+    return Panel(
+        _AMPLITUDE, Axis("stability index b = λ + 1/λ", low=low, high=high), [*marks, *further]
+    )
 
 
-def draw_resonances(
-    figure: Figure, product: QsoFamily, compare: QsoFamily | None, bifurcations: Bifurcations
-) -> None:
-    """Draw the stability indices with the resonances marked."""
-    axes = draw_indices(figure, product, compare)
-    for plane, colour in _PLANES:
+def resonance_chart(
+    product: QsoFamily, compare: QsoFamily | None, bifurcations: Bifurcations, table: str
+) -> Chart:
+    """Return the stability indices with the resonances marked; `table` lists these."""
+    marks: list[Mark] = []
+    for row, (plane, colour) in enumerate(_PLANES):
         chosen = [i for i, name in enumerate(bifurcations.plane) if name == plane]
         x, b = bifurcations.orbits.x0[0, chosen] / 1e3, bifurcations.index[chosen]
-        axes.plot(x, b, "o", color=colour, markeredgecolor="white", ms=6, zorder=3)
+        names = [f"{bifurcations.d[i]}:{bifurcations.n[i]}" for i in chosen]
+        marks.append(Points(x, b, "", colour, size=6.0, names=names, rows=chosen))
         last_x, last_b = -np.inf, -np.inf
         reach = 0.028 * float(np.ptp(_amplitudes(product)))
         for k in np.argsort(x):
-            # a label that would cover its neighbour's is left out; the table has them all
+            # A label that would cover its neighbour's is left out; the table has them all.
             if x[k] - last_x < reach and abs(b[k] - last_b) < 0.22:
                 continue
             last_x, last_b = x[k], b[k]
-            i = chosen[int(k)]
-            # to the side on which the curve is lower, so that it does not cross the label
-            falls = _slope(product, _PLANES.index((plane, colour)), x[k]) < 0.0
-            resonance = f"{bifurcations.d[i]}:{bifurcations.n[i]}"
-            axes.annotate(resonance, (x[k], b[k]), fontsize=8, color=colour,
-                          xytext=(-6 if falls else 6, -9), textcoords="offset points",
-                          ha="right" if falls else "left")  # fmt: skip
+            # On the side on which the curve is lower, so that it does not cross the label.
+            falls = _slope(product, row, x[k]) < 0.0
+            corner: Side = "bottom left" if falls else "bottom right"
+            marks.append(Note(names[k], float(x[k]), float(b[k]), corner, colour))
+    return Chart(
+        "Stability indices with the resonances",
+        [_index_panel(product, compare, marks)],
+        "Marked: where a family of orbits of n revolutions branches off, b = 2 cos(2π d/n); where "
+        "they crowd, some have no name here (the table has all). Dashed: the family compared with.",
+        size_in=(8.0, 5.0),
+        table=table,
+    )
 
 
 def _slope(product: QsoFamily, row: int, x_km: float) -> float:
@@ -96,29 +126,27 @@ def _slope(product: QsoFamily, row: int, x_km: float) -> float:
     return float(np.interp(x_km, x, slope))
 
 
-def draw_orbits(figure: Figure, product: QsoFamily) -> None:
-    """Draw the members and the body to scale."""
-    axes = figure.add_subplot()
-    colours = [PALETTE[name] for name in ("blue", "vermillion", "green", "purple", "orange", "sky")]
+def orbit_chart(product: QsoFamily, table: str) -> Chart:
+    """Return the members and the body to scale; `table` lists the members."""
+    marks: list[Mark] = []
     for i, label in enumerate(product.members.labels):
         x, y, _ = product.tracks_m[:, :, i] / 1e3
-        axes.plot(x, y, color=colours[i % len(colours)], lw=1.3, label=label)
+        marks.append(Curve(x, y, label, _COLOURS[i % len(_COLOURS)], width=1.3, rows=i))
     if product.semi_axes_m:
         a, b, _ = np.array(product.semi_axes_m) / 1e3
         angle = np.linspace(0.0, 2.0 * np.pi, 181)
         c, s = np.cos(product.prime_meridian_rad), np.sin(product.prime_meridian_rad)
         u, v = a * np.cos(angle), b * np.sin(angle)
         name = product.body.capitalize() if product.body not in ("", "body") else "body"
-        axes.fill(c * u - s * v, s * u + c * v, color="#777777", label=name)
+        marks.append(Area(c * u - s * v, s * u + c * v, name))
     else:
-        axes.plot([0.0], [0.0], "+", color=PALETTE["black"], label="centre of mass")
+        marks.append(Points([0.0], [0.0], "centre of mass", "black", "plus"))
     reach = float(np.max(np.abs(product.tracks_m[0]))) / 1e3
-    axes.annotate("", (-1.55 * reach, 0.0), (-1.1 * reach, 0.0),
-                  arrowprops={"arrowstyle": "->", "color": "#444444"})  # fmt: skip
-    axes.annotate("to the\nprimary", (-1.32 * reach, 0.0), xytext=(0, 4),
-                  textcoords="offset points", fontsize=8, ha="center")  # fmt: skip
-    axes.set_xlim(-1.6 * reach, 1.6 * reach)
-    axes.set_aspect("equal")
-    axes.set_xlabel("x, away from the primary (km)")
-    axes.set_ylabel("y, along the orbital velocity (km)")
-    axes.legend(loc="upper right", fontsize=8)
+    marks.append(Note("← to the primary", -1.08 * reach, 0.0, "top left"))
+    x_axis = Axis("x, away from the primary", "km", low=-1.7 * reach, high=1.7 * reach)
+    y_axis = Axis("y, along the orbital velocity", "km")
+    return Chart(
+        "Orbits", [Panel(x_axis, y_axis, marks, is_equal=True, legend="right")],
+        "The orbits and the body to scale, seen from above the orbit plane of the moon.",
+        size_in=(6.0, 8.0), table=table,
+    )  # fmt: skip

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from hillsphere.presentation import Figure, Metric, Presentation
+from hillsphere.presentation import Metric, Presentation
 from hillsphere.show.reference import ReferenceTable
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, set_beside, tabulate
-from hillsphere_orbits.qso.figures import draw_indices, draw_orbits, draw_periods
+from hillsphere_orbits.qso.figures import index_chart, orbit_chart, period_chart
 from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.stability import determinant_error
 
@@ -88,28 +90,25 @@ def present_family(
         "x0_largest": Metric(float(product.curve.x0[0, 0] / 1e3), "km"),
         "x0_smallest": Metric(float(product.curve.x0[0, -1] / 1e3), "km"),
     }
+    own = label_identifier("table_1", label)
+    other = _other(compare)
     figures = {
-        "period": Figure(
-            f"Period along the family{_kind(label)}",
-            lambda figure: draw_periods(figure, product, compare),
-            f"Period against x at the crossing of the x axis.{_other(compare)}",
+        "period": replace(
+            period_chart(product, compare, own),
+            title=f"Period along the family{_kind(label)}",
+            caption=f"Period against x at the crossing of the x axis.{other}",
         ),
-        "stability": Figure(
-            f"Stability indices along the family{_kind(label)}",
-            lambda figure: draw_indices(figure, product, compare),
-            "Planar and vertical stability index; an orbit is linearly stable while both are "
-            f"between −2 and 2.{_other(compare)}",
+        "stability": replace(
+            index_chart(product, compare),
+            title=f"Stability indices along the family{_kind(label)}",
+            caption="Planar and vertical stability index; an orbit is linearly stable while both "
+            f"are between −2 and 2 (shaded).{other}",
         ),
-        "orbits": Figure(
-            title,
-            lambda figure: draw_orbits(figure, product),
-            "The orbits and the body to scale, seen from above the orbit plane of the moon.",
-            size_in=(6.0, 8.0),
-        ),
+        "orbits": replace(orbit_chart(product, own), title=title),
     }
     return Presentation(
         metrics={label_identifier(name, label): metric for name, metric in metrics.items()},
-        tables={label_identifier("table_1", label): table},
+        tables={own: table},
         figures={label_identifier(name, label): figure for name, figure in figures.items()},
         verdict=_verdict(product),
     )
