@@ -1,4 +1,4 @@
-"""Cells and rows of the stages' tables: infinite values are blank, long tables are cut."""
+"""Cells and rows of tables, whole ticks: infinite values are blank, long tables are cut."""
 
 from __future__ import annotations
 
@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 from hillsphere.interfaces import Array
 from hillsphere.presentation import Table
 
-__all__ = ["finite_fields", "finite_or_blank", "first_rows"]
+__all__ = ["finite_fields", "finite_or_blank", "first_rows", "whole_step"]
 
 Product = TypeVar("Product")
+
+_TICKS = 10
+"""Ticks of an axis of counts at most: their numbers do not touch on a narrow page."""
 
 
 def finite_or_blank(values: Array | Sequence[float]) -> NDArray[np.float64]:
@@ -46,3 +49,8 @@ def first_rows(table: Table, count: int, what: str = "") -> Table:
         return table
     notes = [*table.notes, f"The first {count} of {total} {what}."] if what else table.notes
     return replace(table, rows=table.rows[:count], notes=notes)
+
+
+def whole_step(count: float) -> float:
+    """Return the distance of ticks at whole numbers, for an axis of counts up to `count`."""
+    return max(1.0, float(np.ceil(count / _TICKS)))
