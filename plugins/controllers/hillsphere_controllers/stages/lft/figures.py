@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hillsphere.lti import LtiSystem
-from hillsphere.presentation import LINE_COLOURS, Axis, Chart, Curve, Mark, Panel, Rule
+from hillsphere.presentation import LINE_COLOURS, Axis, Chart, Curve, Mark, MarkerShape, Panel, Rule
 from hillsphere_controllers.analysis.frequency import largest_gains
 from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.frequencies import frequencies
@@ -19,7 +19,9 @@ _FLOOR = 1e-17
 """Smallest error drawn: a logarithmic axis has no zero, and errors below rounding look alike."""
 _DRAWN = 6
 """Models drawn, and legend entries, at most; more curves could not be told apart."""
-_MARKERS = ("circle", "square", "diamond", "triangle", "triangle-down", "cross", "plus")
+_MARKERS: tuple[MarkerShape, ...] = (
+    "circle", "square", "diamond", "triangle", "triangle-down", "cross", "plus",
+)  # fmt: skip
 
 
 def error_chart(product: FittedModels, table: str) -> Chart:

@@ -13,6 +13,7 @@ from hillsphere.presentation import (
     Bars,
     Chart,
     Curve,
+    Dash,
     Mark,
     Panel,
     Points,
@@ -33,6 +34,7 @@ _SAME_FREQUENCY = 0.05
 """Ends of curves that differ by less, relative, look the same in a figure."""
 _TITLES = {"robust_stability": "Robust stability", "robust_performance": "Robust performance"}
 _FREQUENCY = Axis("frequency", "rad/s", scale="log")
+_DASHES: tuple[Dash, ...] = ("solid", "dashed", "dotted")
 _BLOCK_COLOURS = tuple(name for name in LINE_COLOURS if name != "black")
 
 
@@ -184,7 +186,7 @@ def _share_panel(one: Analysed, named: dict[str, int]) -> Panel:
         turn, place = divmod(named[name], len(_BLOCK_COLOURS))
         marks.append(
             Curve(one.omega_rad_s, share, name.rpartition(".")[2], _BLOCK_COLOURS[place],
-                  ("solid", "dashed", "dotted")[turn % 3])
+                  _DASHES[turn % len(_DASHES)])
         )  # fmt: skip
     if rest:
         marks.append(Curve(one.omega_rad_s, np.sum(rest, axis=0), "others together", "grey"))
