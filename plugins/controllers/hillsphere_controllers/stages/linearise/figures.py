@@ -45,11 +45,10 @@ def pole_chart(product: LinearisedFlight, nominal: Integers, table: str) -> Char
                        rows=rows[which].tolist())
                 for which, label, colour in kinds
             ],
-            legend=legend,
         )
-        for values, axis, legend in (
-            (poles.real, Axis("real part", "1e-3/s"), "above"),
-            (poles.imag, Axis("imaginary part", "1e-3 rad/s"), "none"),
+        for values, axis in (
+            (poles.real, Axis("real part", "1e-3/s")),
+            (poles.imag, Axis("imaginary part", "1e-3 rad/s")),
         )
     ]  # fmt: skip
     unknown = 1e3 * np.sqrt(np.einsum("iiN->iN", product.acceleration_covariance))
@@ -66,6 +65,7 @@ def pole_chart(product: LinearisedFlight, nominal: Integers, table: str) -> Char
         "Real and imaginary parts of the eigenvalues of A at the points, all parameters nominal; "
         "below, the standard deviation of the unknown acceleration.",
         share_x=True,
+        shared_legend=True,
         table=table,
     )
 

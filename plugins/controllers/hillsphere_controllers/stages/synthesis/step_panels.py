@@ -89,7 +89,7 @@ def _each_step(times_s: Array, lines: Lines, names: Sequence[str]) -> list[Panel
     """Return a panel for each step: the commanded output in colour, all other outputs in grey."""
     size = np.max([np.abs(line[0]).max(axis=0) for line in lines], axis=0, initial=0.0)
     shown = sorted(np.argsort(-size.max(axis=0), kind="stable")[:_PANELS].tolist())
-    panels = []
+    panels: list[Panel] = []
     for j in shown:
         others = [i for i in range(len(names)) if i != j]
         marks: list[Mark] = [_greys(times_s, response[:, others, j]) for response, *_ in lines]
