@@ -91,9 +91,9 @@ def _error_panel(product: AssistedTracking, outage: int) -> Panel:
     return Panel(
         AFTER_ACQUISITION, Axis("error √(ΔA² + Δh²)", "deg", scale="log"),
         [
+            *lock_marks(loss_s, product.lock_angle_rad),
             *(Curve(minutes, errors[t], name, *tracker_style(t), 1.2, rows=outage * count + t)
               for t, name in enumerate(product.trackers)),
-            *lock_marks(loss_s, product.lock_angle_rad),
         ],
         f"{product.passes[p]}, lost after {loss_s / 60.0:g} min",
     )  # fmt: skip
@@ -112,14 +112,14 @@ def spread_chart(product: AssistedTracking, outage: int, chosen: Integers, table
         there = np.isfinite(spread)
         floor = np.full(int(there.sum()), FLOOR_DEG)
         error = np.maximum(np.degrees(product.sky_error_rad[t, outage]), FLOOR_DEG)
-        marks: list[Mark] = [
+        marks = lock_marks(float(product.outage_s[outage]))
+        marks += [
             Band(minutes[there], floor, np.maximum(sigmas * spread[there], FLOOR_DEG), f"{sigmas}σ",
                  opacity=opacity)
             for sigmas, opacity in ((3, 0.18), (2, 0.22), (1, 0.28))
         ]  # fmt: skip
         row = outage * count + t
         marks.append(Curve(minutes, error, "error on the sky", "blue", width=1.2, rows=row))
-        marks += lock_marks(float(product.outage_s[outage]))
         angle = Axis("angle", "deg", scale="log")
         panels.append(Panel(AFTER_ACQUISITION, angle, marks, product.trackers[t]))
     columns = min(3, len(panels))
@@ -161,10 +161,10 @@ def _sky(product: AssistedTracking, p: int) -> Sky:
     lost = path[:, np.minimum(np.searchsorted(t_s, losses), t_s.size - 1)]
     return Sky(
         [
-            Curve(*path, "true path", "grey", width=1.2, rows=p),
-            Points(*path[:, -1:], "set", "grey", "square", rows=p),
-            Points(*measured, "measured", "blue", "dot", rows=p),
-            Points(*lost, "signal lost", "vermillion", "diamond", rows=p),
+            Curve(path[0], path[1], "true path", "grey", width=1.2, rows=p),
+            Points(path[0, -1:], path[1, -1:], "set", "grey", "square", rows=p),
+            Points(measured[0], measured[1], "measured", "blue", "dot", rows=p),
+            Points(lost[0], lost[1], "signal lost", "vermillion", "diamond", rows=p),
         ],
         f"{product.passes[p]}, {product.stations[p]}",
         f"{product.directions[p]}, up to {np.degrees(product.elevation_max_rad[p]):.1f}°",

@@ -27,6 +27,10 @@ __all__ = ["axis_chart", "culmination_chart", "error_chart", "keyhole_chart"]
 _KINDS: tuple[tuple[str, str, Dash], ...] = (
     ("naive", "vermillion", "dashed"), ("planned", "blue", "solid"),
 )  # fmt: skip
+_PATHS: tuple[tuple[str, str, Dash, float], ...] = (
+    ("satellite", "body", "solid", 4.0), ("naive beam", "vermillion", "dashed", 1.6),
+    ("planned beam", "blue", "solid", 1.6),
+)  # fmt: skip
 _MARKERS: tuple[MarkerShape, ...] = (
     "circle", "square", "diamond", "triangle", "triangle-down", "plus",
 )  # fmt: skip
@@ -211,29 +215,31 @@ def _keyhole_panel(product: Pointing, mount: int, chosen: int) -> Panel:
     near_by = np.abs(target).max(axis=0)
     drawn = np.flatnonzero(near_by < _AROUND * reach)
     drawn = drawn[:: -(-drawn.size // _SAMPLES) or 1]
-    step = max(np.count_nonzero(near_by < reach) // _TIES, 1)
+    step = max(int(np.count_nonzero(near_by < reach)) // _TIES, 1)
     tied = np.arange(nearest % step, n, step)
     tied = tied[near_by[tied] < _AROUND * reach]
-    ties = np.stack([target[:, tied], planned[:, tied], np.full((2, tied.size), np.nan)], axis=2)
+    gaps = np.full((2, tied.size), np.nan)
+    ties = np.stack([target[:, tied], planned[:, tied], gaps], axis=2).reshape(2, -1)
     around = np.linspace(0.0, 2.0 * np.pi, 100)
     lock = np.degrees(product.lock_angle_rad)
-    circle = target[:, nearest, None] + lock * np.array([np.cos(around), np.sin(around)])
+    x, y = target[:, nearest]
     is_upright = product.kinds[mount] == "azimuth_elevation"
     right, above = ("east", "north of") if is_upright else ("right", "above")
     return Panel(
         Axis(f"{right} of the keyhole", "deg", low=-reach, high=reach),
         Axis(f"{above} the keyhole", "deg", low=-reach, high=reach),
         [
-            Curve(*target[:, drawn], "satellite", "body", width=4.0, rows=row),
-            Curve(*naive[:, drawn], "naive beam", "vermillion", "dashed", rows=row),
-            Curve(*planned[:, drawn], "planned beam", "blue", rows=row),
-            Curve(*ties.reshape(2, -1), "", "blue", width=0.7),
-            Curve(*circle, "lock angle", "black", width=0.8),
+            *(Curve(path[0, drawn], path[1, drawn], name, colour, dash, width, rows=row)
+              for path, (name, colour, dash, width) in zip(
+                  (target, naive, planned), _PATHS, strict=True)),
+            Curve(ties[0], ties[1], "", "blue", width=0.7),
+            Curve(x + lock * np.cos(around), y + lock * np.sin(around), "lock angle", "black",
+                  width=0.8),
             Points([0.0], [0.0], "keyhole", "black", "plus", 10.0),
         ],
         _mount_and_pass(product, mount),
         is_equal=True,
-    )
+    )  # fmt: skip
 
 
 def _unit(primary: Array, secondary: Array) -> Array:

@@ -190,7 +190,7 @@ def band_chart(product: TrackingComparison, bands: Bands) -> Chart | None:
     middle = int(np.argmin(np.abs(np.array(bands.levels) - 0.5)))
     panels = []
     for pass_, outage, loss_s in zip(product.passes, product.outages, product.loss_s, strict=True):
-        marks: list[Mark] = []
+        curves: list[Mark] = []
         for t, tracker in enumerate(product.trackers):
             row = rows.get(f"{pass_}.{outage}.{tracker}.error")
             if row is None:
@@ -199,13 +199,13 @@ def band_chart(product: TrackingComparison, bands: Bands) -> Chart | None:
             there = np.isfinite(values[middle])
             x, values = minutes[there], values[:, there]
             colour, _ = tracker_style(t)
-            marks += [
+            curves += [
                 Band(x, values[0], values[-1], "", colour, 0.25),
                 Curve(x, values[middle], tracker, colour, width=1.2),
             ]
-        if marks:
+        if curves:
             error = Axis("error √(ΔA² + Δh²)", "deg", scale="log")
-            marks += lock_marks(float(loss_s), product.lock_angle_rad)
+            marks = [*lock_marks(float(loss_s), product.lock_angle_rad), *curves]
             title = f"{pass_}, lost after {loss_s / 60.0:g} min"
             panels.append(Panel(AFTER_ACQUISITION, error, marks, title))
     if not panels:

@@ -6,7 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
-from hillsphere.presentation import LINE_COLOURS, Axis, Chart, Curve, Mark, Panel, Points, Rule
+from hillsphere.presentation import (
+    LINE_COLOURS,
+    Axis,
+    Chart,
+    Curve,
+    Mark,
+    MarkerShape,
+    Panel,
+    Points,
+    Rule,
+)
 from hillsphere_controllers.analysis.frequency import largest_gains
 from hillsphere_controllers.stages.frequencies import frequencies
 from hillsphere_controllers.stages.step_responses import step_responses
@@ -107,14 +117,15 @@ def start_chart(product: Synthesis, table: str) -> Chart:
     search = product.search
     assert search is not None
     marks: list[Mark] = []
-    for gammas, first, label, marker, colour in (
+    kinds: tuple[tuple[Array, int, str, MarkerShape, str], ...] = (
         (search.starts, 0, "from different starts", "circle", "blue"),
         (search.shaken, search.starts.size, "from near the best", "square", "vermillion"),
-    ):
+    )
+    for gammas, first, name, marker, colour in kinds:
         order = np.argsort(gammas)[: np.count_nonzero(np.isfinite(gammas))]
         if order.size:
             marks.append(
-                Points(np.arange(1, order.size + 1), gammas[order], label, colour, marker, 8.0,
+                Points(np.arange(1, order.size + 1), gammas[order], name, colour, marker, 8.0,
                        is_filled=False, rows=(first + order).tolist())
             )  # fmt: skip
     lost = int(np.count_nonzero(~np.isfinite(search.starts)))
