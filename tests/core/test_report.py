@@ -32,7 +32,7 @@ from hillsphere.presentation import (
     Table,
     presentation_faults,
 )
-from hillsphere.show.drawing import Drawing, draw, draw_png
+from hillsphere.show.drawing import Drawing, draw
 from hillsphere.show.html_tables import MAX_ROWS
 from hillsphere.show.plotly_renderer import plotly_figure
 from hillsphere.show.report import Report, ShownFigure, StageResult, render
@@ -308,7 +308,6 @@ def test_a_format_does_not_depend_on_the_other() -> None:
     assert both.png is not None
     assert both.png.startswith(b"\x89PNG")
     assert draw(FIGURE) == Drawing(both.svg, None)
-    assert draw_png(FIGURE) == both.png
 
 
 def test_nothing_outside_the_axes_is_cut_off() -> None:
