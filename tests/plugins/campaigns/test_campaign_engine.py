@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.core.campaign.toy_cases import Misshapen, StageWork, Toy, ToyPlan, same
+from tests.core.cases.toy_cases import Misshapen, StageWork, Toy, ToyPlan, same
 
 from hillsphere.cases.block_outcome import BlockOutcome
 from hillsphere.cases.checkpoints import Checkpoints
