@@ -25,7 +25,10 @@ __all__ = [
 ]
 
 Vector3: TypeAlias = tuple[float, float, float]
+"""Type of a field with three numbers, as the components along x, y and z."""
+
 Pair: TypeAlias = tuple[float, float]
+"""Type of a field with two numbers."""
 
 
 def quantity(dimension: str, description: str, *, default: Any = ..., **bounds: Any) -> Any:
@@ -180,3 +183,4 @@ def data_path(description: str, *, default: Any = ...) -> Any:
 
 
 DataPath: TypeAlias = Annotated[str, Field(min_length=1)]
+"""Type of a field with the path of a file of data, declared by `data_path`."""
