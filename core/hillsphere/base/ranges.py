@@ -33,6 +33,7 @@ LARGEST: Mapping[str, float] = {
     "acceleration": 1e6,  # at the surface of a white dwarf
     "angular_rate": 1e12,  # also bandwidths of weights, which may be far beyond any loop
     "angular_acceleration": 1e6,
+    "specific_energy": 299_792_458.0**2,  # the rest energy of matter
     "gravitational_parameter": 1e28,  # 75 million Suns, for limits in which the primary is large
     "density": 30_000.0,
     "mass": 1e35,  # 50 000 Suns

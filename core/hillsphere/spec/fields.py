@@ -10,6 +10,7 @@ from typing import Annotated, Any, TypeAlias
 from pydantic import Field
 
 from hillsphere.base.ranges import within_largest
+from hillsphere.spec.units import units_of
 
 __all__ = [
     "DataPath",
@@ -51,7 +52,13 @@ def quantity(dimension: str, description: str, *, default: Any = ..., **bounds: 
     -------
     pydantic.fields.FieldInfo
         The field.
+
+    Raises
+    ------
+    InputError
+        If there is no such dimension.
     """
+    units_of(dimension)  # refuses an unknown one
     given: dict[str, float] = {k: bounds.pop(k) for k in ("gt", "ge", "lt", "le") if k in bounds}
     bounds |= within_largest(dimension, given)
     return option(description, default=default, extra={"x-dimension": dimension}, **bounds)

@@ -71,6 +71,7 @@ class CameraSpec(SpacecraftSensorSpec):
             "output": "pixels",
             "bias_px": 1,
         },
+        {"body": "asteroid", "target": "points", "points": 80, "output": "pixels"},
     )
 
     body: Ref = reference("body", "the asteroid: gives its surface")
@@ -120,7 +121,12 @@ class CameraSpec(SpacecraftSensorSpec):
 class LidarSpec(SpacecraftSensorSpec):
     """A laser altimeter: range to the surface and, if asked, the direction of the spot."""
 
-    examples = ({"body": "asteroid"}, {"body": "asteroid", "spot": "pointing", "angles": False})
+    examples = (
+        {"body": "asteroid"},
+        {"body": "asteroid", "spot": "pointing", "angles": False},
+        {"body": "asteroid", "angles": False},
+        {"body": "asteroid", "angles": False, "field_of_view_deg": 30},
+    )
 
     body: Ref = reference("body", "the asteroid: gives its surface")
     spot: Literal["below", "pointing"] = option(

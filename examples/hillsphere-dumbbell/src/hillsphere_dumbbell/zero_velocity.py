@@ -119,7 +119,7 @@ class ZeroVelocityStage:
             text_column("name", names),
             column("x_km", x),
             column("y_km", y),
-            column("integral_m2_s2", product.equilibrium_integral_m2_s2, unit="m²/s²"),
+            column("integral_m2_s2", product.equilibrium_integral_m2_s2),
             of("growth_rate_1_s", "growth_rate_1_h"),
         ]
         unstable = int(np.count_nonzero(product.growth_rate_1_s > 0))
