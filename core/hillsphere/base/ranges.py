@@ -87,7 +87,7 @@ def within_largest(dimension: str, bounds: Mapping[str, float]) -> dict[str, flo
     Parameters
     ----------
     dimension : str
-        Of the quantity.
+        Dimension of the quantity, a key of `LARGEST`.
     bounds : mapping
         ``gt``, ``ge``, ``lt``, ``le`` that it has already, SI; they come first in what is checked.
 

@@ -56,8 +56,8 @@ def compute(
     Returns
     -------
     BlockOutcome
-        Of every case that does not only fill the block, whatever the stage raised. A case that
-        raises costs at most 2 log₂ 64 further calls of `run_cases`.
+        Outcome of every case that does not only fill the block, whatever the stage raised. A case
+        that raises costs at most 2 log₂ 64 further calls of `run_cases`.
 
     Raises
     ------

@@ -91,7 +91,7 @@ def present_synthesis(product: Synthesis, duration_s: float | None) -> Presentat
         tables["synthesis_iterations"] = _iterations(product.iterations)
         figures["synthesis_iterations"] = Figure(
             "µ over the steps",
-            partial(draw_iterations, found=product.iterations),
+            partial(draw_iterations, iterations=product.iterations),
             "Certified bound of every step's controller; filled: accepted.",
         )
     return Presentation(metrics, tables, figures, _verdict(product))
