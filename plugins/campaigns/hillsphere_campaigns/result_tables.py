@@ -125,8 +125,9 @@ def _statistics_columns(
     names, units, count, mean, deviation, least, largest, note = gather(
         found, "name", "unit", "count", "mean", "deviation", "least", "largest", "note"
     )
-    quantiles = np.reshape([one.quantiles for one in found], (-1, len(levels)))
-    ends = np.reshape([one.quantile_intervals for one in found], (-1, 2, len(levels)))
+    shape = len(found), len(levels)
+    quantiles = np.reshape([one.quantiles for one in found], shape)
+    ends = np.reshape([one.quantile_intervals.T for one in found], (*shape, 2))
     return [
         text_column("metric", names, "metric"),
         text_column("unit", units, "unit"),
@@ -141,7 +142,7 @@ def _statistics_columns(
             one
             for i, q in enumerate(levels)
             for one in interval_columns(
-                percentile(q), f"{100 * q:g} %", quantiles[:, i], ends[:, :, i].T
+                percentile(q), f"{100 * q:g} %", quantiles[:, i], ends[:, i].T
             )
         ),
         column("largest", largest, "largest", 5),
@@ -376,7 +377,8 @@ def point_statistics_table(table: CaseTable, levels: Sequence[float], level: flo
     assert table.points is not None
     count, metrics = table.points.shape[1], len(table.metrics)
     room = max(1, MOST_ROWS // max(1, metrics))
-    labels, found = [], []
+    labels: list[str] = []
+    found: list[MetricStatistics] = []
     for p, label in enumerate(table.point_labels[:room]):
         here = metric_statistics(table, table.point == p, level=level, levels=levels)[:MOST_ROWS]
         labels += [label] * len(here)

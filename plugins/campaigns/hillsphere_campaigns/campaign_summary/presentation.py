@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hillsphere.base.arrays import Array
 from hillsphere.base.matching import match_names
 from hillsphere.base.problems import did_you_mean
 from hillsphere.cases.case_classes import failure_ratio
@@ -115,7 +115,9 @@ def _columns(
     metrics = [product.metrics.index(name) for name in names]
     blank = np.full(len(product.labels), np.nan)
 
-    def rows(of_metrics: Array, of_failures: Array = blank, of_worst: Array = blank) -> Array:
+    def rows(
+        of_metrics: NDArray[Any], of_failures: NDArray[Any] = blank, of_worst: NDArray[Any] = blank
+    ) -> NDArray[Any]:
         stacked = np.concatenate([of_metrics[metrics], [of_failures], [of_worst]])
         return np.asarray(stacked[title, campaign])
 
@@ -206,6 +208,6 @@ def _beside(table: Table, product: CampaignSummary, path: str) -> Table:
     if len(wide.columns) == len(table.columns):
         raise InputError(
             f"{Path(path).name}: none of its rows is for a campaign and metric of this table; "
-            f"campaigns are called {', '.join(sorted(product.labels))}"
+            f"campaigns are called {', '.join(map(repr, sorted(product.labels)))}"
         )
     return wide
