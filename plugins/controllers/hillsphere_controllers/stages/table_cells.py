@@ -1,26 +1,16 @@
-"""Cells and rows of the stages' tables: infinite values are blank, long tables are cut."""
+"""Fields and rows of the stages' tables: infinite values are blank, long tables are cut."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, TypeVar, cast
 
-import numpy as np
-from numpy.typing import NDArray
-
-from hillsphere.interfaces import Array
 from hillsphere.presentation import Table
+from hillsphere.show.tables import finite_or_blank
 
-__all__ = ["finite_fields", "finite_or_blank", "first_rows"]
+__all__ = ["finite_fields", "first_rows"]
 
 Product = TypeVar("Product")
-
-
-def finite_or_blank(values: Array | Sequence[float]) -> NDArray[np.float64]:
-    """Return values with NaN, which tables show as blank, in place of infinite ones."""
-    given = np.asarray(values, dtype=float)
-    return np.where(np.isfinite(given), given, np.nan)
 
 
 def finite_fields(product: Product, *names: str) -> Product:

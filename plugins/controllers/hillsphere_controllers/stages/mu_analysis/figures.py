@@ -67,14 +67,14 @@ def _draw_intervals(axes: Axes, one: Analysed, colour: str) -> None:
 def draw_shares(figure: Figure, product: MuAnalysis) -> None:
     """Draw the share of each block, one group of bars an analysis of a loop."""
     axes = figure.add_subplot()
-    found = [one for one in product.worst if one.shares.size][:_DRAWN]
-    names = list(dict.fromkeys(name for one in found for name in one.blocks))
+    analysed = [one for one in product.worst if one.shares.size][:_DRAWN]
+    names = list(dict.fromkeys(name for one in analysed for name in one.blocks))
     colours = [colour for name, colour in PALETTE.items() if name != "yellow"]
-    width = 0.8 / len(found)
-    for place, one in enumerate(found):
+    width = 0.8 / len(analysed)
+    for place, one in enumerate(analysed):
         at = np.array([names.index(name) for name in one.blocks])
         axes.barh(
-            at + (place - 0.5 * (len(found) - 1)) * width, one.shares, width,
+            at + (place - 0.5 * (len(analysed) - 1)) * width, one.shares, width,
             color=colours[place % len(colours)],
             label=f"{product.label(one.loop)}: {_TITLES[one.analysis].lower()}",
         )  # fmt: skip
@@ -121,10 +121,10 @@ def draw_share_curves(figure: Figure, columns: Sequence[tuple[MuAnalysis, Analys
     grid[0, 0].legend(fontsize=8)
 
 
-def _select_blocks(found: Sequence[Analysed]) -> dict[str, int]:
+def _select_blocks(analysed: Sequence[Analysed]) -> dict[str, int]:
     """Return the blocks that are drawn by themselves, the weightiest first, with their places."""
     largest: dict[str, float] = {}
-    for one in found:
+    for one in analysed:
         most = np.nanmax(one.curve_shares, axis=1, initial=0.0).tolist()
         for name, value in zip(one.blocks, most, strict=True):
             largest[name] = max(largest.get(name, 0.0), value)

@@ -12,7 +12,14 @@ import numpy as np
 from hillsphere.interfaces import Array
 from hillsphere.presentation import Figure, Metric, Presentation, Table
 from hillsphere.show.reference import ReferenceTable
-from hillsphere.show.tables import FilledColumn, column, set_beside, tabulate, text_column
+from hillsphere.show.tables import (
+    FilledColumn,
+    column,
+    finite_or_blank,
+    set_beside,
+    tabulate,
+    text_column,
+)
 from hillsphere_controllers.stages.mu_analysis.figures import (
     draw_bounds,
     draw_share_curves,
@@ -20,7 +27,6 @@ from hillsphere_controllers.stages.mu_analysis.figures import (
     select_share_curves,
 )
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
-from hillsphere_controllers.stages.table_cells import finite_or_blank
 
 __all__ = ["present_analyses"]
 

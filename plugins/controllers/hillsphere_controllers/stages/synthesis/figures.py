@@ -100,10 +100,10 @@ def draw_starts(figure: Figure, product: Synthesis) -> None:
         (product.search.starts, "from different starts", ".", PALETTE["blue"]),
         (product.search.shaken, "from near the best", "s", PALETTE["vermillion"]),
     ):
-        found = np.sort(gammas[np.isfinite(gammas)])
-        if found.size:
-            place = np.arange(1, found.size + 1)
-            axes.plot(place, found, marker, color=colour, mfc="none", ms=9, label=label)
+        rising = np.sort(gammas[np.isfinite(gammas)])
+        if rising.size:
+            place = np.arange(1, rising.size + 1)
+            axes.plot(place, rising, marker, color=colour, mfc="none", ms=9, label=label)
     lost = int(np.count_nonzero(~np.isfinite(product.search.starts)))
     if product.lower_bound > 0.0:
         axes.axhline(product.lower_bound, color=_ALLOWED, ls="--", label="bound for any controller")
@@ -113,21 +113,23 @@ def draw_starts(figure: Figure, product: Synthesis) -> None:
     axes.legend()
 
 
-def draw_iterations(figure: Figure, found: Iterations) -> None:
+def draw_iterations(figure: Figure, iterations: Iterations) -> None:
     """Draw the certified bound over the steps."""
     from matplotlib.ticker import MaxNLocator
 
     axes = figure.add_subplot()
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    step = np.arange(found.upper.size)
-    seen = np.isfinite(found.upper)
-    axes.plot(step[found.accepted], found.upper[found.accepted], "-", color=PALETTE["blue"])
+    step = np.arange(iterations.upper.size)
+    seen = np.isfinite(iterations.upper)
+    axes.plot(
+        step[iterations.accepted], iterations.upper[iterations.accepted], "-", color=PALETTE["blue"]
+    )
     for chosen, face, label in (
-        (seen & found.accepted, PALETTE["blue"], "accepted"),
-        (seen & ~found.accepted, "none", "refused"),
+        (seen & iterations.accepted, PALETTE["blue"], "accepted"),
+        (seen & ~iterations.accepted, "none", "refused"),
     ):
         if chosen.any():
-            axes.plot(step[chosen], found.upper[chosen], "o", mec=PALETTE["blue"], mfc=face,
+            axes.plot(step[chosen], iterations.upper[chosen], "o", mec=PALETTE["blue"], mfc=face,
                       label=label)  # fmt: skip
     axes.axhline(1.0, color=_ALLOWED, ls=":", lw=1.2)
     axes.set_xlabel("step")

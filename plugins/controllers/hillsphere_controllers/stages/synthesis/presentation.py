@@ -8,7 +8,14 @@ import numpy as np
 
 from hillsphere.interfaces import Array
 from hillsphere.presentation import Figure, Metric, Presentation, Table
-from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
+from hillsphere.show.tables import (
+    FieldColumns,
+    FilledColumn,
+    column,
+    finite_or_blank,
+    tabulate,
+    text_column,
+)
 from hillsphere_controllers.stages.synthesis.figures import (
     draw_gains,
     draw_iterations,
@@ -23,7 +30,7 @@ from hillsphere_controllers.stages.synthesis.search_tables import (
     worst_sentence,
 )
 from hillsphere_controllers.stages.synthesis.step_panels import step_figure_size
-from hillsphere_controllers.stages.table_cells import finite_fields, finite_or_blank, first_rows
+from hillsphere_controllers.stages.table_cells import finite_fields, first_rows
 
 __all__ = ["present_synthesis"]
 
@@ -91,7 +98,7 @@ def present_synthesis(product: Synthesis, duration_s: float | None) -> Presentat
         tables["synthesis_iterations"] = _iterations(product.iterations)
         figures["synthesis_iterations"] = Figure(
             "µ over the steps",
-            partial(draw_iterations, found=product.iterations),
+            partial(draw_iterations, iterations=product.iterations),
             "Certified bound of every step's controller; filled: accepted.",
         )
     return Presentation(metrics, tables, figures, _verdict(product))
