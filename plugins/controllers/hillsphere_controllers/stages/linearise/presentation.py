@@ -6,7 +6,7 @@ import numpy as np
 
 from hillsphere.interfaces import Array, Integers
 from hillsphere.presentation import Metric, Presentation, Table
-from hillsphere.show.tables import FieldColumns, column, tabulate, text_column
+from hillsphere.show.tables import FieldColumns, column, finite_or_blank, tabulate, text_column
 from hillsphere_controllers.analysis.stability import spectral_abscissa
 from hillsphere_controllers.stages.linearise.figures import (
     influence_chart,
@@ -14,7 +14,6 @@ from hillsphere_controllers.stages.linearise.figures import (
     unstable_poles,
 )
 from hillsphere_controllers.stages.linearise.products import LinearisedFlight
-from hillsphere_controllers.stages.table_cells import finite_or_blank
 
 __all__ = ["nominal_models", "present_linearisation", "ranks"]
 

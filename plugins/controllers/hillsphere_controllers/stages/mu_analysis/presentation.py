@@ -11,7 +11,14 @@ import numpy as np
 from hillsphere.interfaces import Array
 from hillsphere.presentation import Metric, Presentation, Table
 from hillsphere.show.reference import ReferenceTable
-from hillsphere.show.tables import FilledColumn, column, set_beside, tabulate, text_column
+from hillsphere.show.tables import (
+    FilledColumn,
+    column,
+    finite_or_blank,
+    set_beside,
+    tabulate,
+    text_column,
+)
 from hillsphere_controllers.stages.mu_analysis.figures import (
     bound_chart,
     select_share_curves,
@@ -19,7 +26,6 @@ from hillsphere_controllers.stages.mu_analysis.figures import (
     share_curve_chart,
 )
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
-from hillsphere_controllers.stages.table_cells import finite_or_blank
 
 __all__ = ["present_analyses"]
 

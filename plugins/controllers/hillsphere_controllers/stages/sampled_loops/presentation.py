@@ -6,10 +6,15 @@ import numpy as np
 
 from hillsphere.interfaces import Array
 from hillsphere.presentation import Metric, Presentation
-from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
-from hillsphere_controllers.stages.sampled_loops.figures import radius_chart
+from hillsphere.show.tables import (
+    FieldColumns,
+    FilledColumn,
+    column,
+    finite_or_blank,
+    tabulate,
+    text_column,
+)
 from hillsphere_controllers.stages.sampled_loops.products import SampledLoops
-from hillsphere_controllers.stages.table_cells import finite_or_blank
 
 __all__ = ["present_sampled_loops"]
 

@@ -6,7 +6,14 @@ import numpy as np
 
 from hillsphere.interfaces import Array
 from hillsphere.presentation import Metric, Presentation, Table
-from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
+from hillsphere.show.tables import (
+    FieldColumns,
+    FilledColumn,
+    column,
+    finite_or_blank,
+    tabulate,
+    text_column,
+)
 from hillsphere_controllers.stages.synthesis.figures import (
     gain_chart,
     iteration_chart,
@@ -20,7 +27,7 @@ from hillsphere_controllers.stages.synthesis.search_tables import (
     start_sentences,
     worst_sentence,
 )
-from hillsphere_controllers.stages.table_cells import finite_fields, finite_or_blank, first_rows
+from hillsphere_controllers.stages.table_cells import finite_fields, first_rows
 
 __all__ = ["present_synthesis"]
 
