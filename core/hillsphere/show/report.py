@@ -349,7 +349,7 @@ class _Page:
                 table = f' data-table="table-{escape(stage.own_names[figure.table])}"'
             plot = (
                 f'<div class=plot data-plot="{escape(name)}"{table} style="height:{height}px" '
-                f'role=img aria-label="{escape(alt)}"></div>'
+                f'role=group aria-label="{escape(alt)}"></div>'
             )
         command = (
             "" if picture else f"<noscript><p class=soft>To draw it: <code>hillsphere figures RUN "
