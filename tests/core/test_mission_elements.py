@@ -107,6 +107,23 @@ def test_false_leaves_an_element_out(load: Any) -> None:
     assert parts(load(sets=["gravity.pile.parts.low=false"])) == [HIGH, SIDE]
 
 
+def test_element_that_is_left_out_still_serves_what_is_like_it(load: Any) -> None:
+    added = f'{PILE}[gravity.few]\nlike = "pile"\nparts.side.like = "low"\nparts.low = false\n'
+    added += '[gravity.one]\nlike = "few"\nparts.high.position_m = [1, 1, 1]\n[profile.p]\n'
+    added += 'gravity.one.parts.high = false\ngravity.one.parts.side.like = "high"\n'
+    assert parts(load(added), "few") == [HIGH, SIDE]
+    assert parts(load(added, profile="p"), "one") == [SIDE]
+    bare = added.replace(", position_m = [5, 0, 0]", "")
+    assert parts(load(bare), "few") == [HIGH, ("side", (0.0, 0.0, 0.0))]
+    assert parts(load(bare, profile="p"), "one") == [("side", (1.0, 1.0, 1.0))]
+    # the value of a table with `for` stands in it, too
+    each = "[each]\nsize = [1, 2]\n" + PILE.replace("type", 'for = "size"\ntype')
+    each = each.replace("[0, 0, 2]", '["{size}", 0, 0]').replace(", position_m = [5, 0, 0]", "")
+    for name in ("pile", "pile_2"):
+        mission = load(each, sets=[f"gravity.{name}.parts.high=false"])
+        assert parts(mission, "pile_2") == [LOW, ("side", (2000.0, 0.0, 0.0))]
+
+
 def test_elements_of_a_table_with_for(load: Any) -> None:
     added = (
         "[each]\nsize = [1, 2]\n"

@@ -84,6 +84,24 @@ class Expanded:
         values = self.values.get((kind, name), {})
         return ", ".join(f"{variable} = {value!r}" for variable, value in values.items())
 
+    def with_values(self, node: _Node, place: str, key: Key, value: Any) -> Any:
+        """Return a value of the table `place` as it stands in a table that may be expanded from it.
+
+        Parameters
+        ----------
+        node : tuple of str
+            (kind, name) of the table.
+        place : str
+            Name of the table in the mission file that sets the value.
+        key : tuple
+            Path of the value there, for messages.
+        value : object
+            The value.
+        """
+        if self.sources.get(node) != place:
+            return value
+        return _substitute(value, key, self.values[node], self)
+
     def dropped_at(self, kind: str, name: str) -> str | None:
         """Return where a table was dropped, ``"file:line"`` or the setting; None if it was not."""
         drop = self.dropped.get((kind, name))

@@ -9,7 +9,7 @@ Where a Spec declares an array of tables, a mission may write a table whose keys
 The elements stand in the order in which they are written. The key is the element's `name` if its
 Spec has one and the element does not give another. Tables merge, so that a profile, a setting and a
 table with ``like`` reach the keys of single elements; `false` in place of an element leaves it out.
-An element with ``like`` begins as a copy of another one of the same table.
+An element with ``like`` begins as a copy of another one of the same table, which may be left out.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ __all__ = ["arrange_elements", "element_specs"]
 
 _MOST_COPIED = 1 << 16
 """Largest total of values and characters that the elements of one array copy by ``like``: a
-sixteenth of the largest file; the largest array of the packaged missions copies 200."""
+sixteenth of the largest file; the packaged missions copy at most 111 in one array."""
 
 
 def element_specs(spec: type[Spec]) -> Iterator[tuple[str, type[Spec]]]:
@@ -77,19 +77,28 @@ def _array(
 ) -> list[dict[str, Any]]:
     """Return the elements of one array, and record from which elements each takes its keys."""
     own: dict[str, dict[str, Any]] = {}
+    left_out: set[str] = set()
     for name, value in given.items():
+        here = (*path, name)
         fault = ""
         if isinstance(value, dict):
-            own[name] = without_superseded_units(spec, value, (*path, name), tables)
+            own[name] = without_superseded_units(spec, value, here, tables)
         elif value is not False:
             fault = f"expected a table, or false to leave it out; got {format_value(value)}"
-        elif not tables.replaces_table((*path, name)):
+        elif (table := tables.replaced_table(here)) is not None:
+            own[name] = without_superseded_units(spec, table, here, tables)
+            left_out.add(name)
+        else:
             others = [other for other in given if other != name]
             hint = did_you_mean(name, others, otherwise="there are")
             fault = f"there is no element {name[:60]!r} to leave out{hint}"
         if fault:
-            tables.problems.append(tables.problem((*path, name), fault))
-    chains = {name: chain for name in own if (chain := _chain(name, own, path, tables))}
+            tables.problems.append(tables.problem(here, fault))
+    chains = {
+        name: chain
+        for name in own
+        if name not in left_out and (chain := _chain(name, own, path, tables))
+    }
     copied = sum(size_of(own[base]) for chain in chains.values() for base in chain[1:])
     if copied > _MOST_COPIED:
         message = f"its elements copy {copied} values and characters by `like`, at most"

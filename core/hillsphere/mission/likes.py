@@ -71,18 +71,21 @@ class Derived:
         where, _, depth = self._written(key)
         return -depth, self.layers.layers.layer(where)
 
-    def replaces_table(self, key: Key) -> bool:
-        """Return whether a value stands in place of a table, of an earlier layer or of ``like``."""
+    def replaced_table(self, key: Key) -> dict[str, Any] | None:
+        """Return the table in whose place a value stands, merged over layers and ``like``."""
         kind, name, rest = str(key[0]), str(key[1]), key[2:]
         written = self.layers.layers.tables[kind]
+        merged: dict[str, Any] | None = None
         while True:
             for place in self.layers.written_as(kind, name):
-                if self.layers.layers.is_replaced((kind, place, *rest)):
-                    return True
-                if isinstance(_value_at(written.get(place), rest), Mapping):
-                    return True
+                table = _value_at(written.get(place), rest)
+                if not isinstance(table, dict):
+                    table = self.layers.layers.replaced_table((kind, place, *rest))
+                if table is not None:
+                    table = self.layers.with_values((kind, name), place, key, table)
+                    merged = _merge(table, merged or {})
             if (kind, name) not in self.bases:
-                return False
+                return merged
             name = self.bases[kind, name]
 
     def _with_names(self, key: Key) -> Key:
