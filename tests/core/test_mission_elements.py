@@ -177,7 +177,7 @@ def test_elements_of_a_table_with_for(load: Any) -> None:
         (
             "high = {",
             "high_above_all = {",
-            "51: gravity.pile.parts.side.like: no element is named 'high'; did you mean",
+            "51: gravity.pile.parts.side.like: no element is named 'high'; there are: low",
         ),
     ],
 )
@@ -192,8 +192,7 @@ def test_fault_of_an_element_is_told_at_its_line(
 def test_fault_in_an_element_names_the_element_that_holds_it(problems: Any) -> None:
     # its own key, and one that its copy has from it: told once
     assert problems(PILE.replace("[0, 0, 2]", "[0, 0]")) == [
-        "m.toml:50: gravity.pile.parts.high.position_km: expected three numbers, got an array "
-        "of 2 items"
+        "m.toml:50: gravity.pile.parts.high.position_km: expected three numbers, got [0, 0]"
     ]
     (told,) = problems(PILE.replace("[5, 0, 0]", "3"))
     assert told.startswith("m.toml:51: gravity.pile.parts.side.position_m: expected three numbers")
@@ -238,7 +237,7 @@ def test_copies_do_not_grow_without_limit(problems: Any) -> None:
     added += "".join(f'a{k} = {{ like = "high" }}\n' for k in range(20))
     (told,) = problems(added)
     assert told == (
-        "m.toml:48: gravity.pile.parts: its elements copy 105336 values and characters by `like`, "
+        "m.toml:48: gravity.pile.parts: its elements copy 105168 values and characters by `like`, "
         "at most 65536"
     )
 

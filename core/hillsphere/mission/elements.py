@@ -85,8 +85,10 @@ def _array(
             own[name] = without_superseded_units(spec, value, here, tables)
         elif value is not False:
             fault = f"expected a table, or false to leave it out; got {format_value(value)}"
-        elif (table := tables.replaced_table(here)) is not None:
-            own[name] = without_superseded_units(spec, table, here, tables)
+        elif replaced := tables.replaced_tables(here):
+            own[name] = {}
+            for table in reversed(replaced):
+                own[name] = _merge_element(spec, own[name], table)
             left_out.add(name)
         else:
             others = [other for other in given if other != name]

@@ -71,21 +71,20 @@ class Derived:
         where, _, depth = self._written(key)
         return -depth, self.layers.layers.layer(where)
 
-    def replaced_table(self, key: Key) -> dict[str, Any] | None:
-        """Return the table in whose place a value stands, merged over layers and ``like``."""
+    def replaced_tables(self, key: Key) -> list[dict[str, Any]]:
+        """Return the tables of layers and ``like`` that a value replaces, the nearest first."""
         kind, name, rest = str(key[0]), str(key[1]), key[2:]
         written = self.layers.layers.tables[kind]
-        merged: dict[str, Any] | None = None
+        tables: list[dict[str, Any]] = []
         while True:
             for place in self.layers.written_as(kind, name):
                 table = _value_at(written.get(place), rest)
                 if not isinstance(table, dict):
                     table = self.layers.layers.replaced_table((kind, place, *rest))
                 if table is not None:
-                    table = self.layers.with_values((kind, name), place, key, table)
-                    merged = _merge(table, merged or {})
+                    tables.append(self.layers.with_values((kind, name), place, key, table))
             if (kind, name) not in self.bases:
-                return merged
+                return tables
             name = self.bases[kind, name]
 
     def _with_names(self, key: Key) -> Key:
