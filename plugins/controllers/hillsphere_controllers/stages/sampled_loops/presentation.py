@@ -14,6 +14,7 @@ from hillsphere.show.tables import (
     tabulate,
     text_column,
 )
+from hillsphere_controllers.stages.sampled_loops.figures import radius_chart
 from hillsphere_controllers.stages.sampled_loops.products import SampledLoops
 
 __all__ = ["present_sampled_loops"]
