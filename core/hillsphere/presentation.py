@@ -16,6 +16,7 @@ from hillsphere.show.charts import (
     Curve,
     Map,
     Mark,
+    MarkerShape,
     Mesh,
     Note,
     Panel,
@@ -45,7 +46,7 @@ from hillsphere.show.presentation import (
 
 __all__ = [
     "PALETTE", "Area", "Arrows", "Axis", "Band", "Bars", "Boxes", "Cell", "Chart", "Cloud",
-    "ColourScale", "Column", "Curve", "Figure", "Map", "Mark", "Mesh", "Metric", "Note", "Panel",
-    "Path", "Points", "Presentation", "Printed", "Rule", "Segments", "Side", "Sky", "Solid",
-    "Space", "Span", "Surface", "Table", "check_presentation", "presentation_faults",
+    "ColourScale", "Column", "Curve", "Figure", "Map", "Mark", "MarkerShape", "Mesh", "Metric",
+    "Note", "Panel", "Path", "Points", "Presentation", "Printed", "Rule", "Segments", "Side", "Sky",
+    "Solid", "Space", "Span", "Surface", "Table", "check_presentation", "presentation_faults",
 ]  # fmt: skip

@@ -26,8 +26,8 @@ from hillsphere.show.colours import ColourScale
 
 __all__ = [
     "Area", "Arrows", "Axis", "Band", "Bars", "Boxes", "Chart", "Cloud", "Curve", "Direction",
-    "Map", "Mark", "Mesh", "Note", "Panel", "Path", "Points", "Rows", "Rule", "Segments", "Side",
-    "Sky", "Solid", "Space", "Span", "Surface", "scales_of",
+    "Map", "Mark", "MarkerShape", "Mesh", "Note", "Panel", "Path", "Points", "Rows", "Rule",
+    "Segments", "Side", "Sky", "Solid", "Space", "Span", "Surface", "scales_of",
 ]  # fmt: skip
 
 Direction: TypeAlias = Literal["x", "y"]
