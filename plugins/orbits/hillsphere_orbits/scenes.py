@@ -16,6 +16,7 @@ from hillsphere.presentation import (
     ColourScale,
     Curve,
     Mark,
+    MarkerShape,
     Panel,
     Path,
     Points,
@@ -25,12 +26,16 @@ from hillsphere.presentation import (
 from hillsphere_orbits.survey import NEARLY_PLANAR
 
 __all__ = [
-    "AXES", "COLOURS", "Moon", "about_moon", "cylinder_solids", "family_colours", "moon_outline",
-    "moon_solid", "orbit_paths", "scene_chart",
+    "AXES", "COLOURS", "MARKERS", "Moon", "about_moon", "cylinder_solids", "family_colours",
+    "moon_outline", "moon_solid", "name_axis", "orbit_paths", "scene_chart",
 ]  # fmt: skip
 
 COLOURS = ("blue", "vermillion", "green", "purple", "orange", "sky")
 """Colours of orbits that a figure distinguishes."""
+MARKERS: tuple[MarkerShape, ...] = (
+    "circle", "square", "triangle", "diamond", "triangle-down", "star", "plus",
+)  # fmt: skip
+"""Shapes of markers that a figure distinguishes."""
 AXES = (
     Axis("x, away from the primary", "km"), Axis("y, along the orbital velocity", "km"),
     Axis("z, north", "km"),
@@ -60,6 +65,12 @@ def family_colours(families: int) -> list[str]:
     """Return one colour per family, from dark to light (they are ordered by n)."""
     scale = ColourScale("", high=max(families - 1, 1) / _LIGHTEST)
     return [scale.colour(float(family)) for family in range(families)]
+
+
+def name_axis(names: Sequence[str], margin: float = 0.6) -> Axis:
+    """Return an axis with a row per name, downwards."""
+    return Axis(ticks=list(enumerate(names)), low=-margin, high=len(names) - 1 + margin,
+                is_reversed=True)  # fmt: skip
 
 
 def about_moon(name: str, preposition: str = "around") -> str:

@@ -16,7 +16,7 @@ from hillsphere.presentation import (
     Segments,
 )
 from hillsphere_orbits.coverage.products import Coverage
-from hillsphere_orbits.scenes import COLOURS, about_moon
+from hillsphere_orbits.scenes import COLOURS, about_moon, name_axis
 
 __all__ = ["coverage_chart", "track_chart"]
 
@@ -27,9 +27,7 @@ _TIME = ColourScale("part of the time", power=0.5, reversed=True)
 def coverage_chart(product: Coverage, table: str) -> Chart:
     """Return the time over each latitude and the range of altitudes, a row per orbit."""
     count = len(product.labels)
-    rows, orbits = np.arange(count), Axis(
-        ticks=list(enumerate(product.labels)), low=-0.5, high=count - 0.5, is_reversed=True
-    )  # fmt: skip
+    rows, orbits = np.arange(count), name_axis(product.labels, 0.5)
     # Bands that are never met stay empty.
     time = np.where(product.band_time.T == 0.0, np.nan, product.band_time.T)
     bands = Map(np.degrees(product.band_rad), np.arange(count + 1) - 0.5, time, _TIME)

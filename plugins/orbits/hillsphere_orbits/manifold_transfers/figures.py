@@ -11,7 +11,6 @@ from hillsphere.presentation import (
     Cloud,
     Curve,
     Mark,
-    MarkerShape,
     Panel,
     Path,
     Points,
@@ -21,13 +20,10 @@ from hillsphere.presentation import (
 )
 from hillsphere.show.reference import ReferenceTable
 from hillsphere_orbits.manifold_transfers.products import ManifoldTransfers
-from hillsphere_orbits.scenes import AXES, cylinder_solids, family_colours, moon_solid
+from hillsphere_orbits.scenes import AXES, MARKERS, cylinder_solids, family_colours, moon_solid
 
 __all__ = ["front_chart", "transfer_chart"]
 
-_MARKERS: tuple[MarkerShape, ...] = (
-    "circle", "square", "triangle", "diamond", "triangle-down", "star",
-)  # fmt: skip
 _SAME = 1e-9
 """Relative difference of the durations of one leg, which come from the same numbers."""
 
@@ -46,7 +42,7 @@ def front_chart(product: ManifoldTransfers, reference: ReferenceTable | None, ta
     colours = dict(zip(orders, family_colours(len(orders)), strict=True))
     z_km, drawn = np.round(product.z_m / 1e3, 6), np.unique(member).tolist()
     heights = sorted(set(z_km[drawn][np.isfinite(z_km[drawn])].tolist()))
-    markers = {z: _MARKERS[k % len(_MARKERS)] for k, z in enumerate(heights)}
+    markers = {z: MARKERS[k % len(MARKERS)] for k, z in enumerate(heights)}
     marks: list[Mark] = []
     for i in drawn:
         own, n = member == i, int(product.revolutions[i])

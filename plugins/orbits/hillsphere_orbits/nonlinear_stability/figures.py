@@ -20,16 +20,13 @@ from hillsphere.presentation import (
 )
 from hillsphere_orbits.nonlinear_stability.products import NonlinearStability
 from hillsphere_orbits.nonlinear_stability.survival import Fate
-from hillsphere_orbits.scenes import COLOURS
+from hillsphere_orbits.scenes import COLOURS, MARKERS, name_axis
 
 __all__ = ["edge_chart", "probability_chart"]
 
 _FATES: tuple[tuple[Fate, str, MarkerShape], ...] = (
     (Fate.ESCAPE, "blue", "circle"), (Fate.IMPACT, "vermillion", "square"),
     (Fate.UNRESOLVED, "purple", "cross"),
-)  # fmt: skip
-_MARKERS: tuple[MarkerShape, ...] = (
-    "circle", "square", "triangle", "diamond", "triangle-down", "star",
 )  # fmt: skip
 _WIDEST = 1e-3
 """Of the largest offset: low end of the axis where nothing is lost at any place on it."""
@@ -86,12 +83,7 @@ def _edge_panel(product: NonlinearStability, velocity: bool, x: Axis, factor: fl
         marks.append(Rule("x", factor * sigma, "σ at injection", "ink", "dashed"))
         low = min(low, factor * sigma / _MARGIN)
     marks += [Note("0", low, float(i), "centre") for i in orbits[~is_shown]]
-    return Panel(replace(x, low=low, high=high), _orbit_axis(product), marks)
-
-
-def _orbit_axis(product: NonlinearStability) -> Axis:
-    return Axis(ticks=list(enumerate(product.labels)), low=-0.6, high=len(product.labels) - 0.4,
-                is_reversed=True)  # fmt: skip
+    return Panel(replace(x, low=low, high=high), name_axis(product.labels), marks)
 
 
 def probability_chart(product: NonlinearStability, table: str) -> Chart:
@@ -106,11 +98,11 @@ def probability_chart(product: NonlinearStability, table: str) -> Chart:
             Segments(place, product.low[:, k], product.high[:, k], "x", "", colour, 1.2,
                      has_caps=True, rows=rows),
             Points(share, place, f"injected at phase {phase:g}", colour,
-                   _MARKERS[k % len(_MARKERS)], 4.0, rows=rows),
+                   MARKERS[k % len(MARKERS)], 4.0, rows=rows),
         ]  # fmt: skip
     return Chart(
         f"Survival over {product.duration_s / DAY_S:g} days",
-        [Panel(Axis("survival probability", low=-0.02, high=1.02), _orbit_axis(product), marks,
+        [Panel(Axis("survival probability", low=-0.02, high=1.02), name_axis(product.labels), marks,
                legend="right")],
         f"Share of {product.draws} draws that survive, with {100 * product.confidence:g} % "
         "intervals.",

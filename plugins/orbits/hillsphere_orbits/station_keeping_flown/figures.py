@@ -15,20 +15,16 @@ from hillsphere.presentation import (
     Curve,
     Map,
     Mark,
-    MarkerShape,
     Note,
     Panel,
     Points,
     Segments,
 )
-from hillsphere_orbits.scenes import COLOURS
+from hillsphere_orbits.scenes import COLOURS, MARKERS, name_axis
 from hillsphere_orbits.station_keeping_flown.products import StationKeepingFlown
 
 __all__ = ["UNCORRECTED", "cost_chart", "survival_chart"]
 
-_MARKERS: tuple[MarkerShape, ...] = (
-    "circle", "square", "triangle", "diamond", "triangle-down", "star", "plus",
-)  # fmt: skip
 _APART = 0.03
 """Shift of the marks of neighbouring orbits, in the logarithm of the interval: just visible beside
 each other, far less than the distance of two intervals."""
@@ -82,7 +78,7 @@ def _survival_panel(
     what = "corrected" if name == UNCORRECTED else "time between corrections"
     return Panel(
         Axis(what, ticks=list(enumerate(intervals))),
-        Axis(ticks=list(enumerate(product.labels)), low=-0.5, high=rows - 0.5, is_reversed=True),
+        name_axis(product.labels, 0.5),
         marks, name.replace("_", " "),
     )  # fmt: skip
 
@@ -125,7 +121,7 @@ def _cost_marks(product: StationKeepingFlown, i: int, s: int, k: int, hours: Arr
     """Return the marks of an orbit i with a strategy s, the k-th of the panel."""
     colour, marker, label = (
         COLOURS[k % len(COLOURS)],
-        _MARKERS[k % len(_MARKERS)],
+        MARKERS[k % len(MARKERS)],
         product.labels[i],
     )
     order = np.argsort(hours)

@@ -7,7 +7,6 @@ import numpy as np
 from hillsphere.presentation import (
     Axis,
     Chart,
-    MarkerShape,
     Metric,
     Panel,
     Path,
@@ -16,16 +15,13 @@ from hillsphere.presentation import (
 )
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.qso.presentation import label_identifier
-from hillsphere_orbits.scenes import COLOURS, scene_chart
+from hillsphere_orbits.scenes import COLOURS, MARKERS, name_axis, scene_chart
 from hillsphere_orbits.transfers_reflown.products import TransfersReflown
 from hillsphere_orbits.transfers_reflown.rungs import REFLOWN
 
 __all__ = ["present_reflown"]
 
 _RUNG_COLOURS = ("black", *COLOURS)
-_MARKERS: tuple[MarkerShape, ...] = (
-    "circle", "square", "diamond", "triangle", "triangle-down", "star", "plus",
-)  # fmt: skip
 
 
 def present_reflown(product: TransfersReflown, label: str) -> Presentation:
@@ -167,13 +163,12 @@ def _cost_chart(product: TransfersReflown, table: str) -> Chart:
     marks = [Points(product.plan_dv_m_s, rows, "as planned", "grey", "bar", 14.0)]
     marks += [
         Points(product.dv_m_s[:, r], rows, rung, _RUNG_COLOURS[r % len(_RUNG_COLOURS)],
-               _MARKERS[r % len(_MARKERS)], 6.0, is_filled=False, rows=(r * count + rows).tolist())
+               MARKERS[r % len(MARKERS)], 6.0, is_filled=False, rows=(r * count + rows).tolist())
         for r, rung in enumerate(product.rungs)
     ]  # fmt: skip
-    plans = Axis(ticks=list(enumerate(product.plans)), low=-0.6, high=count - 0.4, is_reversed=True)
     return Chart(
         "Impulses of the transfers on every rung",
-        [Panel(Axis("sum of impulses", "m/s"), plans, marks, legend="above")],
+        [Panel(Axis("sum of impulses", "m/s"), name_axis(product.plans), marks, legend="above")],
         "Sum of all impulses of each plan as planned and on every rung; plans that were not found "
         "on a rung have no mark there.",
         size_in=(8.0, 1.6 + 0.32 * count),
