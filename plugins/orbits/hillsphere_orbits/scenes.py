@@ -168,4 +168,4 @@ def cylinder_solids(
     walls[:2] = ring_km[:, None]
     walls[2] = np.array([[-height_km], [height_km]])
     middle = np.vstack([ring_km, np.zeros(ring_km.shape[1])])
-    return Surface(walls, "", colour, opacity=0.15), Path(middle, label, colour, width=1.6)
+    return Surface(walls, "", colour, opacity=0.1), Path(middle, label, colour, width=1.6)

@@ -235,7 +235,7 @@ def _orbit_chart(product: SpatialFamilies, title: str, table: str) -> Chart:
         if own.size:
             i = int(own[np.argmax(product.member_z_m[own])])
             (path,) = orbit_paths(product.tracks_m, product.members.labels, [i])
-            paths.append(replace(path, colour=colours[f], width=0.8))
+            paths.append(replace(path, colour=colours[f], width=0.6))
     return scene_chart(
         title, paths, product, "The largest orbits asked for and the body to scale (equal axes).",
         table=table,

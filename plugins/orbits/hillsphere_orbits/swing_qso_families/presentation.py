@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from hillsphere.presentation import (
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.qso.presentation import label_identifier
 from hillsphere_orbits.qso.products import QsoFamily
-from hillsphere_orbits.scenes import AXES, about_moon, family_colours, moon_outline
+from hillsphere_orbits.scenes import about_moon, family_colours, moon_outline
 from hillsphere_orbits.swing_qso_families.products import SwingFamilies
 
 __all__ = ["present_swing"]
@@ -191,21 +190,20 @@ def _verdict(product: SwingFamilies) -> list[str]:
 
 def _orbit_chart(product: SwingFamilies, table: str) -> Chart:
     count = min(len(product.n), _MOST_PANELS)
-    panels = []
+    columns, panels = min(count, _COLUMNS), []
     for f in range(count):
         (x, y), name = _track(product, f)
         # The axes of the outer panels have labels for all.
-        across = AXES[0] if f + _COLUMNS >= count else replace(AXES[0], label="", unit="")
-        up = replace(
-            AXES[1], label="y" if f % _COLUMNS == 0 else "", unit="km" if f % _COLUMNS == 0 else ""
-        )
+        across = Axis("x", "km") if f + columns >= count else Axis()
+        up = Axis() if f % columns else Axis("y", "km")
         marks = [Curve(x / 1e3, y / 1e3, "", "blue", width=0.8, rows=f), moon_outline(product)]
         panels.append(Panel(across, up, marks, name, is_equal=True, legend="none"))
     return Chart(
         f"Orbits of several revolutions{about_moon(product.body)}", panels,
         "One orbit of each family (of those asked for, the last of the family; else the one "
-        "half-way along it), the body to scale, equal axes.",
-        columns=_COLUMNS, size_in=(11.0, 1.0 + 2.6 * -(-count // _COLUMNS)), table=table,
+        "half-way along it), the body to scale, equal axes; x away from the primary, y along the "
+        "orbital velocity.",
+        columns=columns, size_in=(2.2 * columns, 1.0 + 2.6 * -(-count // columns)), table=table,
     )  # fmt: skip
 
 

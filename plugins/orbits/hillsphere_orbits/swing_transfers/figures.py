@@ -27,11 +27,12 @@ __all__ = ["transfer_charts"]
 
 _COLUMNS = 2
 """Panels beside one another: more would be too narrow to read in a report."""
-_PANEL_IN = 3.6
-"""Height of a panel, inches."""
-_TRANSFER_IN = 5.2
-"""Height of a panel with orbits, which are longer than wide."""
-_COST = "ΔV"
+_WIDTH_IN = 9.0
+"""Width of a figure with two columns, inches."""
+_PANEL_IN = (7.0, 3.6)
+"""Width and height of a single panel, inches."""
+_ORBIT_IN = (5.0, 5.2)
+"""The same of a panel with orbits, which are longer than wide."""
 
 
 def transfer_charts(product: SwingTransfers, label: str) -> Mapping[str, Chart]:
@@ -48,21 +49,21 @@ def transfer_charts(product: SwingTransfers, label: str) -> Mapping[str, Chart]:
         caption: str,
         table: str,
         panel: Callable[[int], Panel],
-        height: float = _PANEL_IN,
+        size_in: tuple[float, float] = _PANEL_IN,
     ) -> Chart:
-        legs = len(product.legs)
+        legs, (width, height) = len(product.legs), size_in
         columns = min(legs, _COLUMNS)
         return Chart(
             title, [panel(leg) for leg in range(legs)], caption, columns=columns,
-            size_in=(9.0 if legs > 1 else 7.0, height * -(-legs // columns)),
-            shared_legend=height == _TRANSFER_IN, table=label_identifier(table, label),
+            size_in=(width if legs == 1 else _WIDTH_IN, height * -(-legs // columns)),
+            shared_legend=size_in is _ORBIT_IN, table=label_identifier(table, label),
         )  # fmt: skip
 
     charts = {
         "swing_transfers": chart(
             "Cheapest transfer of each leg",
             "Departure and arrival orbit, the path from one to the other, and the body to scale.",
-            "table_5", lambda leg: _transfer_panel(product, leg), _TRANSFER_IN,
+            "table_5", lambda leg: _transfer_panel(product, leg), _ORBIT_IN,
         ),
         "swing_along": chart(
             "Cost along the families",
@@ -116,7 +117,7 @@ def _along_panel(product: SwingTransfers, leg: int, scale: ColourScale) -> Panel
         marks.append(Curve(integral, cost, "", scale.colour(ratio[f]), width=0.9))
     ends = product.orbit_integral[[product.departure[leg], product.arrival[leg]]]
     marks += [Rule("x", float(end), "", "grey", "dashed") for end in ends]
-    x, y = Axis("Jacobi constant of the swing orbit"), Axis(_COST, "m/s", low=0.0)
+    x, y = Axis("Jacobi constant of the swing orbit"), Axis("ΔV", "m/s", low=0.0)
     if not least.size:
         return _empty_panel(product, leg, x, y)
     c, dv = product.least.integral[least], product.least.total_m_s[least]
@@ -141,7 +142,7 @@ def _empty_panel(product: SwingTransfers, leg: int, x: Axis, y: Axis) -> Panel:
 
 
 def _front_panel(product: SwingTransfers, leg: int) -> Panel:
-    x, y = Axis("time of flight", "d"), Axis(_COST, "m/s", low=0.0)
+    x, y = Axis("time of flight", "d"), Axis("ΔV", "m/s", low=0.0)
     on = np.flatnonzero(product.front.leg == leg)
     least = np.flatnonzero(product.least.leg == leg)
     if not on.size:
@@ -162,7 +163,7 @@ def _front_panel(product: SwingTransfers, leg: int) -> Panel:
 
 
 def _tangency_panel(product: SwingTransfers, leg: int, scale: ColourScale) -> Panel:
-    x, y = Axis("mean angle between the orbits", "deg"), Axis(_COST, "m/s")
+    x, y = Axis("mean angle between the orbits", "deg"), Axis("ΔV", "m/s")
     own, rho = product.member_leg == leg, product.rank[leg, 0, 0]
     if not own.any():
         return _empty_panel(product, leg, x, y)
