@@ -154,18 +154,24 @@ def test_usage_errors_are_one_line(hillsphere: Runner, arguments: list[str], mes
     assert done.stderr.count("\n") == 1
 
 
-def test_run_prints_metrics_and_the_report(hillsphere: Runner, mission: Path) -> None:
+def test_run_prints_the_verdict_and_the_report(hillsphere: Runner, mission: Path) -> None:
     done = hillsphere.apart("run", mission, "--out", "out")
     assert done.returncode == 0
     assert done.stderr == ""  # not a terminal: no progress
     assert done.stdout.splitlines() == [
-        "trial: success",
+        "trial: every stage finished; the mission states no requirement",
         "  All is well.",
-        "third  0.3333333333  m²/s²",
-        "sound  True",
+        "",
         "report: out/report.html",
     ]
     assert (hillsphere.directory / "out" / "report.html").is_file()
+
+
+def test_run_prints_metrics_if_asked(hillsphere: Runner, mission: Path) -> None:
+    lines = hillsphere("run", mission, "--out", "out", "-v").stdout.splitlines()
+    assert lines[-5:] == [
+        "", "third  0.3333333333  m²/s²", "sound  True", "", "report: out/report.html",
+    ]  # fmt: skip
 
 
 def test_run_in_the_working_directory_by_default(hillsphere: Runner, mission: Path) -> None:
@@ -185,7 +191,7 @@ def test_run_json(hillsphere: Runner, mission: Path) -> None:
 
 
 def test_output_survives_a_terminal_without_unicode(hillsphere: Runner, mission: Path) -> None:
-    done = hillsphere.apart("run", mission, PYTHONIOENCODING="ascii", PYTHONUTF8="0")
+    done = hillsphere.apart("run", mission, "-v", PYTHONIOENCODING="ascii", PYTHONUTF8="0")
     assert done.returncode == 0
     assert "m\\xb2/s\\xb2" in done.stdout
 
@@ -203,7 +209,7 @@ def test_a_failed_stage_ends_with_1(
     done = hillsphere("run", mission, "--set", f"stage.step.fails={how}", "--out", "out")
     assert done.returncode == 1
     assert done.stderr == message
-    assert done.stdout.startswith("trial: failed\n")
+    assert done.stdout.startswith("trial: failed; 1 stage did not finish\n")
     assert "Traceback" in (hillsphere.directory / "out" / "log.txt").read_text("utf-8")
 
 

@@ -38,6 +38,10 @@ EARLY = FlightMetric[Block](
     ),
 )  # fmt: skip
 METRICS = (SPEED, EARLY)
+CLEARANCE = FlightMetric[Block](
+    "clearance", "m", lambda of: of["clearance"], lambda of: 5.0 + 0.0 * of["clearance"],
+    (Requirement("least_clearance_m", "length", "smallest height", is_least=True),),
+)  # fmt: skip
 Limits: Any = requirements_spec("Limits", __name__, METRICS)
 
 
@@ -87,6 +91,20 @@ def test_a_negative_sign_limits_the_negative_value() -> None:
     _, cause, failed = judged({"late_s": 10.0}, [0.0, 0.0], [-20.0, 20.0], *["completed"] * 2)
     assert cause == ("late", "")
     assert_array_equal(failed, [True, False])
+
+
+def test_a_smallest_value_fails_flights_below_it() -> None:
+    block = {"clearance": np.array([90.0, 98.0, 103.0, 120.0, np.nan])}
+    require: Any = requirements_spec("Least", __name__, (CLEARANCE,))
+    status, cause, failed = judge_flights(
+        flights(*["completed"] * 5), (CLEARANCE,), metric_values((CLEARANCE,), block),
+        np.array([[5.0, 5.0, 5.0, 5.0, 0.0]]), require(least_clearance_m=100.0), ("completed",),
+        1.0,
+    )  # fmt: skip
+    assert status == ("requirement", "step_error", "step_error", "completed", "requirement")
+    assert cause == ("clearance", "clearance", "clearance", "", "clearance")
+    assert_array_equal(failed, [True, False, False, False, True])
+    assert limit_shown(CLEARANCE, require(least_clearance_m=100.0)) is None
 
 
 def test_within_its_error_a_limit_leaves_a_flight_undecided() -> None:

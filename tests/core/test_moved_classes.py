@@ -53,6 +53,13 @@ def test_field_of_a_class_that_has_moved(monkeypatch: pytest.MonkeyPatch) -> Non
     assert moved_classes.current_field("old.products:B", "x_min") == "x_min"
 
 
+@pytest.mark.parametrize("path", moved_classes._RENAMED_CLASSES)
+def test_class_under_its_earlier_name(path: str) -> None:
+    module, _, name = moved_classes.current_class(path).partition(":")
+    assert isinstance(getattr(importlib.import_module(module), name), type)
+    assert not hasattr(importlib.import_module(path.partition(":")[0]), path.partition(":")[2])
+
+
 @pytest.mark.parametrize("path", moved_classes._RENAMED_FIELDS)
 def test_renamed_fields_exist(path: str) -> None:
     module, _, name = path.partition(":")

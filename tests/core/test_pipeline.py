@@ -285,8 +285,14 @@ def test_a_chain_runs_in_order_and_leaves_everything(tmp_path: Path) -> None:
     np.testing.assert_array_equal(loaded.values, result.product("twice").values)
 
     summary = read(result, "summary.json")
-    assert list(summary) == ["schema", "mission", "verdict", "metrics", "tables", "failures"]
-    assert summary["verdict"] == {"state": "success", "notes": ["Numbers <were> made."]}
+    assert list(summary) == [
+        "schema", "mission", "verdict", "requirements", "claims", "metrics", "tables", "failures",
+    ]  # fmt: skip
+    assert summary["verdict"] == {
+        "state": "success",
+        "text": "every stage finished; the mission states no requirement",
+        "notes": ["Numbers <were> made."],
+    }
     assert summary["metrics"]["nothing"] == {"value": None, "unit": "-"}
     assert summary["metrics"]["mean"] == {"value": first.values.mean(), "unit": "m"}
     rows = summary["tables"]["rows"]

@@ -48,17 +48,17 @@ import time
 import hillsphere.runs.run_figures
 from hillsphere.cli.endings import main
 
-drawn = hillsphere.runs.run_figures.draw_png
+drawn = hillsphere.runs.run_figures.draw
 
-def stall(figure):
+def stall(figure, png):
     if len(calls) == 1:
         print("second figure", flush=True)
         time.sleep(60)
     calls.append(figure)
-    return drawn(figure)
+    return drawn(figure, png=png)
 
 calls = []
-hillsphere.runs.run_figures.draw_png = stall
+hillsphere.runs.run_figures.draw = stall
 main()
 """
 """The command line, which waits at the second figure."""
@@ -93,7 +93,7 @@ class Place:
 
 def lines(names: tuple[str, ...]) -> str:
     """Return what is printed of these figures."""
-    return "".join(f"out/figures/{name}.png\n" for name in names)
+    return "".join(f"out/figures/{name}.{end}\n" for name in names for end in ("svg", "png"))
 
 
 def _digest(path: Path) -> str:

@@ -91,6 +91,7 @@ def _faults(**keys: Any) -> list[tuple[str, str]]:
         ("angle", "deg", 3.141592653589793 / 180),
         ("angle", "arcsec", 3.141592653589793 / 648000),
         ("angular_rate", "deg_h", 3.141592653589793 / 180 / 3600),
+        ("specific_energy", "km2_s2", 1e6),
         ("gravitational_parameter", "km3_s2", 1e9),
         ("density", "g_cm3", 1000.0),
         ("mass", "t", 1000.0),
@@ -121,6 +122,13 @@ def test_unit_text() -> None:
     assert [unit_text(unit) for unit in ("km3_s2", "m_s", "g_cm3", "hz")] == [
         "km³/s²", "m/s", "g/cm³", "hz",
     ]  # fmt: skip
+
+
+def test_unknown_dimension_is_refused_with_the_nearest() -> None:
+    with pytest.raises(InputError, match=r"^unknown dimension 'lenght'; did you mean 'length'\?$"):
+        quantity("lenght", "how far")
+    with pytest.raises(InputError, match=r"^unknown dimension 'x'; valid: length, time, angle, "):
+        unit_keys("axis_m", "x")
 
 
 def test_quantity_must_be_named_by_its_si_suffix() -> None:

@@ -1,6 +1,7 @@
 """What keeps the structure from growing back: rooms, imports, names, constants, shares.
 
-The checks read source files; none imports what it judges.
+The checks read source files; none imports what it judges. A failure names the places and says what
+to do about them.
 """
 
 from __future__ import annotations
@@ -76,13 +77,22 @@ def is_face(path: Path) -> bool:
 
 def test_rooms_of_the_core() -> None:
     rooms = [path.parent.name for path in CORE.glob("*/__init__.py")]
-    assert len(rooms) <= ROOMS, rooms
+    assert len(rooms) <= ROOMS, (
+        f"the core has {len(rooms)} packages, at most {ROOMS} are allowed: put the new modules "
+        f"into one of {sorted(rooms)}"
+    )
     loose = [path for path in CORE.glob("*.py") if not path.name.startswith("__")]
-    assert [path.name for path in loose if not is_face(path)] == []
+    assert [path.name for path in loose if not is_face(path)] == [], (
+        "move the code of these modules into a package of the core; a module beside the packages "
+        "only imports names and lists them in `__all__`"
+    )
 
 
 def test_no_import_circle() -> None:
-    assert circles(import_graph(modules())) == []
+    assert circles(import_graph(modules())) == [], (
+        "these modules import each other, directly or through others: move what they share to a "
+        "module below both, usually a type to `interfaces` or `base`"
+    )
 
 
 def test_a_circle_is_seen() -> None:
@@ -96,7 +106,10 @@ def test_plugins_import_only_the_core_and_themselves() -> None:
         for target in targets
         if target.partition(".")[0] not in ("hillsphere", name.partition(".")[0])
     ]
-    assert wrong == []
+    assert wrong == [], (
+        "a plugin imports the core and itself only: move what both plugins need to the core, as an "
+        "interface if one plugin implements it"
+    )
 
 
 RUN_PATH = ("hillsphere.cli", "hillsphere.runs.pipeline", "hillsphere.plugins.builtin")
@@ -152,7 +165,9 @@ def named_in_core() -> set[str]:
 
 def test_core_modules_are_used_by_the_run_path_or_two_plugins() -> None:
     graph = import_graph(modules())
-    assert unused_by_two(graph, named_in_core()) == []
+    assert unused_by_two(graph, named_in_core()) == [], (
+        "move each of these core modules to the one plugin that uses it, or delete it"
+    )
     assert "hillsphere.lone" in unused_by_two_with_a_lone_module(graph)
 
 
@@ -221,7 +236,10 @@ def test_every_numeric_constant_says_why() -> None:
         for path in modules().values()
         if (missing := unexplained(path.read_text("utf-8")))
     }
-    assert found == {}
+    assert found == {}, (
+        "say why each of these constants has its value: a comment beside or above it, or a string "
+        "below it"
+    )
 
 
 def test_an_unexplained_constant_is_seen() -> None:
@@ -272,7 +290,10 @@ def test_functions_begin_with_a_verb_or_are_a_noun() -> None:
         for path in modules().values()
         if (names := misnamed(path.read_text("utf-8")))
     }
-    assert found == {}
+    assert found == {}, (
+        "rename these functions: begin with a verb (`fit_polynomial`, `is_converged`), or take the "
+        "noun of what is returned (`hinf_norm`)"
+    )
 
 
 def test_a_participle_is_seen() -> None:
@@ -293,8 +314,13 @@ def stage_modules() -> dict[str, str]:
 
 def test_a_stage_bears_the_name_of_its_type() -> None:
     stages = stage_modules()
-    assert len(stages) >= 38
-    assert {t: m for t, m in stages.items() if t not in m.split(".")} == {}
+    assert len(stages) >= 38, (
+        f"only {len(stages)} of 38 stages are seen: register each as "
+        '`Component("stage", "TYPE", "MODULE:CLASS", …)` in the `__init__` of its plugin'
+    )
+    assert {t: m for t, m in stages.items() if t not in m.split(".")} == {}, (
+        "rename each module, or the folder that holds it, to the type of its stage"
+    )
 
 
 SHOWING = re.compile(r"presentation|figures|tables|verdict")
@@ -309,4 +335,7 @@ def share_of_presentation(folder: Path) -> float:
 def test_presentation_is_at_most_a_third_of_a_plugin() -> None:
     folders = (ROOT / "plugins").iterdir()
     shares = {folder.name: share_of_presentation(folder) for folder in folders}
-    assert {name: share for name, share in shares.items() if share > 1 / 3} == {}
+    assert {name: share for name, share in shares.items() if share > 1 / 3} == {}, (
+        "shorten what shows results in these plugins: declare labels and digits with the fields of "
+        "the product, and build tables with `hillsphere.show.tables`"
+    )

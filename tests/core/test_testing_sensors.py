@@ -164,15 +164,49 @@ class SceneOfHope(Sound):
         return np.asarray(scene["beacon"] - x[:3])
 
 
+class Stated(Sound):
+    """A sensor that states what it takes from the scene."""
+
+    takes: Any = ("beacon",)
+
+
+class TakesAnAbsentEntry(Stated):
+    takes = ("beacon", "lighthouse")
+
+
+class TakesMoreThanItStates(Stated):
+    takes = ()
+
+
+class StatesMoreThanItTakes(Stated):
+    takes = ("beacon", "fog")
+
+
+class NamesNothing(Stated):
+    def _away(self, x: Array, scene: Scene) -> Array:
+        if "beacon" not in scene:
+            raise InputError("something is lacking")
+        return super()._away(x, scene)
+
+
+class TakesInHope(Stated):
+    takes = ("beacon", "fog")
+
+    def visible(self, x: Array, t_s: Array, scene: Scene) -> Any:
+        return super().visible(x, t_s, scene) & (scene["fog"][0] >= 0.0)
+
+
 def around() -> tuple[Array, Array, Scene]:
     random = np.random.default_rng(2)
     x = random.normal(size=(6, N)) * 3e5
     x[:, 0] = 5e6  # out of reach
-    return x, np.linspace(0.0, 100.0, N), {"beacon": np.ones((3, 1)) * 1e4}
+    scene = {"beacon": np.ones((3, 1)) * 1e4, "fog": np.ones((1, 1))}
+    return x, np.linspace(0.0, 100.0, N), scene
 
 
 def test_a_sound_sensor_passes() -> None:
     check_sensor(Sound(), *around())
+    check_sensor(Stated(), *around())
 
 
 @pytest.mark.parametrize(
@@ -197,6 +231,11 @@ def test_a_sound_sensor_passes() -> None:
         (ChangesStates, "same call of observe differs|changes an argument"),
         (Neighbours, "measure of a lane depends on its neighbours"),
         (SceneOfHope, "an empty scene ends in KeyError"),
+        (TakesAnAbsentEntry, r"takes \['lighthouse'\] from the scene; give the check"),
+        (TakesMoreThanItStates, r"a scene of what it takes, \[\], is refused"),
+        (StatesMoreThanItTakes, "takes 'fog' from the scene, but works without it"),
+        (NamesNothing, "a scene without 'beacon' does not name it: something is lacking"),
+        (TakesInHope, r"a scene of \['beacon'\] ends in KeyError"),
     ],
 )
 def test_what_breaks_a_sensor_is_found(broken: type[Sound], match: str) -> None:

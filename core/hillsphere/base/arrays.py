@@ -10,4 +10,7 @@ from numpy.typing import NDArray
 __all__ = ["Array", "Integers"]
 
 Array: TypeAlias = NDArray[np.float64]
+"""Array of double-precision numbers, of any shape."""
+
 Integers: TypeAlias = NDArray[np.int64]
+"""Array of 64-bit integers, of any shape."""

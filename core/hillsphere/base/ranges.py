@@ -33,6 +33,7 @@ LARGEST: Mapping[str, float] = {
     "acceleration": 1e6,  # at the surface of a white dwarf
     "angular_rate": 1e12,  # also bandwidths of weights, which may be far beyond any loop
     "angular_acceleration": 1e6,
+    "specific_energy": 299_792_458.0**2,  # the rest energy of matter
     "gravitational_parameter": 1e28,  # 75 million Suns, for limits in which the primary is large
     "density": 30_000.0,
     "mass": 1e35,  # 50 000 Suns
@@ -86,7 +87,7 @@ def within_largest(dimension: str, bounds: Mapping[str, float]) -> dict[str, flo
     Parameters
     ----------
     dimension : str
-        Of the quantity.
+        Dimension of the quantity, a key of `LARGEST`.
     bounds : mapping
         ``gt``, ``ge``, ``lt``, ``le`` that it has already, SI; they come first in what is checked.
 

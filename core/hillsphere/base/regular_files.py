@@ -132,7 +132,7 @@ def read_text(
     path, max_bytes
         As for `open_regular`.
     encoding : str
-        Of the text.
+        Encoding of the text.
 
     Raises
     ------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from hillsphere.base.arrays import Array, Integers
 from hillsphere.base.errors import StageError
 from hillsphere.interfaces.cases import Flags, Histories
+from hillsphere.products.fields import Shape
 
 __all__ = [
     "BlockOutcome",
@@ -24,50 +26,37 @@ __all__ = [
 
 @dataclass(frozen=True)
 class BlockOutcome:
-    """Outcomes of the cases of a block, or of a part of one, without the filler lanes.
+    """Outcomes of the cases of a block, or of a part of one, without the filler lanes."""
 
-    Parameters
-    ----------
-    numbers : ndarray of int, shape (n,)
-        Numbers of the cases, in the order of their lanes.
-    metrics, units : tuple of str
-        Names and units of the m metrics; none if no case of the block came so far as to have any.
-    values : ndarray, shape (m, n)
-        Their values; NaN where a case has none.
-    status, cause : ndarray of str, shape (n,)
-        How each case ended, and what ended it. Beside the stage's own words: ``"error"`` (it
-        raised; the cause is the exception's class), ``"memory"``, ``"not_finite"`` (the cause is
-        the first metric that is not), ``"input"`` (an impossible draw; the cause is the input),
-        ``"killed"`` and ``"time_limit"`` (it cost its worker). All these are undecided.
-    failed : ndarray of bool, shape (n,)
-        Whether that counts as a failure; never of an undecided case.
-    message_case : ndarray of int, shape (F,)
-        Numbers of the cases that have a message.
-    messages : tuple of str
-        Class and text of the exception, on one line.
-    histories : Histories or None
-        Of all n cases, if they were asked for and the stage keeps any.
-    tracebacks : tuple of str
-        Beside `messages`, if histories were asked for: where it was raised; ``""`` if nowhere.
-    seconds : float
-        Wall-clock time it took; the one thing in here that a repetition does not reproduce.
-    step_error : ndarray, shape (n,), or None
-        Estimates of the step errors; NaN where a case has none, None if the stage gives none.
-    """
-
-    numbers: Integers
-    metrics: tuple[str, ...]
-    units: tuple[str, ...]
-    values: Array
-    status: NDArray[np.str_]
-    cause: NDArray[np.str_]
-    failed: Flags
-    message_case: Integers
-    messages: tuple[str, ...]
+    numbers: Annotated[Integers, Shape("cases")]
+    """Numbers of the cases, in the order of their lanes."""
+    metrics: Annotated[tuple[str, ...], Shape("metrics")]
+    """Names of the metrics; none if no case of the block came so far as to have any."""
+    units: Annotated[tuple[str, ...], Shape("metrics")]
+    """Their units."""
+    values: Annotated[Array, Shape("metrics", "cases")]
+    """Their values; NaN where a case has none."""
+    status: Annotated[NDArray[np.str_], Shape("cases")]
+    """How each case ended. Beside the stage's own words: ``"error"`` (it raised), ``"memory"``,
+    ``"not_finite"``, ``"input"`` (an impossible draw), ``"killed"`` and ``"time_limit"`` (it cost
+    its worker). All these are undecided."""
+    cause: Annotated[NDArray[np.str_], Shape("cases")]
+    """What ended each case: the exception's class, the first metric that is not finite, the input
+    that cannot be."""
+    failed: Annotated[Flags, Shape("cases")]
+    """Whether that counts as a failure; never of an undecided case."""
+    message_case: Annotated[Integers, Shape("messages")]
+    """Numbers of the cases that have a message."""
+    messages: Annotated[tuple[str, ...], Shape("messages")]
+    """Class and text of the exception, on one line."""
     histories: Histories | None = None
+    """Histories of all cases, if they were asked for and the stage keeps any."""
     tracebacks: tuple[str, ...] = ()
+    """Where each of `messages` was raised, if histories were asked for; ``""`` if nowhere."""
     seconds: float = 0.0
-    step_error: Array | None = None
+    """Wall-clock time it took; the one thing in here that a repetition does not reproduce."""
+    step_error: Annotated[Array | None, Shape("cases")] = None
+    """Estimates of the step errors; NaN where a case has none, None if the stage gives none."""
 
 
 def lost_rows(

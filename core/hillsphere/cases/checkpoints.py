@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from hillsphere.base.atomic import PART_SUFFIX
 from hillsphere.base.errors import InputError, StageError
 from hillsphere.cases.block_outcome import BlockOutcome, divide_outcome, join_outcomes
 from hillsphere.interfaces.cases import Histories
+from hillsphere.products.fields import Shape
 from hillsphere.products.product_codec import load_product, save_product
 
 __all__ = ["Checkpoint", "Checkpoints"]
@@ -23,27 +25,18 @@ SET_ASIDE = ".set-aside"
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Neighbouring blocks that were finished together.
-
-    Parameters
-    ----------
-    fingerprint : str
-        What the campaign's results depend on.
-    first : int
-        Number of the first of b blocks.
-    counts : ndarray of int, shape (b,)
-        Cases in each.
-    seconds : ndarray, shape (b,)
-        Wall-clock time that each took.
-    cases : BlockOutcome
-        All their cases.
-    """
+    """Neighbouring blocks that were finished together."""
 
     fingerprint: str
+    """What the campaign's results depend on."""
     first: int
-    counts: Integers
-    seconds: Array
+    """Number of the first block."""
+    counts: Annotated[Integers, Shape("blocks")]
+    """Cases in each block."""
+    seconds: Annotated[Array, Shape("blocks")]
+    """Wall-clock time that each took."""
     cases: BlockOutcome
+    """All their cases."""
 
 
 class Checkpoints:

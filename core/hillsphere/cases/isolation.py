@@ -22,6 +22,7 @@ from hillsphere.cases.block_outcome import BlockOutcome, join_outcomes, lost_row
 from hillsphere.cases.case_classes import is_undecided
 from hillsphere.interfaces.cases import CaseBatch, CaseResults, Histories
 from hillsphere.interfaces.stages import CaseStage
+from hillsphere.products.fields import dimension_sizes
 from hillsphere.products.product_codec import canonical
 
 __all__ = ["BlockOutcome", "compute", "only"]
@@ -56,8 +57,8 @@ def compute(
     Returns
     -------
     BlockOutcome
-        Of every case that does not only fill the block, whatever the stage raised. A case that
-        raises costs at most 2 log₂ 64 further calls of `run_cases`.
+        Outcome of every case that does not only fill the block, whatever the stage raised. A case
+        that raises costs at most 2 log₂ 64 further calls of `run_cases`.
 
     Raises
     ------
@@ -213,33 +214,16 @@ def _check(stage: CaseStage, results: Any, lanes: int) -> None:
     m = len(results.metrics)
     if len(set(results.metrics)) < m or not all(isinstance(n, str) for n in results.metrics):
         raise StageError(f"{what}: metrics must be different names, got {results.metrics!r}")
-    wanted = {
-        "units": ((m,), np.shape(results.units)),
-        "values": ((m, lanes), np.shape(results.values)),
-        "status": ((lanes,), np.shape(results.status)),
-        "cause": ((lanes,), np.shape(results.cause)),
-        "failed": ((lanes,), np.shape(results.failed)),
-    }
-    if results.step_error is not None:
-        wanted["step_error"] = ((lanes,), np.shape(results.step_error))
-    histories = results.histories
-    if isinstance(histories, Histories):
-        times = len(histories.time_s)
-        wanted["histories.time_s"] = ((times, lanes), np.shape(histories.time_s))
-        wanted["histories.units"] = ((len(histories.names),), np.shape(histories.units))
-        wanted["histories.values"] = (
-            (len(histories.names), times, lanes),
-            np.shape(histories.values),
-        )
-        if histories.end_s is not None:
-            wanted["histories.end_s"] = ((lanes,), np.shape(histories.end_s))
-            wanted["histories.end_values"] = (
-                (len(histories.names), lanes),
-                np.asarray(histories.end_values).shape,
-            )
-    wrong = [f"{k} {got}, not {must}" for k, (must, got) in wanted.items() if got != must]
-    if wrong:
-        raise StageError(f"{what} returned arrays of wrong shape: " + "; ".join(wrong))
+    try:
+        counts = {
+            dimension_sizes(part)["cases"]
+            for part in (results, results.histories)
+            if isinstance(part, CaseResults | Histories)
+        }
+    except InputError as error:
+        raise StageError(f"{what} returned arrays of wrong shape: {error}") from error
+    if counts != {lanes}:
+        raise StageError(f"{what} returned results of {max(counts)} cases for {lanes} lanes")
     if np.asarray(results.values).dtype.kind not in "fiub":
         raise StageError(
             f"{what}: values must be real numbers, got {np.asarray(results.values).dtype}"

@@ -84,7 +84,7 @@ class Plan:
         Names and units of the k quantities that differ at random, each once, however many of the
         stage's inputs it sets: ``"gravity.phobos.C2,0"``; ``"state.x"`` for the stage's own.
     swept, swept_units : tuple of str
-        Of the d quantities that are swept.
+        Names and SI units of the d quantities that are swept.
     notes : tuple of str
         What a reader of the results should know.
     """

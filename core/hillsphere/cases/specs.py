@@ -48,7 +48,9 @@ class StopSpec(Spec):
     failures_above: float | None = option(
         "end when the failure ratio is surely above this", default=None, ge=0, lt=1
     )
-    least_cases: int = option("least number of cases before it may end", default=256, ge=2)
+    least_cases: int = option(
+        "least number of cases before the campaign may end", default=256, ge=2
+    )
 
     @model_validator(mode="after")
     def _something(self) -> Self:
@@ -117,12 +119,12 @@ class MonteCarloSpec(CampaignSpec):
         le=10_000_000,
     )
     design: Literal["random", "latin_hypercube", "sobol", "sobol_indices"] = option(
-        "how they are chosen: 'random'; 'latin_hypercube' and 'sobol' (scrambled) fill the space "
-        "more evenly, best with a power of two; 'sobol_indices' is made for variance-based "
-        "sensitivities",
+        "how the cases are chosen: 'random'; 'latin_hypercube' and 'sobol' (scrambled) fill the"
+        " space more evenly, best with a power of two; 'sobol_indices' is made for variance-"
+        "based sensitivities",
         default="random",
     )
-    stop: StopSpec | None = option("when it ends early; left out: never", default=None)
+    stop: StopSpec | None = option("when the campaign ends early; left out: never", default=None)
     bands: tuple[str, ...] = option(
         "quantities whose histories are kept and made into quantiles over time, by name or "
         "pattern ('*' is any characters); left out: none",
@@ -150,7 +152,7 @@ class RangeSpec(Spec):
     points: int | None = option(
         "number of values, for 'grid'; the other designs choose their own", default=None, ge=2
     )
-    spacing: Literal["linear", "log"] = option("how they are spaced", default="linear")
+    spacing: Literal["linear", "log"] = option("how the values are spaced", default="linear")
 
     @model_validator(mode="after")
     def _ends(self) -> Self:

@@ -36,7 +36,7 @@ class Swept:
     units : tuple of str
         Units that a list declares, one per name, ``""`` where it declares none; may be empty.
     ladder : Ladder or None
-        Of the P points, if a list has one.
+        Ladder of the P points, if a list has one.
     """
 
     design: str

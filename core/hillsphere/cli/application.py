@@ -22,7 +22,7 @@ app = typer.Typer(
     cls=CommandGroup,
     help="Mission analysis for small bodies: missions are TOML files, models are plugins.",
     epilog="Exit codes: 0 success, 1 a stage failed, 2 bad input, 3 internal error, "
-    "130 interrupted.",
+    "4 a requirement is not met or undecided, or runs differ, 130 interrupted.",
     add_completion=False,
     rich_markup_mode=None,
     invoke_without_command=True,

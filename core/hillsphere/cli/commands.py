@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import hillsphere.cli.result_commands
 import hillsphere.cli.run_commands  # noqa: F401 - first: help lists commands in order of definition
 from hillsphere.cli.application import (
     AllowPath,

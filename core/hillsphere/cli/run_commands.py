@@ -50,9 +50,7 @@ Scheduler = Annotated[
     str | None,
     typer.Option(metavar="ADDRESS", help="Use the dask cluster there, e.g. tcp://host:8786."),
 ]
-Figures = Annotated[
-    bool, typer.Option("--figures", help="Write figures as PNG too, beside the SVG.")
-]
+Figures = Annotated[bool, typer.Option("--figures", help="Write figures as SVG and PNG files too.")]
 Verbose = Annotated[
     bool,
     typer.Option("--verbose", "-v", help="Show all rows, and what every stage has to tell."),
@@ -178,7 +176,7 @@ def figures(
     allow_path: AllowPath = False,
     strict_plugins: StrictPlugins = False,
 ) -> None:
-    """Draw figures of a finished run as PNG, from its stored products.
+    """Draw figures of a finished run as SVG and PNG, from its stored products.
 
     No stage is computed again. Without ID all figures are drawn.
     """

@@ -48,15 +48,17 @@ class Requirement:
     meaning : str
         What is limited, for the documentation of the Spec.
     sign : float
-        1 for a largest value of the metric, −1 for a largest value of its negative.
+        1 for a limit on the metric, −1 for a limit on its negative.
     cause : str
-        Cause of a case that exceeds it; ``""`` for the name of the metric.
+        Cause of a case that violates it; ``""`` for the name of the metric.
     status : str
         Limits only flights that ended with this status; ``""`` for all.
     rank : int
-        A flight that exceeds several limits reports the one with the lowest rank.
+        A flight that violates several limits reports the one with the lowest rank.
     allows_zero : bool
         Whether a mission may write zero.
+    is_least : bool
+        Whether the limit is the smallest permitted value (a clearance), not the largest.
     """
 
     key: str
@@ -67,6 +69,7 @@ class Requirement:
     status: str = ""
     rank: int = _LAST_RANK
     allows_zero: bool = False
+    is_least: bool = False
 
 
 @dataclass(frozen=True)
@@ -126,7 +129,7 @@ class FlightHistory(Generic[F]):
 
 
 class RequirementsSpec(Spec):
-    """Largest values of metrics; a flight that ends well but beyond one of them has failed."""
+    """Limits of metrics; a flight that ends well but violates one of them has failed."""
 
     def limit(self, key: str) -> float | None:
         """Return the limit that a mission sets under a key, SI; None for none."""
@@ -162,6 +165,6 @@ def limit_shown(metric: FlightMetric[Any], require: RequirementsSpec) -> float |
     limits: Sequence[float | None] = [
         require.limit(requirement.key)
         for requirement in metric.requirements
-        if requirement.sign > 0.0
+        if requirement.sign > 0.0 and not requirement.is_least
     ]
     return next((most for most in limits if most is not None), None)

@@ -48,6 +48,7 @@ __all__ = [
 ]
 
 AnyGravityModel: TypeAlias = GravityModel | ArrayGravityModel
+"""A gravity model that is an expression, or one that is evaluated on arrays."""
 
 _PLAIN = cast(Vec3, variables("gravity:x", "gravity:y", "gravity:z"))
 _COMPACT_FROM = {"potential": 2700, "acceleration": 2700, "gradient": 300}

@@ -50,12 +50,14 @@ def judge_flights(
     Returns
     -------
     status, cause : tuple of str
-        Those of the flights. A flight that ended well but exceeds a limit is ``"requirement"`` with
-        the cause of the first `Requirement` that it exceeds, in the order of their ranks and, with
-        equal ranks, of the metrics. A flight that exceeds no limit for certain, but may exceed one
-        within the error of the metric, is ``"step_error"`` with that cause. A flight with a step
-        error beyond `largest_step_error` is ``"step_error"`` without a cause. A flight that an
-        event of the plant ended before it began is ``"input"``.
+        Those of the flights. A flight that ended well but violates a limit is ``"requirement"``
+        with the cause of the first `Requirement` that it violates, in the order of their ranks and,
+        with equal ranks, of the metrics. A value violates a limit if it exceeds it, or, where the
+        requirement ``is_least``, if it is below it; a value that is NaN violates every limit. A
+        flight that violates no limit for certain, but may violate one within the error of the
+        metric, is ``"step_error"`` with that cause. A flight with a step error beyond
+        `largest_step_error` is ``"step_error"`` without a cause. A flight that an event of the
+        plant ended before it began is ``"input"``.
     failed : ndarray of bool, shape (N,)
         Whether that counts as a failure; never of an undecided flight, see
         `hillsphere.cases.case_classes`.
@@ -73,11 +75,14 @@ def judge_flights(
         status[lane], cause[lane] = "step_error", ""
     left_open: dict[int, str] = {}
     for row, requirement in _in_order(metrics):
-        most = require.limit(requirement.key)
-        if most is None:
+        limit = require.limit(requirement.key)
+        if limit is None:
             continue
+        # A smallest value of the metric is a largest value of its negative.
+        side = -1.0 if requirement.is_least else 1.0
+        most = side * limit
         missed = requirement.cause or metrics[row].name
-        reached, error = requirement.sign * values[row], errors[row]
+        reached, error = side * requirement.sign * values[row], errors[row]
         counts = ~undecided & ~failed
         if requirement.status:
             counts &= words == requirement.status

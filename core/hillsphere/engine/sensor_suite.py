@@ -93,13 +93,13 @@ class SensorSuite:
                 f"the suite takes {self.draws[0]} constant and {self.draws[1]} other normal "
                 f"numbers, got {len(constant)} and {len(noise)}"
             )
-        found, first, other = [], 0, 0
+        measured, first, other = [], 0, 0
         for sensor in self.sensors:
             k, m = sensor.draws
             own, new = constant[first : first + k], noise[other : other + m]
-            found.append(sensor.measure(x, t_s, scene, own, new))
+            measured.append(sensor.measure(x, t_s, scene, own, new))
             first, other = first + k, other + m
-        return np.concatenate(found)
+        return np.concatenate(measured)
 
     def measurements(
         self,

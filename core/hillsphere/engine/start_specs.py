@@ -118,7 +118,8 @@ class StartSpec(StartFormsSpec):
     )
     velocity_m_s: tuple[float, ...] | None = quantity(
         "speed",
-        "velocities, likewise; left out: those of the reference",
+        "velocities in the plant's frame, one per state that is a velocity, in their order; "
+        "left out: those of the reference",
         default=None,
         min_length=1,
     )

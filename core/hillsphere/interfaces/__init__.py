@@ -25,6 +25,7 @@ from hillsphere.interfaces.gravity import (
 from hillsphere.interfaces.guidance import Guidance, GuidanceTask, GuidedFlight
 from hillsphere.interfaces.orbits import OrbitFamily, OrbitProblem
 from hillsphere.interfaces.plant import (
+    ArrayConserved,
     ConservedQuantity,
     ExternalEvents,
     ExternalInputs,
@@ -41,6 +42,7 @@ from hillsphere.interfaces.tracking import State, Tracker
 
 __all__ = [
     "Array",
+    "ArrayConserved",
     "ArrayGravityModel",
     "ArraySurface",
     "BoundedGravity",

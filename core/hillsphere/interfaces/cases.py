@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from hillsphere.base.arrays import Array, Integers
 from hillsphere.base.errors import InputError
 from hillsphere.base.matching import match_names
+from hillsphere.products.fields import Shape
 
 __all__ = ["LANES", "CaseBatch", "CaseResults", "Histories", "histories_to_keep"]
 
@@ -65,29 +67,21 @@ class CaseBatch:
 
 @dataclass(frozen=True)
 class Histories:
-    """Time histories of cases, at common samples and at each case's end.
+    """Time histories of cases, at common samples and at each case's end."""
 
-    Parameters
-    ----------
-    time_s : ndarray, shape (K, N)
-        Times; NaN after the end of a case.
-    names, units : tuple of str
-        Of the q quantities.
-    values : ndarray, shape (q, K, N)
-        Their values.
-    end_s : ndarray, shape (N,), or None
-        Time of the end of each case, if it lies after the last sample; NaN where the last sample
-        is the end. None if that is so for all cases.
-    end_values : ndarray, shape (q, N), or None
-        Values at `end_s`; NaN for quantities that exist at samples only.
-    """
-
-    time_s: Array
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    values: Array
-    end_s: Array | None = None
-    end_values: Array | None = None
+    time_s: Annotated[Array, Shape("samples", "cases")]
+    """Times; NaN after the end of a case."""
+    names: Annotated[tuple[str, ...], Shape("quantities")]
+    """Names of the quantities."""
+    units: Annotated[tuple[str, ...], Shape("quantities")]
+    """Their units."""
+    values: Annotated[Array, Shape("quantities", "samples", "cases")]
+    """Their values."""
+    end_s: Annotated[Array | None, Shape("cases")] = None
+    """Time of the end of each case, if it lies after the last sample; NaN where the last sample is
+    the end. None if that is so for all cases."""
+    end_values: Annotated[Array | None, Shape("quantities", "cases")] = None
+    """Values at `end_s`; NaN for quantities that exist at samples only."""
 
     def of_cases(self, places: Integers) -> Histories:
         """Return the histories of some of the cases, by their indices."""
@@ -112,37 +106,27 @@ class Histories:
 
 @dataclass(frozen=True)
 class CaseResults:
-    """Results of N cases.
+    """Results of cases."""
 
-    Parameters
-    ----------
-    metrics, units : tuple of str
-        Names and units of the m metrics; the same for every block of a stage.
-    values : ndarray, shape (m, N)
-        Values of the metrics; all must be finite for a case that did not fail.
-    status : tuple of str
-        How each case ended, one of a few words. ``"requirement"``: the case was completed but
-        missed a requirement on its metrics; these enter the statistics. A word of
-        `hillsphere.cases.case_classes.UNDECIDED`: the case is undecided.
-    cause : tuple of str
-        Event or limit that ended the case; ``""`` without one.
-    failed : ndarray of bool, shape (N,)
-        Whether the case counts as a failure; ignored for undecided cases.
-    histories : Histories or None
-        Time histories, if requested.
-    step_error : ndarray, shape (N,), or None
-        Estimate of each case's integration error per step, in units that the stage documents;
-        None without an estimate.
-    """
-
-    metrics: tuple[str, ...]
-    units: tuple[str, ...]
-    values: Array
-    status: tuple[str, ...]
-    cause: tuple[str, ...]
-    failed: Flags
+    metrics: Annotated[tuple[str, ...], Shape("metrics")]
+    """Names of the metrics; the same for every block of a stage."""
+    units: Annotated[tuple[str, ...], Shape("metrics")]
+    """Their units."""
+    values: Annotated[Array, Shape("metrics", "cases")]
+    """Their values; all must be finite for a case that did not fail."""
+    status: Annotated[tuple[str, ...], Shape("cases")]
+    """How each case ended, one of a few words. ``"requirement"``: the case was completed but missed
+    a requirement on its metrics; these enter the statistics. A word of
+    `hillsphere.cases.case_classes.UNDECIDED`: the case is undecided."""
+    cause: Annotated[tuple[str, ...], Shape("cases")]
+    """Event or limit that ended the case; ``""`` without one."""
+    failed: Annotated[Flags, Shape("cases")]
+    """Whether the case counts as a failure; ignored for undecided cases."""
     histories: Histories | None = None
-    step_error: Array | None = None
+    """Time histories, if requested."""
+    step_error: Annotated[Array | None, Shape("cases")] = None
+    """Estimate of each case's integration error per step, in units that the stage documents; None
+    without an estimate."""
 
 
 def histories_to_keep(history: bool | Sequence[str], names: Sequence[str]) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from hillsphere.symbolic.expressions import Expr, Params
 
 __all__ = [
+    "ArrayConserved",
     "ConservedQuantity",
     "ExternalEvents",
     "ExternalInputs",
@@ -27,10 +28,10 @@ class Plant(Protocol):
     """Equations of motion in a named frame, SI.
 
     Optional protocols: `ExternalInputs` for gravity that is an `ArrayGravityModel`,
-    `ConservedQuantity` for an integral of motion, `MirrorSymmetry` for a time-reversal symmetry,
-    `PiecewisePlant` for expressions that change branch, `ExternalEvents` for events that are not
-    expressions. `hillsphere.engine.dynamics.system` composes the system of equations, normalised
-    or in SI.
+    `ConservedQuantity` for an integral of motion (`ArrayConserved` with such gravity),
+    `MirrorSymmetry` for a time-reversal symmetry, `PiecewisePlant` for expressions that change
+    branch, `ExternalEvents` for events that are not expressions.
+    `hillsphere.engine.dynamics.system` composes the system of equations, normalised or in SI.
     """
 
     @property
@@ -116,15 +117,36 @@ class ExternalEvents(Contract, Protocol):
 
 @runtime_checkable
 class ConservedQuantity(Contract, Protocol):
-    """A plant with an integral of motion."""
+    """A plant with an integral of motion, constant along every uncontrolled flight.
+
+    An integral of a spacecraft's motion is C = W − ½v², with W a function of the position alone and
+    v the speed in the plant's frame: the negative of the energy per mass, half of the textbook's
+    Jacobi constant 2W − v². At one place a larger C means a slower flight. Stages that turn a
+    difference of C into a difference of speed (transfers, nearby resonances) rely on sign and
+    factor; the zero of W is the plant's choice. Other systems may conserve any quantity that a
+    stage only compares.
+    """
 
     def integral(self, x: tuple[Expr, ...], p: Params) -> Expr:
-        """Return the integral, SI."""
+        """Return the integral, SI, in the dimension of `integral_variable`."""
         ...
 
     @property
     def integral_variable(self) -> Variable:
         """Name and dimension of the integral."""
+        ...
+
+
+@runtime_checkable
+class ArrayConserved(Contract, Protocol):
+    """A plant whose integral of motion is a function of arrays, not an expression.
+
+    Its gravity is an `ArrayGravityModel` (a polyhedron, a table), whose potential has no
+    expression. Sign and factor are those of `ConservedQuantity`.
+    """
+
+    def integral_array(self, x: Array) -> Array:
+        """Return the integral (N,), m²/s², at states (n, N), SI, with nominal parameters."""
         ...
 
 

@@ -53,6 +53,18 @@ class Sensor(Contract, Protocol):
     Pure functions on N lanes: states x (n, N), SI, positions first, at times t_s (N,), s. All
     randomness is passed in as standard normal numbers (`hillsphere.base.seeds`). Each sensor
     documents the entries of the scene that it needs.
+
+    Two optional properties state what a mission is checked for before it runs. A sensor without
+    them is not checked.
+
+    - ``takes``, tuple of str, of the sensor and of its Spec: names of the entries of the scene that
+      the sensor reads with these parameters, and no others. Without one of them `observe` or
+      `visible` raises a `HillsphereError` that names the entry. A mission is refused if neither
+      the plant nor the stage provides one of them (``gives`` of the plant's Spec).
+    - ``noise``, mapping of str to float, of the Spec: standard deviations of the random errors, SI,
+      by the keys of the mission that set them; several keys of one deviation are joined by
+      ``" and "``. A mission with a filter is refused if one of them is zero, because a filter
+      divides by the variance.
     """
 
     @property

@@ -16,6 +16,7 @@ __all__ = ["State", "Tracker"]
 
 
 State = TypeVar("State")
+"""State of a tracker between its calls: any type that the tracker chooses, treated as frozen."""
 
 
 class Tracker(Protocol[State]):

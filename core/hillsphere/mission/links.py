@@ -199,11 +199,11 @@ def resolve_data_paths(
     for kind, name, spec in list(tables):
         resolved: dict[str, str] = {}
         for where, path in spec.data_paths():
-            found, message = _resolve(path, roots, allow_path=allow_path)
+            absolute, message = _resolve(path, roots, allow_path=allow_path)
             if message:
                 tables.problems.append(layers.problem((kind, name, *where), message))
             else:
-                resolved[path] = found
+                resolved[path] = absolute
         if resolved:
             tables.specs[kind][name] = spec.with_data_paths(resolved)
 

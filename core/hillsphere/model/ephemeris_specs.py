@@ -56,6 +56,7 @@ class SpiceOrbitSpec(Spec):
         max_length=40,
     )
     centre: str = option(
-        "what its states count from, likewise; for a place in the Solar System the Sun",
+        "origin of the states, a number or a name as for target; for a place in the Solar System "
+        "the Sun",
         default="10", min_length=1, max_length=40,
     )  # fmt: skip

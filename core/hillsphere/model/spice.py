@@ -80,8 +80,8 @@ class SpiceOrbit:
         start = 0.0 if epoch is None else epoch.to("TDB").seconds_since(J2000)
         t = start + np.atleast_1d(np.asarray(t_s, dtype=float))
         name = repr(Path(self.kernel).name)
-        found, states = self._asked(t)
-        if text := found.get("text"):
+        answered, states = self._asked(t)
+        if text := answered.get("text"):
             raise InputError(
                 {
                     "kernel": f"{self.kernel!r} cannot be read as a SPICE kernel: {text}",
@@ -90,13 +90,13 @@ class SpiceOrbit:
                     "coverage": f"{name} is no SPK kernel: {text}",
                     "states": f"kernel {name} does not lead from {self.centre!r} to "
                     f"{self.target!r}: {text}",
-                }[found["fault"]]
+                }[answered["fault"]]
             )
-        spans = found["spans"]
+        spans = answered["spans"]
         if not spans:
             raise InputError(
                 f"kernel {name} does not hold the body {self.target!r}; it holds "
-                f"{', '.join(map(str, found['bodies'])) or 'none'}"
+                f"{', '.join(map(str, answered['bodies'])) or 'none'}"
             )
         held = np.zeros(t.shape, dtype=bool)
         for begin, end in spans:

@@ -22,8 +22,8 @@ def main() -> None:
     """Answer the request on stdin."""
     asked = json.loads(sys.stdin.buffer.readline())
     times = np.frombuffer(sys.stdin.buffer.read(), dtype=float)
-    found, states = answer(asked["kernel"], asked["target"], asked["centre"], times)
-    sys.stdout.buffer.write(json.dumps(found).encode() + b"\n" + states.tobytes())
+    answered, states = answer(asked["kernel"], asked["target"], asked["centre"], times)
+    sys.stdout.buffer.write(json.dumps(answered).encode() + b"\n" + states.tobytes())
 
 
 def answer(kernel: str, target: str, centre: str, times: Any) -> tuple[dict[str, Any], Any]:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 API_VERSION = 1
 """Version of the plugin interface. It rises when a plugin written for it would no longer work."""
 ENTRY_POINT_GROUP = "hillsphere"
+"""Group of the package metadata in which a plugin package names its module."""
 KINDS = (
     "body",
     "gravity",
@@ -54,6 +55,8 @@ DEFAULT_TYPES = {"requirement": "value", "claim": "statement"}
 """Types of the tables that may leave theirs out, by kind: what most of them are."""
 
 hookspec = pluggy.HookspecMarker("hillsphere")
+"""Marks the declaration of a hook that plugins may implement."""
+
 hookimpl = pluggy.HookimplMarker("hillsphere")
 """Marks a plugin package's ``hillsphere_components``."""
 

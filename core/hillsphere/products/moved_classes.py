@@ -36,8 +36,14 @@ _MOVED = {
     "hillsphere_tracking.assisted.products": "hillsphere_tracking.assisted_tracking.products",
     "hillsphere_tracking.pass_products": "hillsphere_tracking.passes.products",
 }
-# fmt: on
 """Module in an earlier version → present module."""
+
+_RENAMED_CLASSES = {
+    "hillsphere_controllers.structured.search:Found":
+        "hillsphere_controllers.structured.search:SearchResult",
+}
+# fmt: on
+"""Path of a class in an earlier version → its present path, after the module has moved."""
 
 _RENAMED_FIELDS = {
     "hillsphere_orbits.coverage.products:Coverage": {
@@ -64,10 +70,11 @@ def current_class(path: str) -> str:
     Returns
     -------
     str
-        The present path; `path` itself if the module has not moved.
+        The present path; `path` itself if the class has neither moved nor another name.
     """
     module, _, name = path.partition(":")
-    return f"{_MOVED.get(module, module)}:{name}"
+    path = f"{_MOVED.get(module, module)}:{name}"
+    return _RENAMED_CLASSES.get(path, path)
 
 
 def current_field(path: str, name: str) -> str:
@@ -76,9 +83,9 @@ def current_field(path: str, name: str) -> str:
     Parameters
     ----------
     path : str
-        Of the product's class, ``"module:Class"``, as a file says it.
+        Path of the product's class, ``"module:Class"``, as a file says it.
     name : str
-        Of the field, as the file says it.
+        Name of the field, as the file says it.
 
     Returns
     -------

@@ -169,178 +169,125 @@ class Bands:
 
     Only completed cases count, as for metrics. A case counts up to its own end: at later samples
     the quantiles are those of the remaining cases.
-
-    Parameters
-    ----------
-    names, units : tuple of str
-        Of the q quantities.
-    levels : tuple of float
-        Of the l quantiles, ascending.
-    time_s : ndarray, shape (K,)
-        Times after the first sample of each case.
-    values : ndarray, shape (l, q, K)
-        The quantiles; NaN where no case has a value.
-    count : ndarray of int, shape (q, K)
-        Cases that have a finite value there.
     """
 
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    levels: tuple[float, ...]
-    time_s: Array
-    values: Array
-    count: Integers
+    names: Annotated[tuple[str, ...], Shape("quantities")]
+    """Names of the quantities."""
+    units: Annotated[tuple[str, ...], Shape("quantities")]
+    """Their units."""
+    levels: Annotated[tuple[float, ...], Shape("levels")]
+    """Levels of the quantiles, ascending."""
+    time_s: Annotated[Array, Shape("times")]
+    """Times after the first sample of each case."""
+    values: Annotated[Array, Shape("levels", "quantities", "times")]
+    """The quantiles; NaN where no case has a value."""
+    count: Annotated[Integers, Shape("quantities", "times")]
+    """Cases that have a finite value there."""
 
 
 @dataclass(frozen=True)
 class Lines:
-    """Histories of the cases of a small campaign, one by one.
+    """Histories of the cases of a small campaign, one by one."""
 
-    Parameters
-    ----------
-    names, units : tuple of str
-        Of the q quantities.
-    case : ndarray of int, shape (N,)
-        Numbers of the cases.
-    time_s : ndarray, shape (K,)
-        Times after the first sample of each case.
-    values : ndarray, shape (q, K, N)
-        Their values; NaN beyond the end of a case.
-    """
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    case: Integers
-    time_s: Array
-    values: Array
+    names: Annotated[tuple[str, ...], Shape("quantities")]
+    """Names of the quantities."""
+    units: Annotated[tuple[str, ...], Shape("quantities")]
+    """Their units."""
+    case: Annotated[Integers, Shape("cases")]
+    """Numbers of the cases."""
+    time_s: Annotated[Array, Shape("times")]
+    """Times after the first sample of each case."""
+    values: Annotated[Array, Shape("quantities", "times", "cases")]
+    """Values of the quantities; NaN beyond the end of a case."""
 
 
 @dataclass(frozen=True)
 class LinesToEnds(Lines):
-    """Histories of cases of which some end between two samples.
+    """Histories of cases of which some end between two samples."""
 
-    Parameters
-    ----------
-    names, units, case, time_s, values
-        As for `Lines`.
-    end_s : ndarray, shape (N,)
-        Time from the first sample to the end of a case that ends after its last sample; NaN if the
-        last sample is the end.
-    end_values : ndarray, shape (q, N)
-        Values at `end_s`; NaN for quantities that exist at samples only.
-    """
-
-    end_s: Array
-    end_values: Array
+    end_s: Annotated[Array, Shape("cases")]
+    """Time from the first sample to the end of a case that ends after its last sample; NaN if the
+    last sample is the end."""
+    end_values: Annotated[Array, Shape("quantities", "cases")]
+    """Values at `end_s`; NaN for quantities that exist at samples only."""
 
 
 @dataclass(frozen=True)
 class Ladder:
-    """Swept points in groups, within each of which one quantity increases.
-
-    Parameters
-    ----------
-    name, unit : str
-        Name of this quantity, ``"σ of the worst case"``, and its unit; ``"-"`` for none.
-    values : ndarray, shape (P,)
-        Its values at the P points.
-    groups : tuple of str
-        Name of the group of each point.
-    """
+    """Swept points in groups, within each of which one quantity increases."""
 
     name: str
+    """Name of this quantity, ``"σ of the worst case"``."""
     unit: str
-    values: Array
-    groups: tuple[str, ...]
+    """Its unit; ``"-"`` for none."""
+    values: Annotated[Array, Shape("points")]
+    """Its values at the points."""
+    groups: Annotated[tuple[str, ...], Shape("points")]
+    """Name of the group of each point."""
 
 
 @dataclass(frozen=True)
 class CaseTable:
-    """Results of a campaign: one row per case, stored by columns.
-
-    Parameters
-    ----------
-    stage : str
-        Name of the stage that was repeated.
-    design : str
-        Experimental design: ``"random"``, ``"latin_hypercube"``, ``"sobol"``,
-        ``"sobol_indices"``, ``"grid"``, ``"list"``.
-    planned : int
-        Number of planned cases.
-    stopped : str
-        Reason for an early end; ``""`` if all planned cases were computed.
-    case : ndarray of int, shape (N,)
-        Number of each case, ascending.
-    draw : ndarray of int, shape (N,)
-        Number by which the random numbers of each case were drawn; cases with equal numbers have
-        equal draws.
-    point : ndarray of int, shape (N,)
-        Index of the swept point of each case; 0 without a sweep.
-    inputs, input_units : tuple of str
-        Names and units of the k inputs that differed.
-    input_values : ndarray, shape (k, N)
-        Their values.
-    metrics, units : tuple of str
-        Names and units of the m metrics.
-    values : ndarray, shape (m, N)
-        Their values; NaN where a case has none.
-    status, cause : ndarray of str, shape (N,)
-        How each case ended, and the event or limit that ended it.
-    failed : ndarray of bool, shape (N,)
-        Whether the case failed; False for undecided cases, see `hillsphere.cases.case_classes`.
-    message_case : ndarray of int, shape (F,)
-        Numbers of the cases with a message.
-    messages : tuple of str
-        Their messages: class and text of the error.
-    swept : tuple of str
-        Names of the d quantities that a sweep changed; none for ``monte_carlo``.
-    swept_units : tuple of str
-        Their units; ``""`` for a quantity that is not a number.
-    points : ndarray, shape (d, P)
-        Their values at the P points. A quantity that is not a number is given by its index in the
-        list of the mission.
-    point_labels : tuple of str
-        One name per point.
-    bands : Bands or None
-        Quantiles over time, if requested and any case has a history.
-    ladder : Ladder or None
-        Groups of the P points, if their list defines them.
-    lines : Lines or None
-        Histories of the single cases, if requested of a sweep.
-    step_error : ndarray, shape (N,), or None
-        Estimate of each case's step error, in the plant's natural units; NaN where a case has none,
-        None if the stage gives none.
-    warnings : tuple of str
-        Warnings that concern all cases, from the nominal flight.
-    """
+    """Results of a campaign: one row per case, stored by columns."""
 
     stage: str
+    """Name of the stage that was repeated."""
     design: str
+    """Experimental design: ``"random"``, ``"latin_hypercube"``, ``"sobol"``, ``"sobol_indices"``,
+    ``"grid"``, ``"list"``."""
     planned: int
+    """Number of planned cases."""
     stopped: str
-    case: Integers
-    draw: Integers
-    point: Integers
-    inputs: tuple[str, ...]
-    input_units: tuple[str, ...]
-    input_values: Array
-    metrics: tuple[str, ...]
-    units: tuple[str, ...]
-    values: Array
-    status: NDArray[np.str_]
-    cause: NDArray[np.str_]
-    failed: NDArray[np.bool_]
-    message_case: Integers
-    messages: tuple[str, ...]
-    swept: tuple[str, ...] = ()
-    swept_units: tuple[str, ...] = ()
-    points: Array | None = None
-    point_labels: tuple[str, ...] = ()
+    """Reason for an early end; ``""`` if all planned cases were computed."""
+    case: Annotated[Integers, Shape("cases")]
+    """Number of each case, ascending."""
+    draw: Annotated[Integers, Shape("cases")]
+    """Number by which the random numbers of each case were drawn; cases with equal numbers have
+    equal draws."""
+    point: Annotated[Integers, Shape("cases")]
+    """Index of the swept point of each case; 0 without a sweep."""
+    inputs: Annotated[tuple[str, ...], Shape("inputs")]
+    """Names of the inputs that differed."""
+    input_units: Annotated[tuple[str, ...], Shape("inputs")]
+    """Their units."""
+    input_values: Annotated[Array, Shape("inputs", "cases")]
+    """Their values."""
+    metrics: Annotated[tuple[str, ...], Shape("metrics")]
+    """Names of the metrics."""
+    units: Annotated[tuple[str, ...], Shape("metrics")]
+    """Their units."""
+    values: Annotated[Array, Shape("metrics", "cases")]
+    """Their values; NaN where a case has none."""
+    status: Annotated[NDArray[np.str_], Shape("cases")]
+    """How each case ended."""
+    cause: Annotated[NDArray[np.str_], Shape("cases")]
+    """Event or limit that ended each case."""
+    failed: Annotated[NDArray[np.bool_], Shape("cases")]
+    """Whether the case failed; False for undecided cases, see `hillsphere.cases.case_classes`."""
+    message_case: Annotated[Integers, Shape("messages")]
+    """Numbers of the cases with a message."""
+    messages: Annotated[tuple[str, ...], Shape("messages")]
+    """Their messages: class and text of the error."""
+    swept: Annotated[tuple[str, ...], Shape("swept")] = ()
+    """Names of the quantities that a sweep changed; none for ``monte_carlo``."""
+    swept_units: Annotated[tuple[str, ...], Shape("swept")] = ()
+    """Their units; ``""`` for a quantity that is not a number."""
+    points: Annotated[Array | None, Shape("swept", "points")] = None
+    """Their values at the points. A quantity that is not a number is given by its index in the list
+    of the mission."""
+    point_labels: Annotated[tuple[str, ...], Shape("points")] = ()
+    """One name per point."""
     bands: Bands | None = None
+    """Quantiles over time, if requested and any case has a history."""
     ladder: Ladder | None = None
+    """Groups of the points, if their list defines them."""
     lines: Lines | None = None
-    step_error: Array | None = None
+    """Histories of the single cases, if requested of a sweep."""
+    step_error: Annotated[Array | None, Shape("cases")] = None
+    """Estimate of each case's step error, in the plant's natural units; NaN where a case has none,
+    None if the stage gives none."""
     warnings: tuple[str, ...] = ()
+    """Warnings that concern all cases, from the nominal flight."""
 
     @property
     def reproducible(self) -> bool:
@@ -350,27 +297,18 @@ class CaseTable:
 
 @dataclass(frozen=True)
 class CaseList:
-    """Points of a sweep, one per column.
+    """Points of a sweep, one per column."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Quantities that are set: ``"stage.hover.state.x"``, ``"gravity.phobos.C2,0"``, or any key of
-        the mission.
-    units : tuple of str
-        Their units, as the models write them (``"m/s"``), for a check; ``""`` skips it. Values of
-        run-time inputs are SI, those of keys in the key's own unit.
-    values : ndarray, shape (k, N)
-        Values of the k quantities at the N points.
-    labels : tuple of str
-        One name per point; if empty, names are made from the values.
-    ladder : Ladder or None
-        Groups of points that differ in the size of one quantity only; for each group a sweep
-        reports the size at which failures begin.
-    """
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    values: Array
+    names: Annotated[tuple[str, ...], Shape("quantities")]
+    """Quantities that are set: ``"stage.hover.state.x"``, ``"gravity.phobos.C2,0"``, or any key of
+    the mission."""
+    units: Annotated[tuple[str, ...], Shape("quantities")]
+    """Their units, as the models write them (``"m/s"``), for a check; ``""`` skips it. Values of
+    run-time inputs are SI, those of keys in the key's own unit."""
+    values: Annotated[Array, Shape("quantities", "points")]
+    """Their values at the points."""
     labels: tuple[str, ...] = ()
+    """One name per point; if empty, names are made from the values."""
     ladder: Ladder | None = None
+    """Groups of points that differ in the size of one quantity only; for each group a sweep reports
+    the size at which failures begin."""

@@ -48,7 +48,7 @@ class Judgements:
         ]
         if state != "success":
             stages = f"{failures} stage{'s' * (failures != 1)} did not finish"
-            parts.insert(0, stages if state == "failed" else f"{state}; {stages}")
+            parts.insert(0, f"{state}; {stages}")
         elif not any(parts):
             parts.append("every stage finished; the mission states no requirement")
         return ", ".join(filter(None, parts))
@@ -148,7 +148,8 @@ def _judge(
     # The border to a plugin's own kind of requirement or claim.
     except Exception as error:
         reason = describe_error(error)
-    place = mission.places[kind, name]
+    # The name of the file alone: the directory is a matter of this machine.
+    place = mission.places[kind, name].rpartition("/")[2]
     return Judgement("undecided", text, reason=f"{place}: {reason}", source=source)
 
 

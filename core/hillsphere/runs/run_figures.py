@@ -1,4 +1,4 @@
-"""Figures of a finished run as PNG, drawn from its stored products."""
+"""Pictures of the figures of a finished run, SVG and PNG, drawn from its stored products."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hillsphere.runs.earlier_run import EarlierRun
 from hillsphere.runs.resume_choices import ResumeChoices, resume_command
 from hillsphere.runs.run_record import RunRecord, free_name
 from hillsphere.runs.wiring import inputs_of, product_class
-from hillsphere.show.drawing import draw_png
+from hillsphere.show.drawing import draw
 from hillsphere.show.presentation import AnyFigure, check_presentation
 
 __all__ = ["draw_figures"]
@@ -30,7 +30,7 @@ def draw_figures(
     allow_path: bool = False,
     registry: Registry | None = None,
 ) -> tuple[Path, ...]:
-    """Draw figures of a finished run as PNG, beside the SVG files that the run has written.
+    """Draw figures of a finished run as SVG and PNG.
 
     The stages present their stored products again; nothing is recomputed.
 
@@ -51,7 +51,7 @@ def draw_figures(
     Returns
     -------
     tuple of Path
-        The written files ``figures/<name>.png`` in the run directory.
+        The written files ``figures/<name>.svg`` and ``.png`` in the run directory.
 
     Raises
     ------
@@ -80,7 +80,9 @@ def draw_figures(
         earlier.refuse_changes(RunRecord.begun(loaded))
         earlier.directory.clear_parts()
         paths = tuple(
-            _draw(earlier, free, figure) for free, figure in _figures(earlier, loaded, name)
+            path
+            for free, figure in _figures(earlier, loaded, name)
+            for path in _draw(earlier, free, figure)
         )
         if name is not None and not paths:
             raise InputError(f"run {str(run)!r} has no figures of {name!r}")
@@ -89,7 +91,8 @@ def draw_figures(
 
 def _check_name(earlier: EarlierRun, name: str) -> None:
     """Refuse a name that is neither a figure nor a stage, before anything is loaded."""
-    drawn = sorted(path.stem for path in (earlier.directory.path / "figures").glob("*.svg"))
+    folder = earlier.directory.path / "figures"
+    drawn = sorted({path.stem for path in folder.glob("*.*") if path.suffix in (".json", ".svg")})
     valid = [*drawn, *earlier.manifest["stages"]]
     if name not in valid:
         raise InputError(
@@ -132,10 +135,12 @@ def _figures(
             return
 
 
-def _draw(earlier: EarlierRun, name: str, figure: AnyFigure) -> Path:
+def _draw(earlier: EarlierRun, name: str, figure: AnyFigure) -> tuple[Path, ...]:
     try:
-        png = draw_png(figure)
+        drawing = draw(figure, png=True)
     # Errors of the figure's own code are reported with the figure's name.
     except Exception as error:
         raise StageError(f"figure {name!r} cannot be drawn: {describe_error(error)}") from error
-    return earlier.directory.put_png(name, png)
+    assert drawing.png is not None  # it was asked for
+    directory = earlier.directory
+    return directory.put_svg(name, drawing.svg), directory.put_png(name, drawing.png)

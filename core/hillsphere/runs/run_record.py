@@ -160,7 +160,10 @@ class RunRecord:
             },
             "tables": {
                 key: {
-                    "columns": [{"name": c.name, "unit": c.unit} for c in table.columns],
+                    "columns": [
+                        {"name": c.name, "unit": c.unit, "label": c.label, "digits": c.digits}
+                        for c in table.columns
+                    ],
                     "rows": [
                         {c.name: row.get(c.name) for c in table.columns} for row in table.rows
                     ],

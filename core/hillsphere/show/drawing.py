@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure
     from matplotlib.transforms import BboxBase
 
-__all__ = ["MAX_SVG_BYTES", "STYLE", "Drawing", "draw", "draw_png"]
+__all__ = ["MAX_SVG_BYTES", "STYLE", "Drawing", "draw"]
 
 MAX_SVG_BYTES = 1 << 20
 """Largest SVG in a report. A larger one, of tens of thousands of points, is shown as PNG, which
@@ -91,12 +91,6 @@ def draw(figure: AnyFigure, *, png: bool = False) -> Drawing:
         if png or drawing.is_large:
             drawing = replace(drawing, png=_save_png(made, whole))
     return drawing
-
-
-def draw_png(figure: AnyFigure) -> bytes:
-    """Draw a figure as PNG only: the bytes of ``draw(figure, png=True).png``."""
-    with _laid_out(figure) as (made, whole):
-        return _save_png(made, whole)
 
 
 def _save_svg(made: MatplotlibFigure, whole: BboxBase) -> bytes:

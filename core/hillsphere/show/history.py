@@ -36,7 +36,7 @@ def history_csv(histories: Histories) -> str:
     Parameters
     ----------
     histories : Histories
-        Of one case.
+        Histories of one case.
 
     Returns
     -------

@@ -53,9 +53,9 @@ def render_table(name: str, table: Table, csv: str) -> str:
                 f"{_unit(c.unit, ' ')}" for c in constants)  # fmt: skip
         caption += f" <span class=soft>({', '.join(told)})</span>"
     if len(table.rows) <= _FEW_ROWS and len(columns) > _SHOWN_COLUMNS:
-        body, is_wide = _transposed(table, columns, twins), False
+        body, is_wide = _lay_transposed(table, columns, twins), False
     else:
-        body, is_wide = _upright(table, columns, twins), len(columns) > _SHOWN_COLUMNS
+        body, is_wide = _lay_upright(table, columns, twins), len(columns) > _SHOWN_COLUMNS
     notes = list(table.notes)
     if any(isinstance(row.get(twin), Printed) for row in table.rows for twin in twins):
         notes.append(
@@ -94,7 +94,7 @@ def _is_same(one: Cell, other: Cell) -> bool:
     return type(one) is type(other) and one == other
 
 
-def _upright(table: Table, columns: Sequence[Column], twins: Mapping[str, str]) -> str:
+def _lay_upright(table: Table, columns: Sequence[Column], twins: Mapping[str, str]) -> str:
     head = "".join(
         _heading(column, column.name in twins, index >= _SHOWN_COLUMNS, "col")
         for index, column in enumerate(columns)
@@ -106,7 +106,7 @@ def _upright(table: Table, columns: Sequence[Column], twins: Mapping[str, str]) 
     return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
 
 
-def _transposed(table: Table, columns: Sequence[Column], twins: Mapping[str, str]) -> str:
+def _lay_transposed(table: Table, columns: Sequence[Column], twins: Mapping[str, str]) -> str:
     lines = []
     for column in columns:
         cells = "".join(_cell(column, twins, row, "") for row in table.rows)

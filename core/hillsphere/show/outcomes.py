@@ -237,7 +237,8 @@ class Comparison:
         rows: Sequence[Mapping[str, Cell]] = _rows(table, spec.row)
         source, twins = spec.source, computed_columns(table.columns)
         if self.reference is not None:
-            rows = beside(rows, self.reference, on=spec.on)
+            own = [{name: row.get(name) for name in row if name not in twins} for row in rows]
+            rows = beside(own, self.reference, on=spec.on)
             source = source or self.reference.source
             twins = {f"{column.name}{PAPER_SUFFIX}": column.name for column in table.columns}
         compared = [

@@ -42,7 +42,7 @@ from hillsphere.show.charts import (
     Surface,
     scales_of,
 )
-from hillsphere.show.colours import PALETTE, ColourScale, hex_colour
+from hillsphere.show.colours import LINE_COLOURS, ColourScale, hex_colour
 
 __all__ = ["plotly_figure"]
 
@@ -137,14 +137,14 @@ def plotly_figure(chart: Chart) -> dict[str, Any]:
     axes: list[str] = []
     narrow: dict[str, Any] = {"layout": {}, "annotations": {}}
     for index, panel in enumerate(chart.panels):
-        made.colours = cycle([name for name in PALETTE if name != "yellow"])
+        made.colours = cycle(LINE_COLOURS)
         kind = {Sky: "polar", Space: "scene"}.get(type(panel), "")
         counts[kind] += 1
         number = str(counts[kind]) if counts[kind] > 1 else ""
         axes.append(number if not kind else "")
         if isinstance(panel, Panel):
             made.x, made.y, made.subplot = f"x{number}", f"y{number}", ""
-            shared = _shared(chart, axes, index)
+            shared = _axes_to_follow(chart, axes, index)
             _panel(made, panel, number, domains[index], *shared)
         elif isinstance(panel, Sky):
             made.subplot = f"polar{number}"
@@ -190,7 +190,7 @@ def _place_narrow(
         narrow["annotations"][str(last)] = {"x": sum(domain[0]) / 2.0, "y": domain[1][1]}
 
 
-def _shared(chart: Chart, axes: Sequence[str], index: int) -> tuple[str | None, str | None]:
+def _axes_to_follow(chart: Chart, axes: Sequence[str], index: int) -> tuple[str | None, str | None]:
     """Return the x and y axes that those of a panel follow, None for none."""
     row, column = divmod(index, chart.columns)
     x = f"x{axes[column]}" if chart.share_x and row else None
@@ -321,7 +321,7 @@ def _scatter(made: _Builder, x: ArrayLike, y: ArrayLike) -> Trace:
 
 def _points(made: _Builder, mark: Points) -> None:
     if mark.values is not None and mark.scale is not None:
-        marker = _marker(mark.marker, mark.size, "") | _coloured(mark.values, mark.scale)
+        marker = _marker(mark.marker, mark.size, "") | _colour_keys(mark.values, mark.scale)
     else:
         marker = _marker(mark.marker, mark.size, made.colour(mark.colour), mark.is_filled)
     trace = _scatter(made, mark.x, mark.y) | {
@@ -332,15 +332,15 @@ def _points(made: _Builder, mark: Points) -> None:
     made.add(trace, mark.label, mark.rows)
 
 
-def _coloured(values: ArrayLike, scale: ColourScale) -> dict[str, Any]:
+def _colour_keys(values: ArrayLike, scale: ColourScale) -> dict[str, Any]:
     """Return the keys that colour points by values; the bar is drawn once, apart from them."""
     return {
-        "color": _pack(_scaled(values, scale)), "cmin": 0.0, "cmax": 1.0,
+        "color": _pack(_to_scale(values, scale)), "cmin": 0.0, "cmax": 1.0,
         "colorscale": _colour_stops(scale), "showscale": False,
     }  # fmt: skip
 
 
-def _scaled(values: ArrayLike, scale: ColourScale) -> Any:
+def _to_scale(values: ArrayLike, scale: ColourScale) -> Any:
     """Return the places of values on a scale, from 0 to 1; NaN stays."""
     width = scale.high - scale.low
     array = np.asarray(values, dtype=float)
@@ -465,7 +465,7 @@ def _map(made: _Builder, mark: Map) -> None:
     values = np.asarray(mark.values, dtype=float)
     trace = {
         "type": "heatmap", "x": _pack(mark.x), "y": _pack(mark.y), "zmin": 0.0, "zmax": 1.0,
-        "z": _pack(_scaled(values, mark.scale)), "colorscale": _colour_stops(mark.scale),
+        "z": _pack(_to_scale(values, mark.scale)), "colorscale": _colour_stops(mark.scale),
         "showscale": False, "xgap": 1, "ygap": 1, "hoverongaps": False,
         "customdata": _pack(values),
         "hovertemplate": "%{customdata:.5g}<extra></extra>",
@@ -564,7 +564,7 @@ def _cloud(made: _Builder, solid: Cloud) -> None:
         "symbol": _SOLID_MARKERS.get(solid.marker, "circle"), "size": solid.size * _PIXELS,
     }  # fmt: skip
     if solid.values is not None and solid.scale is not None:
-        marker |= _coloured(solid.values, solid.scale)
+        marker |= _colour_keys(solid.values, solid.scale)
     else:
         marker["color"] = made.colour(solid.colour)
     trace = {
@@ -580,7 +580,7 @@ def _surface(made: _Builder, solid: Surface) -> None:
     trace: Trace = {"type": "surface", "opacity": solid.opacity, "showscale": False,
                     "hoverinfo": "skip", **_xyz(solid.points)}  # fmt: skip
     if solid.values is not None and solid.scale is not None:
-        trace |= {"surfacecolor": _pack(_scaled(solid.values, solid.scale)), "cmin": 0.0,
+        trace |= {"surfacecolor": _pack(_to_scale(solid.values, solid.scale)), "cmin": 0.0,
                   "cmax": 1.0, "colorscale": _colour_stops(solid.scale)}  # fmt: skip
     else:
         colour = made.colour(solid.colour)
@@ -596,7 +596,7 @@ def _mesh(made: _Builder, solid: Mesh) -> None:
     }  # fmt: skip
     if solid.values is not None and solid.scale is not None:
         trace |= {
-            "intensity": _pack(_scaled(solid.values, solid.scale)), "intensitymode": "cell",
+            "intensity": _pack(_to_scale(solid.values, solid.scale)), "intensitymode": "cell",
             "cmin": 0.0, "cmax": 1.0, "colorscale": _colour_stops(solid.scale), "showscale": False,
         }  # fmt: skip
     else:

@@ -26,6 +26,7 @@ _FILE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,80}(\.[a-z0-9]{1,8}){1,2}")
 _DECIMAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 Cell: TypeAlias = float | int | str | bool | None
+"""Content of one cell of a table; ``None`` leaves it blank."""
 
 
 class Printed(float):

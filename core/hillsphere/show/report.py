@@ -324,10 +324,8 @@ class _Page:
 
     def _show(self, stage: StageResult, name: str, where: str, *, is_open: bool = False) -> str:
         if name in self.shown:
-            title = (stage.tables.get(name) or stage.figures[name].figure).title
-            return (
-                f'<p class=soft>{escape(title)}: <a href="#{self.shown[name]}">see there</a>.</p>'
-            )
+            title = escape((stage.tables.get(name) or stage.figures[name].figure).title)
+            return f'<p class=soft>{title}: <a href="#{self.shown[name]}">shown above</a>.</p>'
         if name in stage.tables:
             self.shown[name] = f"table-{name}"
             return render_table(name, stage.tables[name], f"tables/{name}.csv")
@@ -351,7 +349,7 @@ class _Page:
                 table = f' data-table="table-{escape(stage.own_names[figure.table])}"'
             plot = (
                 f'<div class=plot data-plot="{escape(name)}"{table} style="height:{height}px" '
-                f'role=img aria-label="{escape(alt)}"></div>'
+                f'role=group aria-label="{escape(alt)}"></div>'
             )
         command = (
             "" if picture else f"<noscript><p class=soft>To draw it: <code>hillsphere figures RUN "
@@ -438,10 +436,10 @@ def _outcomes(what: str, asked: str, outcomes: Mapping[str, Judgement]) -> str:
     )
     title = {"requirement": "Requirements", "claim": "Published claims"}[what]
     return (
-        f"<h2>{title}</h2><div class=wide tabindex=0 role=region aria-label=\"{title}\"><table>"
+        f"<h2>{title}</h2><table class=outcomes>"
         f"<thead><tr><th scope=col class=text>{what}</th><th scope=col class=text>{asked}</th>"
         "<th scope=col class=text>got</th><th scope=col>state</th></tr></thead>"
-        f"<tbody>{rows}</tbody></table></div>"
+        f"<tbody>{rows}</tbody></table>"
     )  # fmt: skip
 
 

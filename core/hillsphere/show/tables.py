@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hillsphere.products.fields import DeclaredField, Label, declared_fields, dimension_sizes
 from hillsphere.show.presentation import Cell, Column, Printed, Table
@@ -28,8 +28,8 @@ from hillsphere.show.reference import ReferenceTable, beside, difference_notes, 
 from hillsphere.spec.units import UNITS, unit_text
 
 __all__ = [
-    "FieldColumns", "FilledColumn", "column", "set_beside", "tabulate", "take_or_blank",
-    "text_column",
+    "FieldColumns", "FilledColumn", "column", "finite_or_blank", "set_beside", "tabulate",
+    "take_or_blank", "text_column",
 ]  # fmt: skip
 
 Values: TypeAlias = NDArray[Any] | Iterable[Any]
@@ -168,6 +168,12 @@ def take_or_blank(values: NDArray[Any], index: Sequence[int] | NDArray[Any]) -> 
     It serves rows that refer to items of another list, where some rows have no item.
     """
     return np.append(values, np.nan)[np.asarray(index, dtype=np.intp)]
+
+
+def finite_or_blank(values: ArrayLike) -> NDArray[np.float64]:
+    """Return values with NaN, which tables show as blank, in place of infinite ones."""
+    given = np.asarray(values, dtype=float)
+    return np.where(np.isfinite(given), given, np.nan)
 
 
 class FieldColumns:

@@ -334,7 +334,7 @@ class Spec(BaseModel):
         Returns
         -------
         Spec
-            Of the same class.
+            Copy of the same class.
         """
 
         def bind(field: Mapping[str, Any], item: Any) -> Any:
@@ -355,7 +355,7 @@ class Spec(BaseModel):
         Returns
         -------
         Spec
-            Of the same class.
+            Copy of the same class.
         """
 
         def resolve(field: Mapping[str, Any], item: Any) -> Any:

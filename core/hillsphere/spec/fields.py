@@ -10,6 +10,7 @@ from typing import Annotated, Any, TypeAlias
 from pydantic import Field
 
 from hillsphere.base.ranges import within_largest
+from hillsphere.spec.units import units_of
 
 __all__ = [
     "DataPath",
@@ -25,7 +26,10 @@ __all__ = [
 ]
 
 Vector3: TypeAlias = tuple[float, float, float]
+"""Type of a field with three numbers, as the components along x, y and z."""
+
 Pair: TypeAlias = tuple[float, float]
+"""Type of a field with two numbers."""
 
 
 def quantity(dimension: str, description: str, *, default: Any = ..., **bounds: Any) -> Any:
@@ -48,7 +52,13 @@ def quantity(dimension: str, description: str, *, default: Any = ..., **bounds: 
     -------
     pydantic.fields.FieldInfo
         The field.
+
+    Raises
+    ------
+    InputError
+        If there is no such dimension.
     """
+    units_of(dimension)  # refuses an unknown one
     given: dict[str, float] = {k: bounds.pop(k) for k in ("gt", "ge", "lt", "le") if k in bounds}
     bounds |= within_largest(dimension, given)
     return option(description, default=default, extra={"x-dimension": dimension}, **bounds)
@@ -180,3 +190,4 @@ def data_path(description: str, *, default: Any = ...) -> Any:
 
 
 DataPath: TypeAlias = Annotated[str, Field(min_length=1)]
+"""Type of a field with the path of a file of data, declared by `data_path`."""

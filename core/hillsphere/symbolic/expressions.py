@@ -49,7 +49,11 @@ class Expr(Protocol):
 
 
 Scalar: TypeAlias = Expr | float | int
+"""An expression or a number: the operand of a function that returns an expression."""
+
 Vec3: TypeAlias = tuple[Expr, Expr, Expr]
+"""Expressions of the three components of a vector."""
+
 Params: TypeAlias = Mapping[str, Expr]
 """Parameter name → expression; the engine decides whether it is a constant or set at run time."""
 
@@ -105,6 +109,7 @@ def number_in(item: object) -> float:
 time: Expr = cast(Expr, _hy.time)
 """The independent variable of a system of equations, s."""
 pi: Expr = cast(Expr, _hy.pi)
+"""The number π as an expression."""
 
 
 def constant(value: float) -> Expr:

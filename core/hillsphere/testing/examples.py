@@ -169,12 +169,12 @@ def _example_mission(name: str, campaign: Spec, registry: Registry) -> Any:
     components: dict[str, dict[str, Registered]] = {}
     waiting = [("stage", name, record)]
     while waiting:
-        kind, table, found = waiting.pop()
-        made = _example_spec(found, 0)
+        kind, table, registered = waiting.pop()
+        made = _example_spec(registered, 0)
         specs.setdefault(kind, {})[table] = made
-        components.setdefault(kind, {})[table] = found
+        components.setdefault(kind, {})[table] = registered
         waiting += [
-            (other, ref.name, _filling_record(other, ref.name, found, registry))
+            (other, ref.name, _filling_record(other, ref.name, registered, registry))
             for _, other, ref in made.references()
             if other != "stage" and ref.name not in specs.get(other, {})
         ]

@@ -62,7 +62,9 @@ def check_sensor(
           angles and numbers are independent of each other;
         - the same call gives the same bits, and no argument is changed;
         - each lane's result depends on that lane only;
-        - a scene that lacks a needed entry is refused with a `HillsphereError`;
+        - an empty scene is refused with a `HillsphereError`; if the sensor states in ``takes`` the
+          entries that it needs, they suffice, and a scene without any one of them is refused by
+          `observe` or `visible` with a `HillsphereError` that names the entry;
         - a sensor of a ground station gives one believed station per case, and its `bias` is the
           median of its errors.
     """
@@ -104,6 +106,8 @@ def check_sensor(
     _check_lanes(what, sensor, (x, t_s, scene, constant, noise), results, tol, random)
     if scene:
         _check_empty_scene(what, sensor, x, t_s)
+    if hasattr(sensor, "takes"):
+        _check_taken_entries(what, sensor, sensor.takes, x, t_s, scene)
     for lane in np.flatnonzero(there)[:_MEASURED]:
         _check_errors(what, sensor, x[:, lane], t_s[lane], _at(scene, lane, cases), spread, random)
 
@@ -215,6 +219,50 @@ def _check_empty_scene(what: str, sensor: Sensor, x: Array, t_s: Array) -> None:
             f"{what}: an empty scene ends in {type(error).__name__}: {error}; raise a "
             "HillsphereError that says what is lacking",
         )
+
+
+def _check_taken_entries(
+    what: str, sensor: Sensor, takes: tuple[str, ...], x: Array, t_s: Array, scene: Scene
+) -> None:
+    """Check that a sensor needs each entry of the scene that it states, and no other."""
+    absent = [name for name in takes if name not in scene]
+    require(not absent, f"{what} takes {absent} from the scene; give the check a scene with them")
+    own = {name: scene[name] for name in takes}
+    refused = _refusal(what, sensor, x, t_s, own)
+    require(
+        refused is None,
+        f"{what}: a scene of what it takes, {list(takes)}, is refused: {refused}; state every "
+        "entry that it needs in takes",
+    )
+    for name in takes:
+        refused = _refusal(what, sensor, x, t_s, {n: v for n, v in own.items() if n != name})
+        require(
+            refused is not None,
+            f"{what} takes {name!r} from the scene, but works without it; leave it out of takes, "
+            "or refuse a scene that lacks it",
+        )
+        require(
+            repr(name) in str(refused),
+            f"{what}: the message about a scene without {name!r} does not name it: {refused}",
+        )
+
+
+def _refusal(
+    what: str, sensor: Sensor, x: Array, t_s: Array, scene: Scene
+) -> HillsphereError | None:
+    """Return the error with which a sensor refuses a scene; None if it works with it."""
+    try:
+        sensor.observe(x, t_s, scene)
+        sensor.visible(x, t_s, scene)
+    except HillsphereError as error:
+        return error
+    except Exception as error:
+        require(
+            False,
+            f"{what}: a scene of {list(scene)} ends in {type(error).__name__}: {error}; raise a "
+            "HillsphereError that names what is lacking",
+        )
+    return None
 
 
 def _check_errors(

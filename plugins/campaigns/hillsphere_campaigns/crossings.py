@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hillsphere.base.arrays import Integers
+from hillsphere.base.arrays import Array, Integers
 from hillsphere.cases.case_classes import is_undecided, ratio_at_points, ratio_interval
-from hillsphere.presentation import Cell, Column, Table
+from hillsphere.presentation import Table
 from hillsphere.products import CaseTable
+from hillsphere.show.tables import FilledColumn, column, finite_or_blank, tabulate, text_column
+from hillsphere_campaigns.result_tables import gather
 
 __all__ = ["Crossing", "crossing_table", "crossings"]
 
@@ -128,16 +130,19 @@ def crossing_table(
         return None
     ladder = table.ladder
     unit = table.swept_units[table.swept.index(along)] if ladder is None else ladder.unit
-    rows: list[dict[str, Cell]] = [
-        {
-            "others": one.others,
-            "low": one.low if np.isfinite(one.low) else None,
-            "high": one.high if np.isfinite(one.high) else None,
-            "said": _said(one),
-            "surely_below": one.surely_below if np.isfinite(one.surely_below) else None,
-            "surely_above": one.surely_above if np.isfinite(one.surely_above) else None,
-        }
-        for one in found
+    others, *ends = gather(found, "others", "low", "high", "surely_below", "surely_above")
+    low, high, below, above = map(finite_or_blank, ends)
+
+    def number(name: str, values: Array, label: str) -> FilledColumn:
+        return column(name, values, label, unit=unit, is_si=False)
+
+    columns = [
+        text_column("others", others, "at"),
+        number("low", low, f"{along}, not yet at"),
+        number("high", high, "but at"),
+        text_column("said", map(_said, found)),
+        number("surely_below", below, "surely fewer up to"),
+        number("surely_above", above, "surely more from"),
     ]
     sure = f"sure by the {100 * level:g} % intervals of the points"
     notes = [f"Between two points of the sweep, with more of them the nearer; {sure}."]
@@ -152,19 +157,7 @@ def crossing_table(
             f"No point can be sure to have fewer: none of {most} failed would still allow "
             f"{100 * allowed:.2g} %. More repetitions are needed to tell."
         )
-    return Table(
-        f"Where failures exceed {100 * threshold:g} %",
-        (
-            Column("others", "", "at"),
-            Column("low", unit, f"{along}, not yet at"),
-            Column("high", unit, "but at"),
-            Column("said", "", ""),
-            Column("surely_below", unit, "surely fewer up to"),
-            Column("surely_above", unit, "surely more from"),
-        ),
-        rows,
-        notes,
-    )
+    return tabulate(f"Where failures exceed {100 * threshold:g} %", columns, notes)
 
 
 def _said(one: Crossing) -> str:

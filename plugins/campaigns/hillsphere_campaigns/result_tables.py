@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from hillsphere.base.arrays import Array, Integers
 from hillsphere.cases.case_classes import (
     case_class,
     decided_failures,
@@ -16,8 +19,16 @@ from hillsphere.cases.case_classes import (
     undecided_sentence,
     what_left_it_undecided,
 )
-from hillsphere.presentation import Cell, Column, Table
+from hillsphere.presentation import Table
 from hillsphere.products import CaseTable
+from hillsphere.show.tables import (
+    FieldColumns,
+    FilledColumn,
+    column,
+    finite_or_blank,
+    tabulate,
+    text_column,
+)
 from hillsphere_campaigns.sensitivity import (
     LEAST_FOR_CORRELATION,
     RankCorrelations,
@@ -33,12 +44,15 @@ __all__ = [
     "extreme_table",
     "failed_table",
     "first_rows",
-    "number",
+    "gather",
+    "gather_intervals",
+    "interval_columns",
     "percentile",
     "point_statistics_table",
     "point_table",
     "sobol_table",
     "statistics_table",
+    "tabulate_first",
     "undecided_table",
 ]
 
@@ -51,9 +65,14 @@ _INTERVALS = (
 )
 
 
-def number(value: float) -> float | None:
-    """Return a table's cell: None for a number that is not finite."""
-    return float(value) if np.isfinite(value) else None
+def gather(items: Sequence[Any], *names: str) -> list[list[Any]]:
+    """Return a list for each of these attributes, with its value of every item."""
+    return [[getattr(one, name) for one in items] for name in names]
+
+
+def gather_intervals(items: Sequence[Any], name: str) -> Array:
+    """Return the intervals (2, K) of K items, of which each has one of shape (2,)."""
+    return np.reshape([getattr(one, name) for one in items], (-1, 2)).T
 
 
 def first_rows(total: int, what: str) -> str:
@@ -68,50 +87,67 @@ def percentile(q: float) -> str:
     return "p" + f"{100.0 * q:.10g}".replace(".", "_").replace("-", "_")
 
 
-def _between(stem: str, label: str, unit: str = "-", digits: int = 5) -> tuple[Column, ...]:
-    return (
-        Column(stem, unit, label, digits),
-        Column(f"{stem}_low", unit, f"{label}, at least", digits),
-        Column(f"{stem}_high", unit, f"{label}, at most", digits),
+def interval_columns(
+    stem: str, label: str, values: ArrayLike, interval: ArrayLike, digits: int = 5,
+    before: str | None = None,
+) -> list[FilledColumn]:  # fmt: skip
+    """Return columns of numbers (K,) and of the ends of their intervals (2, K).
+
+    Parameters
+    ----------
+    stem, label : str
+        Name and heading of the first column; the others are called ``STEM_low`` and ``STEM_high``.
+    values, interval : array_like
+        Numbers without unit; those that are not finite become blank.
+    digits : int
+        Significant digits.
+    before : str, optional
+        Words before “at least” and “at most” in the headings; by default the label and a comma.
+    """
+    before = f"{label}, " if before is None else before
+    low, high = np.asarray(interval)
+    return [
+        column(stem, finite_or_blank(values), label, digits, unit="-"),
+        column(f"{stem}_low", finite_or_blank(low), f"{before}at least", digits, unit="-"),
+        column(f"{stem}_high", finite_or_blank(high), f"{before}at most", digits, unit="-"),
+    ]
+
+
+def tabulate_first(title: str, columns: Sequence[FilledColumn], notes: Sequence[str] = ()) -> Table:
+    """Return a table of the first rows of columns, at most `MOST_ROWS`."""
+    table = tabulate(title, columns, notes)
+    return replace(table, rows=table.rows[:MOST_ROWS])
+
+
+def _statistics_columns(
+    found: Sequence[MetricStatistics], levels: Sequence[float]
+) -> list[FilledColumn]:
+    names, units, count, mean, deviation, least, largest, note = gather(
+        found, "name", "unit", "count", "mean", "deviation", "least", "largest", "note"
     )
-
-
-def _cells(stem: str, value: float, interval: Sequence[float] | np.ndarray) -> dict[str, Cell]:
-    return {
-        stem: number(value),
-        f"{stem}_low": number(float(interval[0])),
-        f"{stem}_high": number(float(interval[1])),
-    }
-
-
-def _statistics_columns(levels: Sequence[float]) -> tuple[Column, ...]:
-    return (
-        Column("metric", "", "metric"),
-        Column("unit", "", "unit"),
-        Column("cases", "-", "cases that came to their end"),
-        *_between("mean", "mean"),
-        *_between("deviation", "standard deviation"),
-        Column("least", "-", "least", 5),
-        *(c for q in levels for c in _between(percentile(q), f"{100 * q:g} %")),
-        Column("largest", "-", "largest", 5),
-        Column("note", "", "note"),
-    )
-
-
-def _statistics_row(one: MetricStatistics) -> dict[str, Cell]:
-    row: dict[str, Cell] = {
-        "metric": one.name,
-        "unit": one.unit,
-        "cases": one.count,
-        **_cells("mean", one.mean, one.mean_interval),
-        **_cells("deviation", one.deviation, one.deviation_interval),
-        "least": number(one.least),
-        "largest": number(one.largest),
-        "note": one.note,
-    }
-    for i, q in enumerate(one.levels):
-        row |= _cells(percentile(q), one.quantiles[i], one.quantile_intervals[:, i])
-    return row
+    shape = len(found), len(levels)
+    quantiles = np.reshape([one.quantiles for one in found], shape)
+    ends = np.reshape([one.quantile_intervals.T for one in found], (*shape, 2))
+    return [
+        text_column("metric", names, "metric"),
+        text_column("unit", units, "unit"),
+        column("cases", count, "cases that came to their end"),
+        *interval_columns("mean", "mean", mean, gather_intervals(found, "mean_interval")),
+        *interval_columns(
+            "deviation", "standard deviation", deviation,
+            gather_intervals(found, "deviation_interval"),
+        ),
+        column("least", least, "least", 5),
+        *(
+            one
+            for i, q in enumerate(levels)
+            for one in interval_columns(
+                percentile(q), f"{100 * q:g} %", quantiles[:, i], ends[:, i].T
+            )
+        ),
+        column("largest", largest, "largest", 5),
+        text_column("note", note, "note"),
+    ]  # fmt: skip
 
 
 def statistics_table(
@@ -126,10 +162,8 @@ def statistics_table(
         "Intervals: Student's for the mean, Bonett's (2006) for the standard deviation, two of the "
         "values themselves for a quantile.",
     ]
-    rows = [_statistics_row(one) for one in found[:MOST_ROWS]]
-    return Table(
-        "Statistics", _statistics_columns(levels), rows, [*notes, *([caveat] if caveat else [])]
-    )
+    columns = _statistics_columns(found[:MOST_ROWS], levels)
+    return tabulate("Statistics", columns, [*notes, *([caveat] if caveat else [])])
 
 
 def class_table(table: CaseTable, level: float, drawn: bool) -> Table:
@@ -137,27 +171,19 @@ def class_table(table: CaseTable, level: float, drawn: bool) -> Table:
 
     `drawn` says whether the cases are independent.
     """
-    rows: list[dict[str, Cell]] = [
-        {
-            "status": one.status,
-            "cause": one.cause,
-            "class": case_class(one.status, one.failed),
-            "cases": one.count,
-            **_cells("share", one.share, one.interval),
-            "first_case": one.first_case,
-            "message": one.message,
-        }
-        for one in classes(table, level=level)
-    ]
-    columns = (
-        Column("status", "", "status"),
-        Column("cause", "", "cause"),
-        Column("class", "", "class"),
-        Column("cases", "-", "cases"),
-        *_between("share", "share", digits=4),
-        Column("first_case", "-", "first case"),
-        Column("message", "", "message"),
+    found = classes(table, level=level)
+    status, cause, failed, count, share, first, message = gather(
+        found, "status", "cause", "failed", "count", "share", "first_case", "message"
     )
+    columns = [
+        text_column("status", status, "status"),
+        text_column("cause", cause, "cause"),
+        text_column("class", map(case_class, status, failed), "class"),
+        column("cases", count, "cases"),
+        *interval_columns("share", "share", share, gather_intervals(found, "interval"), 4),
+        column("first_case", first, "first case"),
+        text_column("message", message, "message"),
+    ]
     notes = [_INTERVALS.format(level=100 * level) + " Shares by Clopper and Pearson."]
     if told := undecided_sentence(table):
         notes.append(told)
@@ -165,7 +191,7 @@ def class_table(table: CaseTable, level: float, drawn: bool) -> Table:
     notes += _step_error_notes(table)
     if not drawn:
         notes.append("The cases are no independent draws: they are those of as many random ones.")
-    return Table("How the cases ended", columns, rows[:MOST_ROWS], notes)
+    return tabulate_first("How the cases ended", columns, notes)
 
 
 def _step_error_notes(table: CaseTable) -> list[str]:
@@ -201,95 +227,68 @@ def _cases_table(
 ) -> Table:
     said = dict(zip(table.message_case.tolist(), table.messages, strict=True))
     which, errors = np.flatnonzero(chosen), table.step_error
-    rows: list[dict[str, Cell]] = [
-        {
-            "case": int(table.case[i]),
-            **_at(table, int(i)),
-            "status": str(table.status[i]),
-            "cause": str(table.cause[i]),
-            **({} if errors is None else {"step_error": number(float(errors[i]))}),
-            "message": said.get(int(table.case[i]), ""),
-        }
-        for i in which[:MOST_ROWS]
-    ]
-    columns = (
-        Column("case", "-", "case"),
-        *_point_column(table),
-        Column("status", "", "status"),
-        Column("cause", "", "cause"),
-        *(() if errors is None else (Column("step_error", "-", "step error", 2),)),
-        Column("message", "", "message"),
-    )
+    some = which[:MOST_ROWS]
+    columns = [
+        column("case", table.case[some], "case"),
+        *_point_column(table, some),
+        text_column("status", table.status[some], "status"),
+        text_column("cause", table.cause[some], "cause"),
+        *([] if errors is None
+          else [column("step_error", finite_or_blank(errors[some]), "step error", 2)]),
+        text_column("message", [said.get(n, "") for n in table.case[some].tolist()], "message"),
+    ]  # fmt: skip
     more = f"The first {MOST_ROWS} of {which.size}. " if which.size > MOST_ROWS else ""
     notes = [more + "`hillsphere rerun RUN --case NUMBER` repeats one with its history."]
-    return Table(title, columns, rows, [*notes, *more_notes])
+    return tabulate(title, columns, [*notes, *more_notes])
 
 
-def _point_column(table: CaseTable) -> tuple[Column, ...]:
-    return (Column("point", "", "point"),) if table.point_labels else ()
-
-
-def _at(table: CaseTable, row: int) -> dict[str, Cell]:
-    return {"point": table.point_labels[table.point[row]]} if table.point_labels else {}
+def _point_column(table: CaseTable, rows: Integers) -> list[FilledColumn]:
+    """Return the column of the points of some cases; none without a sweep."""
+    if not table.point_labels:
+        return []
+    labels = [table.point_labels[p] for p in table.point[rows].tolist()]
+    return [text_column("point", labels, "point")]
 
 
 def extreme_table(table: CaseTable, each: int = 3) -> Table:
     """Return the cases with the least and the largest values of every metric."""
-    rows: list[dict[str, Cell]] = []
-    for name, unit, values in zip(table.metrics, table.units, table.values, strict=True):
+    picked: list[tuple[int, str, int]] = []
+    for m, values in enumerate(table.values):
         kept = np.flatnonzero(has_ended(table) & np.isfinite(values))
         if kept.size < 2 or np.ptp(values[kept]) == 0.0:
             continue
-        order = kept[np.argsort(values[kept], kind="stable")]
-        ends = [("least", i) for i in order[:each]] + [("largest", i) for i in order[::-1][:each]]
-        rows += [
-            {
-                "metric": name,
-                "unit": unit,
-                "end": end,
-                "case": int(table.case[i]),
-                **_at(table, int(i)),
-                "value": float(values[i]),
-            }
-            for end, i in ends
-        ]
-    columns = (
-        Column("metric", "", "metric"),
-        Column("unit", "", "unit"),
-        Column("end", "", "end"),
-        Column("case", "-", "case"),
-        *_point_column(table),
-        Column("value", "-", "value", 6),
-    )
+        order = kept[np.argsort(values[kept], kind="stable")].tolist()
+        picked += [(m, "least", i) for i in order[:each]]
+        picked += [(m, "largest", i) for i in order[::-1][:each]]
+    some = picked[:MOST_ROWS]
+    metrics, rows = (np.array([one[k] for one in some], dtype=np.int64) for k in (0, 2))
+    columns = [
+        text_column("metric", [table.metrics[m] for m in metrics], "metric"),
+        text_column("unit", [table.units[m] for m in metrics], "unit"),
+        text_column("end", [end for _, end, _ in some], "end"),
+        column("case", table.case[rows], "case"),
+        *_point_column(table, rows),
+        column("value", table.values[metrics, rows], "value", 6),
+    ]
     notes = [
         "Of the cases that came to their end. `hillsphere rerun RUN --case NUMBER` repeats one "
-        "with its history." + first_rows(len(rows), "rows")
+        "with its history." + first_rows(len(picked), "rows")
     ]
-    return Table("Extreme cases", columns, rows[:MOST_ROWS], notes)
+    return tabulate("Extreme cases", columns, notes)
 
 
 def correlation_table(found: RankCorrelations, level: float) -> Table:
     """Return the rank correlations, those least likely by chance first."""
     pairs = found.strongest()
-    rows: list[dict[str, Cell]] = [
-        {
-            "input": found.inputs[i],
-            "metric": found.metrics[j],
-            "cases": int(found.count[j]),
-            **_cells("rho", found.rho[i, j], found.interval[:, i, j]),
-            "p": number(found.p[i, j]),
-            "p_holm": number(found.p_holm[i, j]),
-        }
-        for i, j in pairs[:MOST_ROWS]
+    i, j = np.array(pairs[:MOST_ROWS], dtype=np.int64).reshape(-1, 2).T
+    columns = [
+        text_column("input", [found.inputs[k] for k in i], "input"),
+        text_column("metric", [found.metrics[k] for k in j], "metric"),
+        column("cases", found.count[j], "cases"),
+        *interval_columns("rho", "rank correlation", found.rho[i, j], found.interval[:, i, j], 3),
+        column("p", found.p[i, j], "p", 2),
+        column("p_holm", found.p_holm[i, j], "p, for all comparisons", 2),
     ]
-    columns = (
-        Column("input", "", "input"),
-        Column("metric", "", "metric"),
-        Column("cases", "-", "cases"),
-        *_between("rho", "rank correlation", digits=3),
-        Column("p", "-", "p", 2),
-        Column("p_holm", "-", "p, for all comparisons", 2),
-    )
     notes = [
         "Spearman's coefficient over the cases that came to their end; with “failed” the "
         "rank-biserial one over all decided cases. " + _INTERVALS.format(level=100 * level),
@@ -307,126 +306,87 @@ def correlation_table(found: RankCorrelations, level: float) -> Table:
             "The points of the sweep saw the same random numbers: no p values and intervals, which "
             "need independent cases."
         )
-    return Table("Rank correlations", columns, rows, notes)
+    return tabulate("Rank correlations", columns, notes)
 
 
 def sobol_table(found: SobolIndices, level: float) -> Table:
     """Return the Sobol indices of every metric."""
-    rows: list[dict[str, Cell]] = [
-        {
-            "metric": metric,
-            "input": name,
-            **_cells("first", found.first[i, j], found.first_interval[:, i, j]),
-            **_cells("total", found.total[i, j], found.total_interval[:, i, j]),
-        }
-        for j, metric in enumerate(found.metrics)
-        for i, name in enumerate(found.inputs)
+    of = FieldColumns(found, "metrics", "inputs")
+
+    def shares(stem: str, values: Array, interval: Array) -> list[FilledColumn]:
+        rows = [of.spread(part, "inputs", "metrics") for part in (values, *interval)]
+        return interval_columns(stem, stem, rows[0], rows[1:], 3)
+
+    columns = [
+        of("metrics", "metric"),
+        of("inputs", "input"),
+        *shares("first", found.first, found.first_interval),
+        *shares("total", found.total, found.total_interval),
     ]
-    columns = (
-        Column("metric", "", "metric"),
-        Column("input", "", "input"),
-        *_between("first", "first", digits=3),
-        *_between("total", "total", digits=3),
-    )
     notes = [
         f"From {len(found.inputs) + 2} samples of {found.samples} cases: share of the metric's "
         "variance that is due to the input alone (first), and with all that it does together with "
         "others (total). " + _INTERVALS.format(level=100 * level) + " Bootstrap."
     ]
-    return Table("Sobol indices", columns, rows[:MOST_ROWS], notes)
+    return tabulate_first("Sobol indices", columns, notes)
 
 
-def _swept_columns(table: CaseTable) -> tuple[list[Column], list[str]]:
-    """Return columns for the swept numbers, and their names."""
-    columns, names = [], []
-    for name, unit in zip(table.swept, table.swept_units, strict=True):
-        key = (
-            name
-            if name not in ("number", "point", "cases", "failures", "undecided", "ratio")
-            else f"{name}_swept"
-        )
-        names.append(key if unit else "")
-        if unit:
-            columns.append(Column(key, unit, key, 6))
-    return columns, names
+def _swept_columns(table: CaseTable, points: slice) -> list[FilledColumn]:
+    """Return columns of the swept numbers at some points."""
+    assert table.points is not None
+    taken = ("number", "point", "cases", "failures", "undecided", "ratio")
+    keys = [f"{name}_swept" if name in taken else name for name in table.swept]
+    return [
+        column(key, values[points], key, 6, unit=unit, is_si=False)
+        for key, unit, values in zip(keys, table.swept_units, table.points, strict=True)
+        if unit
+    ]
 
 
 def point_table(table: CaseTable, level: float) -> Table:
     """Return the failure ratio at each point of a sweep."""
     assert table.points is not None
-    count = table.points.shape[1]
-    cases = np.bincount(table.point, minlength=count)
+    count, some = table.points.shape[1], slice(MOST_ROWS)
     found = ratio_at_points(table, table.point, count, level)
-    columns, names = _swept_columns(table)
-    open_cases = bool(found.undecided.any())
-    rows: list[dict[str, Cell]] = [
-        {
-            "number": p,
-            "point": table.point_labels[p],
-            **{key: float(table.points[d, p]) for d, key in enumerate(names) if key},
-            "cases": int(cases[p]),
-            "failures": int(found.failures[p]),
-            **_cells("ratio", float(found.value[p]), found.interval[:, p]),
-            **(
-                {
-                    "undecided": int(found.undecided[p]),
-                    "least": float(found.range[0, p]),
-                    "most": float(found.range[1, p]),
-                }
-                if open_cases
-                else {}
-            ),
-        }
-        for p in range(min(count, MOST_ROWS))
+    columns = [
+        column("number", np.arange(count)[some], "number"),
+        text_column("point", table.point_labels[some], "point"),
+        *_swept_columns(table, some),
+        column("cases", np.bincount(table.point, minlength=count)[some], "cases"),
+        column("failures", found.failures[some], "failures"),
+        *interval_columns("ratio", "failure ratio", found.value[some], found.interval[:, some], 4),
     ]
+    if found.undecided.any():
+        least, most = found.range[:, some]
+        columns += [
+            column("undecided", found.undecided[some], "undecided"),
+            column("least", least, "ratio if none of these had failed", 4),
+            column("most", most, "ratio if all of these had failed", 4),
+        ]
     more = f"The first {MOST_ROWS} of {count} points. " if count > MOST_ROWS else ""
-    return Table(
-        "Failures over the sweep",
-        (
-            Column("number", "-", "number"),
-            Column("point", "", "point"),
-            *columns,
-            Column("cases", "-", "cases"),
-            Column("failures", "-", "failures"),
-            *_between("ratio", "failure ratio", digits=4),
-            *(
-                (
-                    Column("undecided", "-", "undecided"),
-                    Column("least", "-", "ratio if none of these had failed", 4),
-                    Column("most", "-", "ratio if all of these had failed", 4),
-                )
-                if open_cases
-                else ()
-            ),
-        ),
-        rows,
-        [
-            more
-            + _INTERVALS.format(level=100 * level)
-            + " Ratios by Clopper and Pearson, over decided cases."
-        ],
-    )
+    notes = [
+        more
+        + _INTERVALS.format(level=100 * level)
+        + " Ratios by Clopper and Pearson, over decided cases."
+    ]
+    return tabulate("Failures over the sweep", columns, notes)
 
 
 def point_statistics_table(table: CaseTable, levels: Sequence[float], level: float) -> Table:
     """Return the statistics of every metric at each point of a sweep."""
     assert table.points is not None
-    count = table.points.shape[1]
-    room = max(1, MOST_ROWS // max(1, len(table.metrics)))
-    rows: list[dict[str, Cell]] = [
-        {"point": table.point_labels[p], **_statistics_row(one)}
-        for p in range(min(count, room))
-        for one in metric_statistics(table, table.point == p, level=level, levels=levels)[
-            :MOST_ROWS
-        ]
-    ]
+    count, metrics = table.points.shape[1], len(table.metrics)
+    room = max(1, MOST_ROWS // max(1, metrics))
+    labels: list[str] = []
+    found: list[MetricStatistics] = []
+    for p, label in enumerate(table.point_labels[:room]):
+        here = metric_statistics(table, table.point == p, level=level, levels=levels)[:MOST_ROWS]
+        labels += [label] * len(here)
+        found += here
     more = f"The first {room} of {count} points. " if count > room else ""
-    return Table(
-        "Statistics over the sweep",
-        (Column("point", "", "point"), *_statistics_columns(levels)),
-        rows,
-        [
-            more + "Over the cases that came to their end; each number in the unit of its row. "
-            + _INTERVALS.format(level=100 * level) + first_rows(len(table.metrics), "metrics")
-        ],
-    )  # fmt: skip
+    notes = [
+        more + "Over the cases that came to their end; each number in the unit of its row. "
+        + _INTERVALS.format(level=100 * level) + first_rows(metrics, "metrics")
+    ]  # fmt: skip
+    columns = [text_column("point", labels, "point"), *_statistics_columns(found, levels)]
+    return tabulate("Statistics over the sweep", columns, notes)

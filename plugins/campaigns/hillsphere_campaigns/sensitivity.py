@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from scipy.stats import norm, rankdata, tiecorrect
 from hillsphere.base.arrays import Array
 from hillsphere.cases.case_classes import LEVEL, decided_failures, has_ended, is_undecided
 from hillsphere.products import CaseTable
+from hillsphere.products.fields import Label, Shape
 
 __all__ = [
     "LEAST_FOR_CORRELATION",
@@ -282,28 +284,23 @@ def independent_cases(table: CaseTable) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class SobolIndices:
-    """Shares of the variance of each metric that are due to each input.
+    """Shares of the variance of each metric that are due to each input."""
 
-    Parameters
-    ----------
-    inputs, metrics : tuple of str
-        Names of the k inputs and m metrics.
-    samples : int
-        Cases in each of the k + 2 samples.
-    first, total : ndarray, shape (k, m)
-        Of the input alone; with all that it does together with others. NaN for a metric that is
-        constant. Small ones may come out below zero.
-    first_interval, total_interval : ndarray, shape (2, k, m)
-        Bootstrap intervals (percentiles).
-    """
-
-    inputs: tuple[str, ...]
-    metrics: tuple[str, ...]
+    inputs: Annotated[tuple[str, ...], Shape("inputs"), Label("input")]
+    """Names of the inputs."""
+    metrics: Annotated[tuple[str, ...], Shape("metrics"), Label("metric")]
+    """Names of the metrics."""
     samples: int
-    first: Array
-    total: Array
-    first_interval: Array
-    total_interval: Array
+    """Cases in each of the samples, which are two more than inputs."""
+    first: Annotated[Array, Shape("inputs", "metrics")]
+    """Shares of the input alone. NaN for a metric that is constant. Small ones may come out below
+    zero."""
+    total: Annotated[Array, Shape("inputs", "metrics")]
+    """Shares of the input with all that it does together with others, likewise."""
+    first_interval: Annotated[Array, Shape(2, "inputs", "metrics")]
+    """Bootstrap interval (percentiles) of `first`."""
+    total_interval: Annotated[Array, Shape(2, "inputs", "metrics")]
+    """Bootstrap interval of `total`."""
 
 
 def sobol_of(

@@ -136,7 +136,9 @@ class PointSpec(Spec):
         "length", "positions in the plant's frame, in the order of its states", min_length=1
     )
     velocity_m_s: tuple[float, ...] = quantity(
-        "speed", "velocities, likewise; left out: zero", default=()
+        "speed",
+        "velocities in the plant's frame, in the order of its states; left out: zero",
+        default=(),
     )
     others: dict[str, float] = option(
         "values of states besides position and velocity, by name, SI; held constant", default={}
@@ -290,14 +292,14 @@ class LyapunovSpec(Spec):
         default=None,
         gt=0,
     )
-    damping: float = option("ζ of it", default=1.0, gt=0)
+    damping: float = option("damping ratio ζ of the motion s² + 2 ζ ω s + ω²", default=1.0, gt=0)
     p: Matrix = option(
         "P of the function V = xᵀ P x, x the deviations of all positions, then all velocities, SI; "
         "2 × 2: of each axis",
         default=(),
     )
     plant: Ref | None = reference(
-        "plant", "whose own acceleration is cancelled; left out: none", default=None
+        "plant", "plant whose own acceleration is cancelled; left out: none", default=None
     )
     cancel: Literal["all", "difference"] = option(
         "with plant: 'all', its acceleration where it is seen, for a point that is held; "

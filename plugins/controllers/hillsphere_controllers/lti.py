@@ -231,10 +231,10 @@ def _load_controller(spec: LtiSpec) -> LtiSystem | None:
     """Return the controller of the file or the matrices."""
     if spec.file is not None:
         path = Path(spec.file)
-        found = load_mat(path)
-        made = found.get(spec.variable)
+        variables = load_mat(path)
+        made = variables.get(spec.variable)
         if not isinstance(made, LtiSystem):
-            systems = [name for name, value in found.items() if isinstance(value, LtiSystem)]
+            systems = [name for name, value in variables.items() if isinstance(value, LtiSystem)]
             raise InputError(
                 f"{path.name} has no system {spec.variable!r}; its systems: "
                 f"{', '.join(systems) or 'none'}"

@@ -150,8 +150,8 @@ class _Drift:
         if len(x) != self._n:
             raise InputError(f"plant: it has {self._n} states, the law sees {len(x)} values")
         p = self._equations.parameters(None, x.shape[1])
-        found: Array = self._rate(x, p, t_s)
-        return found
+        rate: Array = self._rate(x, p, t_s)
+        return rate
 
 
 def _function(spec: LyapunovSpec, h: float) -> Array:

@@ -123,14 +123,14 @@ class LyapunovFormation:
         spec, here, since = self.spec, self._estimate(xc, y), xc[-1]
         grown = 1.0 - exp(-t / spec.ramp_s) if spec.ramp_s else constant(1.0)
         cancelled = self.plant.disturbances(here, t, self._p)
-        found = []
+        accelerations = []
         for i, acceleration in enumerate(cancelled):
             place = 6 * (i // 3) + i % 3
             goal = ref[place] + since * ref[place + 3]
             back = spec.stiffness_1_s2 * (here[place] - goal)
             slow = spec.damping_1_s * here[place + 3]
-            found.append(sum_of([-acceleration, -grown * (back + slow)]))
-        return tuple(found)
+            accelerations.append(sum_of([-acceleration, -grown * (back + slow)]))
+        return tuple(accelerations)
 
     def _estimate(self, xc: tuple[Expr, ...], y: tuple[Expr, ...]) -> tuple[Expr, ...]:
         return tuple(a + b for a, b in zip(y, xc[:-1], strict=True))

@@ -70,8 +70,8 @@ class LinearQuadraticRegulator:
         weight[:n, :n] = q
         weight[n:, n:] = h * np.diag(1.0 / np.array(spec.integral_sizes) ** 2)
         cross = np.vstack([cross, np.zeros((count, m))])
-        found = lqr(_system(a, b, np.eye(n + count), h), weight, r, cross)
-        self.gain, self.poles = found.gain, found.poles
+        design = lqr(_system(a, b, np.eye(n + count), h), weight, r, cross)
+        self.gain, self.poles = design.gain, design.poles
         self._n, self._trim = n, motion.trim[:, None]
         self._integrals = count
 
@@ -171,10 +171,10 @@ class _Motion:
     def __init__(self, spec: LqrSpec | LqgSpec) -> None:
         if spec.plant is not None and spec.point is not None:
             point = spec.point
-            found = linearise_plant(
+            linear = linearise_plant(
                 spec.plant.get(), point.position_m, point.velocity_m_s, point.others, point.time_s
             )
-            self.a, self.b, drift = found.a, found.b, found.drift
+            self.a, self.b, drift = linear.a, linear.b, linear.drift
         else:
             n = len(spec.a)
             self.a, self.b = _matrix(spec.a, (n, n), "a"), np.array(spec.b, dtype=float)

@@ -42,13 +42,13 @@ def hinf_guess(
     unit = np.ones((p, 1))
     unit[: p - measurements] = 1.0 / above
     try:
-        found = slycot.sb10ad(
+        result = slycot.sb10ad(
             plant.order, m, p, controls, measurements, 1.0, plant.a, plant.b, unit * plant.c,
             unit * plant.d, job=1, gtol=tolerance, actol=0.0,
         )  # fmt: skip
     except (slycot.exceptions.SlycotError, ValueError):  # badly conditioned, say
         return np.nan
-    return above * float(found[0])
+    return above * float(result[0])
 
 
 def _slycot() -> ModuleType:

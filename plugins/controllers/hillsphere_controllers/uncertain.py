@@ -74,18 +74,18 @@ def uncertain(model: Parametric, dispersion: Dispersion, *, sigmas: float = 3.0)
     """
     offered = {parameter.name: parameter for parameter in model.parameters()}
     names = match_names(dispersion.keys, list(offered), dispersion.of)
-    found = [offered[name] for name in names]
-    for parameter in found:
+    chosen = [offered[name] for name in names]
+    for parameter in chosen:
         if dispersion.unit and parameter.unit != dispersion.unit:
             raise InputError(
                 f"the dispersion's numbers stand for {dispersion.unit}, but {parameter.name} is in "
                 f"{parameter.unit}"
             )
-    nominal = np.array([parameter.value for parameter in found])
+    nominal = np.array([parameter.value for parameter in chosen])
     lower, upper = dispersion.bounds(nominal, sigmas)
     return Uncertain(
         names=names,
-        units=tuple(parameter.unit for parameter in found),
+        units=tuple(parameter.unit for parameter in chosen),
         nominal=nominal,
         mean=dispersion.mean(nominal),
         covariance=dispersion.covariance(nominal),

@@ -26,13 +26,13 @@ from hillsphere.interfaces.tasks import Job, Lost, Outcome, Work
 from hillsphere_dask.dask_workers import (
     Answered,
     Broken,
-    Found,
     Gone,
     Hired,
     Member,
     News,
     Refused,
     Registry,
+    WorkerCount,
 )
 
 if TYPE_CHECKING:
@@ -225,7 +225,7 @@ class DaskCrew:
         except queue.Empty:
             return
         match news:
-            case Found(count):
+            case WorkerCount(count):
                 self._expected = max(self._expected, count)
             case Hired(member):
                 self._stillborn = 0

@@ -34,12 +34,12 @@ if TYPE_CHECKING:
 __all__ = [
     "Answered",
     "Broken",
-    "Found",
     "Gone",
     "Hired",
     "Member",
     "Refused",
     "Registry",
+    "WorkerCount",
     "differences",
     "surroundings",
 ]
@@ -77,7 +77,7 @@ class Member:
 
 
 @dataclass(frozen=True)
-class Found:
+class WorkerCount:
     """There are so many workers at first."""
 
     count: int
@@ -121,7 +121,7 @@ class Broken:
     detail: str
 
 
-News = Found | Hired | Refused | Gone | Answered | Broken
+News = WorkerCount | Hired | Refused | Gone | Answered | Broken
 
 
 class Registry:
@@ -158,7 +158,7 @@ class Registry:
         """Hire workers as they appear and tell which ones go, until cancelled."""
         try:
             self._compare(await self._workers())
-            self._news.put(Found(len(self._members)))
+            self._news.put(WorkerCount(len(self._members)))
             while True:
                 await asyncio.sleep(LOOK_S)
                 self._compare(await self._workers())
@@ -186,12 +186,12 @@ class Registry:
         finally:
             asked.cancel()
 
-    def _compare(self, found: Mapping[str, Mapping[str, Any]]) -> None:
+    def _compare(self, workers: Mapping[str, Mapping[str, Any]]) -> None:
         """Bring the members up to date with the workers that there are."""
         for address, member in list(self._members.items()):
-            if address not in found or found[address]["local_directory"] != member.home:
+            if address not in workers or workers[address]["local_directory"] != member.home:
                 self._drop(member, "its process ended")
-        for address, facts in found.items():
+        for address, facts in workers.items():
             home = str(facts["local_directory"])
             if address in self._members or (address, home) in self._refused:
                 continue
@@ -348,13 +348,13 @@ def surroundings() -> dict[str, str]:
         that computes the same bits. Plugins are those that are installed.
     """
     facts = environment()
-    found = {key: str(facts[key]) for key in ("python", "system", "machine")}
-    found["C library"] = facts["c_library"]
-    found["CPU features"] = " ".join(facts["cpu_features"])
-    found["kernels chosen by variables"] = (
+    facts_here = {key: str(facts[key]) for key in ("python", "system", "machine")}
+    facts_here["C library"] = facts["c_library"]
+    facts_here["CPU features"] = " ".join(facts["cpu_features"])
+    facts_here["kernels chosen by variables"] = (
         " ".join(f"{name}={value}" for name, value in facts["kernels"].items()) or "none"
     )
-    found |= {name: str(version) for name, version in facts["packages"].items()}
+    facts_here |= {name: str(version) for name, version in facts["packages"].items()}
     modules = {point.value.partition(":")[0] for point in _plugins()}
     for module in sorted(modules | {"hillsphere"}):
         try:
@@ -362,11 +362,11 @@ def surroundings() -> dict[str, str]:
         except (ImportError, ValueError):  # a broken plugin, which no mission can use
             continue
         if source is not None:
-            found[f"sources of {source[0]}"] = source[1][:16]
+            facts_here[f"sources of {source[0]}"] = source[1][:16]
     # The variable that OpenBLAS heeds, then the one that it falls back to; dask's nannies set both.
     blas = os.environ.get("OPENBLAS_NUM_THREADS") or os.environ.get("OMP_NUM_THREADS")
-    found["threads of BLAS"] = blas or "all"
-    return found
+    facts_here["threads of BLAS"] = blas or "all"
+    return facts_here
 
 
 def _plugins() -> metadata.EntryPoints:

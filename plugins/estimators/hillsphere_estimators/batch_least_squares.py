@@ -89,7 +89,7 @@ def batch_least_squares(
     Returns
     -------
     Fit
-        Of each case.
+        Result of each case.
 
     Raises
     ------

@@ -22,7 +22,7 @@ def regular_root(belief: Belief) -> Array:
     Parameters
     ----------
     belief : Belief
-        Of N cases of n states.
+        Belief of N cases of n states.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def step_in_sigmas(new: Belief, old: Belief) -> Array:
     Parameters
     ----------
     new, old : Belief
-        Of the same N cases, after and before an iteration; P' is the covariance after it.
+        Beliefs of the same N cases, after and before an iteration; P' is the covariance after it.
 
     Returns
     -------
@@ -97,7 +97,7 @@ def freeze_converged(iterating: NDArray[np.bool_], new: Belief, old: Belief) -> 
     iterating : ndarray of bool, shape (N,)
         True for cases that still iterate.
     new, old : Belief
-        Of the same N cases, after and before this iteration.
+        Beliefs of the same N cases, after and before this iteration.
     """
     # the common case of the first iterations, without a copy
     if iterating.all():

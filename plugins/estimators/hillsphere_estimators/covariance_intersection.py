@@ -46,7 +46,7 @@ def covariance_intersection(
     Parameters
     ----------
     first, second : Belief
-        Of the same states at the same times; their covariances must be regular.
+        Beliefs of the same states at the same times; their covariances must be regular.
     least : {"determinant", "trace"}
         Measure of the joint covariance that ω minimises: its determinant, which does not depend on
         units, or its trace in units of the scales.

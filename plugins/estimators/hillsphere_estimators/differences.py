@@ -75,7 +75,7 @@ class Layout:
         Returns
         -------
         ndarray, shape (m, ...)
-            Of directions the two coordinates are an angle, rad.
+            Differences; the two coordinates of a direction are an angle, rad.
         """
         off = np.asarray(a - b)
         if self.angles:

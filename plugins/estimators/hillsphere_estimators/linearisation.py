@@ -31,7 +31,7 @@ def transition(
     model : EstimationModel
         Motion model; a `LinearisedModel` has exact derivatives.
     belief : Belief
-        Of N cases of n states.
+        Belief of N cases of n states.
     t_to_s : ndarray, shape (N,)
         Times to which they move, s.
     control : ndarray, shape (p, N)
@@ -77,7 +77,7 @@ def sensitivity(model: EstimationModel, belief: Belief, layout: Layout) -> tuple
     model : EstimationModel
         Measurement model; a `LinearisedModel` has exact derivatives.
     belief : Belief
-        Of N cases of n states.
+        Belief of N cases of n states.
     layout : Layout
         Kinds of the m rows.
 

@@ -81,8 +81,8 @@ def observability(
     Returns
     -------
     Observability
-        Of N trajectories, from the root of the Gramian: its condition number is the square root of
-        that of the Gramian, which is never formed.
+        Observability of N trajectories, from the root of the Gramian: its condition number is the
+        square root of that of the Gramian, which is never formed.
 
     Raises
     ------

@@ -128,7 +128,7 @@ def sigma_points(belief: Belief, reach: float) -> Array:
     Parameters
     ----------
     belief : Belief
-        Of N cases of n states.
+        Belief of N cases of n states.
     reach : float
         √(n + λ), see `SigmaRule.reach`.
 
@@ -159,7 +159,7 @@ def transform_motion(
     model : EstimationModel
         Motion model.
     belief : Belief
-        Of N cases of n states.
+        Belief of N cases of n states.
     t_to_s : ndarray, shape (N,)
         Times to which the points move, s.
     control : ndarray, shape (p, N)
@@ -168,7 +168,7 @@ def transform_motion(
     Returns
     -------
     Images
-        Of n rows, without process noise.
+        Images of n rows, without process noise.
     """
     n, cases = belief.x.shape
     reach = rule.reach(n)
@@ -193,7 +193,7 @@ def transform_measurement(
     model : EstimationModel
         Measurement model.
     belief : Belief
-        Of N cases.
+        Belief of N cases.
     layout : Layout
         Kinds of the m rows. Angles and directions enter as differences from the central point, so
         that they do not wrap.
@@ -201,7 +201,7 @@ def transform_measurement(
     Returns
     -------
     Images
-        Of m rows. Rows that no sensor measures at this time hold arbitrary values.
+        Images of m rows. Rows that no sensor measures at this time hold arbitrary values.
     """
     n, cases = belief.x.shape
     reach = rule.reach(n)

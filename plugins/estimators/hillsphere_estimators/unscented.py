@@ -211,7 +211,7 @@ def belief_of_images(images: Images, noise: Array, t_s: Array) -> Belief:
     Parameters
     ----------
     images : Images
-        Of n rows, from `transform_motion`.
+        Images of n rows, from `transform_motion`.
     noise : ndarray, shape (N, n, r)
         Roots of the covariance of the process noise.
     t_s : ndarray, shape (N,)

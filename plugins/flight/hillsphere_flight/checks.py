@@ -24,7 +24,7 @@ def check(spec: ClosedLoopSpec, rows: Rows, law: Compensator | ContinuousLaw, ki
     spec : ClosedLoopSpec
         As declared.
     rows : Rows
-        Of the plant.
+        Rows of the plant's positions and velocities.
     law : Compensator or ContinuousLaw
         The control law.
     kind : str

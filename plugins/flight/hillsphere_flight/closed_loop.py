@@ -186,16 +186,18 @@ class ClosedLoopStage(FlyingStage[_Loop, FlownBlock]):
         start = np.where(np.isnan(self._start), start, self._start)
         units = [unit_of(v) for v in self.plant.states]
         names, spec = self.rows.names, self.spec
-        found = [replace(q, name=_PLANT + q.name) for q in self.plant.parameters()]
-        found += [
+        inputs = [replace(q, name=_PLANT + q.name) for q in self.plant.parameters()]
+        inputs += [
             Parameter(f"state.{name}", float(value), unit)
             for name, value, unit in zip(names, start, units, strict=True)
         ]
-        found += [Parameter(f"offset.{name}", 0.0, u) for name, u in zip(names, units, strict=True)]
-        found.append(Parameter("start_time", spec.start.time_s, "s"))
+        inputs += [
+            Parameter(f"offset.{name}", 0.0, u) for name, u in zip(names, units, strict=True)
+        ]
+        inputs.append(Parameter("start_time", spec.start.time_s, "s"))
         if spec.limits.dv_m_s is not None:
-            found.append(Parameter("dv_budget", spec.limits.dv_m_s, "m/s"))
-        return (*found, *self._effectiveness.inputs())
+            inputs.append(Parameter("dv_budget", spec.limits.dv_m_s, "m/s"))
+        return (*inputs, *self._effectiveness.inputs())
 
     def run(
         self,

@@ -75,7 +75,7 @@ def check_start(
     spec : ClosedLoopSpec
         The Spec, with its limits.
     rows : Rows
-        Of the plant.
+        Rows of the plant's positions and velocities.
     x : ndarray, shape (n,)
         State at the start, SI; NaN where it is that of a reference.
     t_s : float

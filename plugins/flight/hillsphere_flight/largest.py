@@ -154,7 +154,7 @@ class Largest:
     Parameters
     ----------
     rows : Rows
-        Of the plant.
+        Rows of the plant's positions and velocities.
     goal : ndarray, shape (n, K + 1)
         Reference at each sample and at the end of the last.
     total : int

@@ -26,7 +26,7 @@ def limits_of(spec: LimitsSpec, rows: Rows, course: Course, begun: Array) -> lis
     spec : LimitsSpec
         As declared.
     rows : Rows
-        Of the plant.
+        Rows of the plant's positions and velocities.
     course : Course
         The reference.
     begun : ndarray, shape (N,)
@@ -37,7 +37,7 @@ def limits_of(spec: LimitsSpec, rows: Rows, course: Course, begun: Array) -> lis
     list of Limit
         Without dimension, positive inside the limit.
     """
-    found: list[Limit] = []
+    limits: list[Limit] = []
     speed, acceleration = course.fastest()
 
     def slopes(which: Sequence[int], size: float) -> Array:
@@ -62,7 +62,7 @@ def limits_of(spec: LimitsSpec, rows: Rows, course: Course, begun: Array) -> lis
         ) -> Array:
             return np.asarray(1.0 - size(x - course.at(t - begun[cases])) / most)
 
-        found.append(Limit(name, near, lipschitz=slopes(which, most), drift=drift / most))
+        limits.append(Limit(name, near, lipschitz=slopes(which, most), drift=drift / most))
     least, farthest = spec.distance_min_m, spec.distance_max_m
 
     def distances(x: Array) -> Array:
@@ -70,7 +70,7 @@ def limits_of(spec: LimitsSpec, rows: Rows, course: Course, begun: Array) -> lis
         return np.asarray(np.sqrt(np.sum(each * each, axis=1)))
 
     if least is not None:
-        found.append(
+        limits.append(
             Limit(
                 "distance_min",
                 lambda t, x, cases: distances(x).min(axis=0) / least - 1.0,
@@ -78,7 +78,7 @@ def limits_of(spec: LimitsSpec, rows: Rows, course: Course, begun: Array) -> lis
             )
         )
     if farthest is not None:
-        found.append(
+        limits.append(
             Limit(
                 "distance_max",
                 lambda t, x, cases: 1.0 - distances(x).max(axis=0) / farthest,
@@ -86,4 +86,4 @@ def limits_of(spec: LimitsSpec, rows: Rows, course: Course, begun: Array) -> lis
                 lipschitz=slopes(rows.positions, farthest),
             )
         )
-    return found
+    return limits

@@ -41,7 +41,7 @@ def law_input_rows(rows: Rows, law: Compensator | ContinuousLaw, names: Sequence
     Parameters
     ----------
     rows : Rows
-        Of the plant.
+        Rows of the plant's positions and velocities.
     law : Compensator or ContinuousLaw
         One that measures continuously sees all.
     names : sequence of str
@@ -77,7 +77,7 @@ def navigation_of(spec: NavigationSpec, rows: Rows, seen: Sequence[int]) -> Navi
     spec : NavigationSpec
         Errors of positions and velocities; other states have none.
     rows : Rows
-        Of the plant.
+        Rows of the plant's positions and velocities.
     seen : sequence of int
         Which states.
 
@@ -186,13 +186,13 @@ class Effectiveness:
 
     def inputs(self) -> tuple[Parameter, ...]:
         """Return what may differ from case to case."""
-        found = [Parameter("actuator.scale", 1.0)]
-        found += [Parameter(f"actuator.gain.{name}", 1.0) for name in self._names]
+        parameters = [Parameter("actuator.scale", 1.0)]
+        parameters += [Parameter(f"actuator.gain.{name}", 1.0) for name in self._names]
         if self._turns:
-            found += [Parameter(f"actuator.turn.{name}", 0.0, "rad") for name in self._names]
+            parameters += [Parameter(f"actuator.turn.{name}", 0.0, "rad") for name in self._names]
         if len(self._names) > 1:
-            found.append(Parameter("actuator.coupling", 0.0))
-        return tuple(found)
+            parameters.append(Parameter("actuator.coupling", 0.0))
+        return tuple(parameters)
 
     def gain(self, batch: CaseBatch) -> Array | None:
         """Return the matrices (p, p, N); None if none of the inputs differs."""

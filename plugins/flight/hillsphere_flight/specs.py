@@ -51,7 +51,10 @@ class TargetSpec(Spec):
         min_length=1,
     )
     velocity_m_s: tuple[float, ...] | None = quantity(
-        "speed", "velocities, likewise; left out: zero", default=None, min_length=1
+        "speed",
+        "velocities, one per state that is a velocity; left out: zero",
+        default=None,
+        min_length=1,
     )
 
 

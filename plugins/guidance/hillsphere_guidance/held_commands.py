@@ -38,7 +38,7 @@ def solve_held_command(motion: Motion, t: Array, x: Array, mean: Array, time_s: 
     Parameters
     ----------
     motion : Motion
-        Of the plant.
+        Motion of the plant.
     t : ndarray, shape (K,)
         Rising times since the start, two steps at least.
     x : ndarray, shape (n, K)

@@ -60,7 +60,7 @@ def fly_held_steps(motion: Motion, x: Array, u: Array, h: Array, t: Array) -> He
     Parameters
     ----------
     motion : Motion
-        Of the plant.
+        Motion of the plant.
     x : ndarray, shape (n, N)
         States at the starts, SI.
     u : ndarray, shape (d, N)

@@ -36,10 +36,10 @@ class ZemZevSpec(Spec):
         },
     )
 
-    plant: Ref = reference("plant", "whose field is predicted")
+    plant: Ref = reference("plant", "plant whose field is predicted")
     period_s: float = quantity("time", "time between samples", gt=0)
     duration_s: float = quantity(
-        "time", "from the first sample to the arrival, a multiple of the period", gt=0
+        "time", "time from the first sample to the arrival, a multiple of the period", gt=0
     )
     towards: Literal["target", "site", "reference"] = option(
         "'target': to the flight's target, without any reference; 'site': to a landing site, "

@@ -85,7 +85,7 @@ class _SplinePath:
     Parameters
     ----------
     motion : Motion
-        Of the plant.
+        Motion of the plant.
     task : GuidanceTask
         Start, end and duration.
     count : int

@@ -31,9 +31,9 @@ class Replanner:
     Parameters
     ----------
     motion : Motion
-        Of the plant.
+        Motion of the plant.
     control_points : int
-        Of each axis.
+        Number of control points of each axis.
     """
 
     def __init__(self, motion: Motion, control_points: int) -> None:

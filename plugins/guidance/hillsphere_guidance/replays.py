@@ -29,7 +29,7 @@ def replay_continuous(motion: Motion, flight: GuidedFlight, start: Array, time_s
     Parameters
     ----------
     motion : Motion
-        Of the plant.
+        Motion of the plant.
     flight : GuidedFlight
         The plan.
     start : ndarray, shape (n,)
@@ -72,7 +72,7 @@ def replay_held(motion: Motion, t: Array, u: Array, start: Array, time_s: float)
     Parameters
     ----------
     motion : Motion
-        Of the plant.
+        Motion of the plant.
     t : ndarray, shape (K,)
         Times since the start.
     u : ndarray, shape (d, K - 1)

@@ -17,7 +17,7 @@ def check_task(motion: Motion, task: GuidanceTask) -> None:
     Parameters
     ----------
     motion : Motion
-        Of the plant.
+        Motion of the plant.
     task : GuidanceTask
         Start, end and duration.
 

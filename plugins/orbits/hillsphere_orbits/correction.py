@@ -196,8 +196,8 @@ def tangents(problem: Problem, z: Array, along: Array | None = None) -> Array:
         Unit vectors.
     """
     _, slopes = problem.residual(z)
-    found = np.linalg.svd(np.moveaxis(slopes, 2, 0))[2][:, -1, :].T
+    vectors = np.linalg.svd(np.moveaxis(slopes, 2, 0))[2][:, -1, :].T
     if along is not None:
-        sense = np.sum(found * np.reshape(along, (z.shape[0], -1)), axis=0)
-        found = np.where(sense < 0.0, -found, found)
-    return np.ascontiguousarray(found)
+        sense = np.sum(vectors * np.reshape(along, (z.shape[0], -1)), axis=0)
+        vectors = np.where(sense < 0.0, -vectors, vectors)
+    return np.ascontiguousarray(vectors)

@@ -126,7 +126,7 @@ def secondary(
     rows: list[tuple[int, float, float, float, float]] = []
     for k, (_, _, test) in enumerate(tests):
         rows += [
-            (k, *found) for found in _brackets(*_with_turns(at, test, places, test(monodromy)))
+            (k, *bracket) for bracket in _brackets(*_with_turns(at, test, places, test(monodromy)))
         ]
     if not rows:
         return Secondary((), (), np.empty(0), np.empty((2, 0), dtype=complex))

@@ -9,14 +9,13 @@ import numpy as np
 from hillsphere.base.contracts import Contract
 from hillsphere.dynamics import Taylor
 from hillsphere.errors import ConvergenceError
-from hillsphere.interfaces import Array, Plant
+from hillsphere.interfaces import Array, ArrayConserved, Plant
 from hillsphere.products import PeriodicOrbits
 from hillsphere_orbits.shooting import Shooting
 from hillsphere_orbits.stability import determinant_error, multipliers
 
 __all__ = [
     "NEARLY_PLANAR",
-    "ArrayConserved",
     "LockedMoon",
     "Surveyor",
     "TruePrimary",
@@ -66,15 +65,6 @@ class TruePrimary(Contract, Protocol):
     """A plant that has the primary at its true distance, not in Hill's approximation."""
 
     primary_gm_m3_s2: float
-
-
-@runtime_checkable
-class ArrayConserved(Contract, Protocol):
-    """A plant whose integral of motion is a function of arrays, not an expression."""
-
-    def integral_array(self, x: Array) -> Array:
-        """Return the integral (N,), m²/s², at states (n, N), SI."""
-        ...
 
 
 class Surveyor:

@@ -33,7 +33,11 @@ class DragSpec(Spec):
         ge=50,
         le=400,
     )
-    f107_average: float = option("its mean over 81 days about the day", ge=50, le=300)
+    f107_average: float = option(
+        "mean of the solar flux at 10.7 cm over 81 days about the day, 1e-22 W/(m² Hz)",
+        ge=50,
+        le=300,
+    )
     ap: float = option("daily geomagnetic index Ap; quiet 4, moderate 15, storm 100", ge=0, le=400)
 
 
@@ -59,7 +63,7 @@ class EarthOrbitSpec(Spec):
     )
 
     body: Ref = reference("body", "the planet: gives ellipsoid and rotation")
-    gravity: Ref = reference("gravity", "its gravity, in its body-fixed frame")
+    gravity: Ref = reference("gravity", "gravity of the planet, in its body-fixed frame")
     epoch: str = option("date and time (UTC) at which times count from zero", max_length=40)
     frame: Literal["teme", "gcrs"] = option(
         "frame of the states: true equator and mean equinox of the epoch, about whose pole the "

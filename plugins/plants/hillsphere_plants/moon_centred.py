@@ -109,7 +109,7 @@ class MoonCentred(ABC):
     meridian_rad : float
         Angle about +z from +x to the moon's longitude 0.
     mean_motion_rad_s : float
-        Of the moon about its primary.
+        Mean motion of the moon about its primary.
     """
 
     states: tuple[Variable, ...] = POSITION_AND_VELOCITY

@@ -59,7 +59,7 @@ class ProximitySpec(Spec):
     """What sensors find in its scene, by name."""
 
     body: Ref = reference("body", "the asteroid: gives orbit, rotation and surface")
-    gravity: Ref = reference("gravity", "its gravity, in its body-fixed frame")
+    gravity: Ref = reference("gravity", "gravity of the asteroid, in its body-fixed frame")
     spacecraft: tuple[SpacecraftSpec, ...] = option(
         "the spacecraft; six states and three controls each, in this order",
         default=(SpacecraftSpec(),),
@@ -167,7 +167,7 @@ class FormationReferenceSpec(StageSpec):
         "differences of the elements, one table a spacecraft", min_length=1, max_length=20
     )
     duration_s: float = quantity("time", "length of the trajectory", gt=0)
-    interval_s: float = quantity("time", "time between its points", gt=0)
+    interval_s: float = quantity("time", "time between the points of the reference", gt=0)
 
     @model_validator(mode="after")
     def _several_points(self) -> Self:

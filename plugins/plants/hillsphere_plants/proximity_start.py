@@ -26,7 +26,7 @@ class HillFrame:
     Parameters
     ----------
     names : tuple of str
-        Of the asteroid and its primary.
+        Names of the asteroid and its primary.
     gms_m3_s2 : tuple of float
         Their gravitational parameters.
     origin : ndarray, shape (6,)

@@ -30,7 +30,7 @@ class AxialRotation(NamedTuple):
     Parameters
     ----------
     cos, sin : float
-        Of the angle from +x of the motion to longitude 0 of the body.
+        Cosine and sine of the angle from +x of the motion to longitude 0 of the body.
     """
 
     cos: float

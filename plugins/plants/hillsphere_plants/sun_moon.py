@@ -29,7 +29,7 @@ def sun_position(centuries: Expr) -> Vec3:
     Returns
     -------
     Vec3
-        Of the Sun.
+        Position of the Sun.
 
     References
     ----------
@@ -54,7 +54,7 @@ def moon_position(centuries: Expr) -> Vec3:
     Returns
     -------
     Vec3
-        Of the Moon.
+        Position of the Moon.
 
     References
     ----------

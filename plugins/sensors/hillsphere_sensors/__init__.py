@@ -13,7 +13,7 @@ def hillsphere_components() -> list[Component]:
             "sensor",
             "antenna",
             "hillsphere_sensors.antenna:Antenna",
-            "hillsphere_sensors.specs:AntennaSpec",
+            "hillsphere_sensors.antenna_specs:AntennaSpec",
             "azimuth and elevation of a ground antenna: noise, biases, outliers, dropouts",
         ),
         Component(

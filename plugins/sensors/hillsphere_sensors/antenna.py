@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hillsphere.base.geodetic import Station
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Channel, Scene
-from hillsphere_sensors.specs import AntennaSpec
+from hillsphere_sensors.antenna_specs import AntennaSpec
 
 __all__ = ["Antenna"]
 

@@ -50,7 +50,7 @@ def heliocentric_scene(
     epoch : Epoch
         From which times count.
     earth : Ephemeris
-        Of the Earth.
+        Ephemeris of the Earth.
     asteroid : Ephemeris or OrbitingBody, optional
         Orbit of the asteroid in whose Hill frame the states are; left out: they are heliocentric.
     orientation : EarthOrientation

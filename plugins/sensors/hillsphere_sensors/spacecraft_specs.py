@@ -31,7 +31,9 @@ class SpacecraftSensorSpec(Spec):
     """Common keys of these sensors: their spacecraft, schedule, dropouts, outliers and outages."""
 
     spacecraft: int = option(
-        "whose: the number of its six rows among the states, from 1", default=1, ge=1
+        "spacecraft that carries the sensor: number of its six rows among the states, from 1",
+        default=1,
+        ge=1,
     )
     period_s: float = quantity(
         "time", "time between measurements, from time 0 on; 0: whenever asked", default=0.0, ge=0
@@ -45,7 +47,9 @@ class SpacecraftSensorSpec(Spec):
     outlier_probability: float = option(
         "probability that a measurement is an outlier, each for itself", default=0.0, ge=0, le=1
     )
-    outlier_factor: float = option("by which the noise of outliers is greater", default=30.0, ge=1)
+    outlier_factor: float = option(
+        "factor by which the noise of outliers is greater", default=30.0, ge=1
+    )
 
     @property
     def takes(self) -> tuple[str, ...]:
@@ -71,6 +75,7 @@ class CameraSpec(SpacecraftSensorSpec):
             "output": "pixels",
             "bias_px": 1,
         },
+        {"body": "asteroid", "target": "points", "points": 80, "output": "pixels"},
     )
 
     body: Ref = reference("body", "the asteroid: gives its surface")
@@ -120,12 +125,17 @@ class CameraSpec(SpacecraftSensorSpec):
 class LidarSpec(SpacecraftSensorSpec):
     """A laser altimeter: range to the surface and, if asked, the direction of the spot."""
 
-    examples = ({"body": "asteroid"}, {"body": "asteroid", "spot": "pointing", "angles": False})
+    examples = (
+        {"body": "asteroid"},
+        {"body": "asteroid", "spot": "pointing", "angles": False},
+        {"body": "asteroid", "angles": False},
+        {"body": "asteroid", "angles": False, "field_of_view_deg": 30},
+    )
 
     body: Ref = reference("body", "the asteroid: gives its surface")
     spot: Literal["below", "pointing"] = option(
-        "where it shines: on the line to the centre of mass, as if pointing were perfect and only "
-        "knowledge of it in error; or along the boresight that is commanded",
+        "where the beam shines: on the line to the centre of mass, as if pointing were perfect "
+        "and only knowledge of it in error; or along the boresight that is commanded",
         default="below",
     )
     angles: bool = option(
@@ -387,7 +397,8 @@ class StarTrackerSpec(SpacecraftSensorSpec):
         default=0.0, ge=0,
     )  # fmt: skip
     sun_cone_rad: float = quantity(
-        "angle", "it is blind if the Sun is nearer to its boresight than this; looks away from "
+        "angle",
+        "the sensor is blind if the Sun is nearer to its boresight than this; looks away from "
         "the asteroid",
         default=0.0, ge=0, lt=pi,
     )  # fmt: skip

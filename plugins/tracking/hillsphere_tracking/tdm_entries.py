@@ -107,8 +107,8 @@ class _XmlEntries:
                 f"{self._where}:{error.lineno + self._offset}: not well-formed XML: "
                 f"{expat.errors.messages[error.code]}"
             ) from error
-        found, self._complete = self._complete, []
-        return found
+        entries, self._complete = self._complete, []
+        return entries
 
     def _doctype(self, *_: object) -> None:
         # Entities could make a small file huge; no message of this standard needs them.

@@ -17,7 +17,7 @@ from numpy.testing import assert_array_equal
 from hillsphere.cli.endings import run
 from hillsphere.products.product_codec import load_product
 from hillsphere_controllers.stages.synthesis.products import Synthesis
-from hillsphere_controllers.structured.search import Found, Search, Start
+from hillsphere_controllers.structured.search import Search, SearchResult, Start
 
 MISSION = """format = 1
 name = "mass"
@@ -107,7 +107,7 @@ def test_an_interrupted_synthesis_is_resumed_to_the_same_bits(
     searched: list[int] = []
     search = Search.__call__
 
-    def counted(self: Search, start: Start) -> Found:
+    def counted(self: Search, start: Start) -> SearchResult:
         searched.append(start.number)
         return search(self, start)
 

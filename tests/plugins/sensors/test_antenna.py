@@ -13,7 +13,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Sensor
 from hillsphere.plugins import validate
 from hillsphere_sensors.antenna import Antenna
-from hillsphere_sensors.specs import AntennaSpec
+from hillsphere_sensors.antenna_specs import AntennaSpec
 from hillsphere_tracking.recording import draw_constants, record
 
 ALCANTARA = {

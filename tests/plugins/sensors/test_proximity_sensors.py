@@ -323,26 +323,6 @@ def test_heliocentric_states_with_a_target() -> None:
     np.testing.assert_allclose(found, [-1.304284e-2, -1.541664e-3], rtol=0, atol=2e-8)
 
 
-@pytest.mark.parametrize(
-    ("kind", "keys", "lacks"),
-    [
-        ("camera", {}, "boresight"),
-        ("camera", {"target": "disc"}, "to_body"),
-        ("camera", {"target": "disc", "sunlit": True}, "sun"),
-        ("lidar", {}, "to_body"),
-        ("lidar", {}, "boresight"),
-        ("inter_satellite", {"partner": 2}, "sun"),
-        ("sun_sensor", {}, "sun"),
-        ("star_tracker", {}, "attitude"),
-        ("sun_doppler", {}, "origin"),
-    ],
-)
-def test_what_the_scene_lacks(kind: str, keys: dict[str, Any], lacks: str) -> None:
-    rest = {name: value for name, value in scene().items() if name != lacks}
-    with pytest.raises(InputError, match=f"lacks '{lacks}'"):
-        sensor(kind, **keys).observe(STATES[:, None], NOW, rest)
-
-
 def test_refused() -> None:
     with pytest.raises(InputError, match="no surface"):
         sensor("lidar", body=body(semi_axes_m=None))
@@ -375,34 +355,3 @@ def test_boresight_over_a_pole(sign: float) -> None:
     np.testing.assert_allclose(found, rotate(line_of_sight_frame(along), way), atol=1e-9)
     axes = line_of_sight_frame(along)[:, :, 0]
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("kind", "keys"),
-    [
-        ("camera", {}),
-        ("camera", {"target": "disc", "points": 60, "sunlit": True}),
-        ("camera", {"target": "points", "points": 60, "output": "pixels"}),
-        ("lidar", {}),
-        ("lidar", {"angles": False}),
-        ("lidar", {"angles": False, "field_of_view_deg": 30}),
-        ("lidar", {"angles": False, "spot": "pointing"}),
-        ("inter_satellite", {"partner": 2}),
-        ("inter_satellite", {"partner": 2, "sun_cone_deg": 0, "body": body()}),
-        ("sun_sensor", {}),
-        ("sun_sensor", {"field_of_view_deg": 120}),
-        ("star_tracker", {}),
-        ("star_tracker", {"sun_cone_deg": 30}),
-    ],
-)
-def test_takes_from_the_scene_what_it_says(kind: str, keys: dict[str, Any]) -> None:
-    """Without any of it the sensor fails, and with nothing else it works."""
-    made = sensor(kind, **keys)
-    whole = {**scene(), "attitude": np.zeros((2, 3, 1))}
-    own = {name: whole[name] for name in made.takes}
-    assert np.isfinite(made.observe(STATES[:, None], NOW, own)).all()
-    assert made.visible(STATES[:, None], NOW, own).shape == (1,)
-    for name in own:
-        rest = {key: value for key, value in own.items() if key != name}
-        with pytest.raises(InputError, match=f"lacks '{name}'"):
-            [ask(STATES[:, None], NOW, rest) for ask in (made.observe, made.visible)]

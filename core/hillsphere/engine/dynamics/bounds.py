@@ -33,9 +33,9 @@ class Bound(Overloaded):
     Parameters
     ----------
     value : Interval
-        Of the quantity itself.
+        Bounds of the quantity itself.
     rate, second : Interval or None
-        Of its first and second time derivative; None if they are zero.
+        Bounds of its first and second time derivative; None if they are zero.
     """
 
     __slots__ = ("rate", "second", "value")
@@ -235,12 +235,12 @@ class Bound(Overloaded):
 
 def _eccentric_anomaly(e: Array, m: Array) -> Array:
     e, m = np.broadcast_arrays(e, m)
-    found = m + e * np.sin(m)
+    anomaly = m + e * np.sin(m)
     # Newton's method from here converges for e < 0.99 in fewer steps than these; a NaN stays.
     for _ in range(60):
-        found = found - (found - e * np.sin(found) - m) / (1.0 - e * np.cos(found))
-    left = np.abs(found - e * np.sin(found) - m)
-    return np.where(left <= 1e-14 * (1.0 + np.abs(m)), found, np.nan)
+        anomaly = anomaly - (anomaly - e * np.sin(anomaly) - m) / (1.0 - e * np.cos(anomaly))
+    left = np.abs(anomaly - e * np.sin(anomaly) - m)
+    return np.where(left <= 1e-14 * (1.0 + np.abs(m)), anomaly, np.nan)
 
 
 def _add(a: _Part, b: _Part) -> _Part:

@@ -20,7 +20,7 @@ from hillsphere.engine.dynamics.lanes import per_lane, refuse_non_finite
 from hillsphere.engine.dynamics.march import March
 from hillsphere.engine.dynamics.proof import (
     MARGIN,
-    Found,
+    FirstCrossings,
     Pieces,
     Slopes,
     count_crossings,
@@ -97,8 +97,8 @@ def first_crossing(
     wait = np.abs(per_lane(after, cases, "after"))
 
     def event(y: Array, t: Array) -> Array:
-        found: Array = value(y[:n], march.p, t)[0]
-        return found
+        events: Array = value(y[:n], march.p, t)[0]
+        return events
 
     proof = _Proof(march, value, direction, bounded)
     state = _First(cases, y0)
@@ -189,21 +189,21 @@ class _Proof:
         certain = counts & crosses & sure
         first = np.where(certain.any(axis=0), certain.argmax(axis=0), steps)
         unsure &= np.arange(steps)[:, None] <= first
-        found = self._searched(t, y, g, unsure) if self._bounded is not None else None
+        crossings = self._searched(t, y, g, unsure) if self._bounded is not None else None
         for j in range(steps):
             here = counts[j] & ~state.over
             hit = here & crosses[j]
             inner = np.zeros_like(hit)
-            if found is not None:
+            if crossings is not None:
                 rows = slice(j * march.cases, (j + 1) * march.cases)
                 looked = here & unsure[j]
-                at, opens = found.begin[0, rows], found.open_at[0, rows]
+                at, opens = crossings.begin[0, rows], crossings.open_at[0, rows]
                 lost = looked & np.isfinite(opens) & ~(np.abs(at) < opens)
                 state.resolved[lost] = False
                 hit = (hit & ~looked) | (looked & np.isfinite(at) & ~lost)
                 inner = looked & hit
                 state.near[inner] = at[inner]
-                state.far[inner] = found.end[0, rows][inner]
+                state.far[inner] = crossings.end[0, rows][inner]
                 state.over |= lost
             elif self._bounded is None:
                 close = np.minimum(np.abs(g[j]), np.abs(g[j + 1])) < MARGIN
@@ -235,7 +235,9 @@ class _Proof:
         )
         return (clear | single) & holds
 
-    def _searched(self, t: Array, y: Array, g: Array, unsure: NDArray[np.bool_]) -> Found | None:
+    def _searched(
+        self, t: Array, y: Array, g: Array, unsure: NDArray[np.bool_]
+    ) -> FirstCrossings | None:
         """Search the steps (m, N) that are not sure, each as a lane of its own."""
         march, bounded = self._march, self._bounded
         assert bounded is not None
@@ -257,10 +259,10 @@ class _Proof:
             p = march.p[:, now.lane % cases]
             box: Enclosure = enclose(bounded, begin, length, now.y0, p, now.y1)
             when = np.minimum(begin, begin + length), np.maximum(begin, begin + length)
-            found = np.array(derivatives_within(bounded, when, box, [(row, row) for row in p]))
+            slopes = np.array(derivatives_within(bounded, when, box, [(row, row) for row in p]))
             unknown = ~box.holds
-            found[0::2, :, unknown], found[1::2, :, unknown] = -np.inf, np.inf
-            return found[0], found[1], found[2], found[3]
+            slopes[0::2, :, unknown], slopes[1::2, :, unknown] = -np.inf, np.inf
+            return slopes[0], slopes[1], slopes[2], slopes[3]
 
         def halve(lane: Integers, tau: Array) -> tuple[Array, Array]:
             start, p = np.ascontiguousarray(rows[:, lane]), march.p[:, lane % cases]

@@ -28,7 +28,7 @@ __all__ = [
     "DEPTH",
     "MARGIN",
     "ROUNDING",
-    "Found",
+    "FirstCrossings",
     "Pieces",
     "Slopes",
     "count_crossings",
@@ -104,7 +104,7 @@ class Pieces:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class FirstCrossings:
     """What a search found, by event and lane.
 
     Parameters
@@ -186,7 +186,7 @@ def search(
     direction: int,
     wanted: Flags,
     from_zero: bool = True,
-) -> Found:
+) -> FirstCrossings:
     """Find the first crossing of each event in the sub-steps of some lanes.
 
     Parameters
@@ -206,7 +206,7 @@ def search(
 
     Returns
     -------
-    Found
+    FirstCrossings
         Brackets and what stays open.
     """
     events = len(pieces.g0)
@@ -282,7 +282,7 @@ def search(
             waiting &= ~given_up
         left: Flags = np.asarray(waiting.any(axis=0))
         turns += _share_halves(depth + 1, pieces.taken(left), waiting[:, left], halve)
-    return Found(begin, end, open_at)
+    return FirstCrossings(begin, end, open_at)
 
 
 def _share_halves(

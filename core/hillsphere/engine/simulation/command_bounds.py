@@ -180,15 +180,18 @@ def affine_law(law: ContinuousLaw, plant: PlantBounds, run_time: int) -> AffineL
                 for s in (slopes, zeros)
                 for i, j in ((0, m), (m + q, total), (m, m + q))
             ]
-            found = function(
+            coefficients = function(
                 told[0],
                 told[1],
                 told[2],
                 Bound(iv.EVERYTHING, iv.EVERYTHING),
             )
             at_zero = function(told[3], told[4], told[5], Bound(iv.EVERYTHING))
-            matrix, constant = np.zeros((len(found), total)), np.zeros((len(found), 1))
-            for i, (e, z) in enumerate(zip(found, at_zero, strict=True)):
+            matrix, constant = (
+                np.zeros((len(coefficients), total)),
+                np.zeros((len(coefficients), 1)),
+            )
+            for i, (e, z) in enumerate(zip(coefficients, at_zero, strict=True)):
                 low, high = Bound.of(e).rate or iv.point(0.0)
                 matrix[i], constant[i] = 0.5 * (low + high), Bound.of(z).value[0]
                 if not np.max(high - low) <= 1e-12 * np.max(np.abs(matrix[i]) + 1e-300):

@@ -14,7 +14,7 @@ from hillsphere.base.errors import InputError
 from hillsphere.engine.dynamics.compiled import ArrayFunction
 from hillsphere.engine.dynamics.proof import (
     DEPTH,
-    Found,
+    FirstCrossings,
     Pieces,
     Slopes,
     count_crossings,
@@ -300,10 +300,10 @@ class Watch:
         # Sub-steps after the first certain end of a lane are irrelevant.
         live = flying & ~_earlier(ends)
         wanted = live & ~bad & ~certain.all(axis=0)
-        found = None
+        crossings = None
         if wanted.any():
-            found = self._searched(flown, np.flatnonzero(wanted), certain, index)
-            inner = np.isfinite(found.begin) | np.isfinite(found.open_at)
+            crossings = self._searched(flown, np.flatnonzero(wanted), certain, index)
+            inner = np.isfinite(crossings.begin) | np.isfinite(crossings.open_at)
             inner = inner.reshape(len(g0), steps, lanes)
             # The search replaces the signs at the ends, except for rows that start below zero.
             searched = wanted & ~certain
@@ -330,9 +330,11 @@ class Watch:
             np.ascontiguousarray(g0[:, at, lane]), np.ascontiguousarray(g1[:, at, lane]),
         )  # fmt: skip
         here = None
-        if found is not None:
+        if crossings is not None:
             column = at * lanes + lane
-            here = Found(found.begin[:, column], found.end[:, column], found.open_at[:, column])
+            here = FirstCrossings(
+                crossings.begin[:, column], crossings.end[:, column], crossings.open_at[:, column]
+            )
         fell, bad = fell[:, at, lane] & ended, bad[at, lane] & ended
         self._place(end, leg, step, fell & ~bad, bad, here)
         if doubtful is not None:
@@ -365,7 +367,7 @@ class Watch:
 
     def _searched(
         self, flown: _Flown, columns: Integers, certain: NDArray[np.bool_], index: Integers
-    ) -> Found:
+    ) -> FirstCrossings:
         """Search sub-steps for the first crossing of rows that their ends do not decide.
 
         Sub-steps are numbered with lanes varying fastest. They are searched in the order of time,
@@ -377,7 +379,7 @@ class Watch:
         begun = (leg.t + np.arange(steps)[:, None] * flown.h).reshape(-1)
         length = np.broadcast_to(flown.h, (steps, lanes)).reshape(-1)
         total = steps * lanes
-        found = Found(
+        crossings = FirstCrossings(
             np.full((rows, total), np.nan),
             np.full((rows, total), np.nan),
             np.full((rows, total), np.inf),
@@ -405,12 +407,13 @@ class Watch:
             )  # fmt: skip
             part = search(pieces, total, bounds, halve, -1, ~certain[:, j, lane])
             for mine, its in (
-                (found.begin, part.begin), (found.end, part.end), (found.open_at, part.open_at)
+                (crossings.begin, part.begin), (crossings.end, part.end),
+                (crossings.open_at, part.open_at),
             ):  # fmt: skip
                 mine[:, now] = its[:, now]
             hit = (np.isfinite(part.begin[:, now]) | np.isfinite(part.open_at[:, now])).any(axis=0)
             over[lane[hit]] = True
-        return found
+        return crossings
 
     def _place(
         self,
@@ -419,14 +422,14 @@ class Watch:
         step: _Step,
         fell: NDArray[np.bool_],
         bad: NDArray[np.bool_],
-        searched: Found | None,
+        searched: FirstCrossings | None,
     ) -> None:
         """Write into `end` the time, state and cause of lanes that ended, each in its sub-step."""
         cause = end.cause
         assert cause is not None
         partial = np.empty_like(step.y)
         width = 4.0 * np.finfo(float).eps * np.maximum(np.abs(step.h), np.abs(step.t))
-        first, found = np.full(len(step.t), np.inf), np.full(len(step.t), -1)
+        first, row_of = np.full(len(step.t), np.inf), np.full(len(step.t), -1)
         inner = np.zeros(fell.shape, dtype=bool)
         if searched is not None:
             inner = np.isfinite(searched.begin)
@@ -453,21 +456,21 @@ class Watch:
                     )
             hit = fell[row] | inner[row]
             sooner = hit & (tau < first)
-            first[sooner], found[sooner] = tau[sooner], row
-        hit = found >= 0
+            first[sooner], row_of[sooner] = tau[sooner], row
+        hit = row_of >= 0
         if searched is not None:
             row = np.argmin(searched.open_at, axis=0)
             opens = searched.open_at[row, np.arange(len(row))]
             undecided = np.isfinite(opens) & (opens <= first)
             first[undecided] = opens[undecided]
-            found[undecided] = self.diverged + 1 + row[undecided]
+            row_of[undecided] = self.diverged + 1 + row[undecided]
             hit |= undecided
         tau = np.where(hit, first, 0.0)
         self._stepper.bind(tau, leg.p)(step.y, partial, step.t)
         # A lane that turned non-finite is left at its last finite state.
         end.y[:, hit], end.y[:, bad] = partial[:, hit], step.y[:, bad]
         end.t[hit | bad] = (step.t + tau)[hit | bad]
-        cause[hit], cause[bad] = found[hit], self.diverged
+        cause[hit], cause[bad] = row_of[hit], self.diverged
 
 
 def _broken(y: Array, values: Array) -> NDArray[np.bool_]:

@@ -76,7 +76,7 @@ class EventProof:
     events : int
         Number of the plant's events.
     limits : sequence of Limit
-        Of the user; their rows follow those of the events.
+        Limits of the user; their rows follow those of the events.
     monotone : bool
         Whether a last row, the Δv at hand, follows. It never rises, so that its values at the ends
         of a sub-step decide it.
@@ -208,16 +208,16 @@ class EventProof:
             np.concatenate([len(parts) * part.chunk + i for i, part in enumerate(parts)]),
             *(_side_by_side(whole, name) for name in ("h", "duration", "least")),
         )
-        found, first = self._store.indices(columns, alone=chunk == 1), 0
+        places, first = self._store.indices(columns, alone=chunk == 1), 0
         for index, part in zip(indices, parts, strict=True):
             count = len(part.lane)
             by_chunk = np.full((len(part.widths), index.shape[1]), -1)
-            by_chunk[part.chunk, part.lane] = found[first : first + count]
+            by_chunk[part.chunk, part.lane] = places[first : first + count]
             index[:] = np.repeat(by_chunk, part.widths, axis=0)
             first += count
         if self.look is not None:
             self.look.remember(flown[-1].leg, len(indices[-1]), indices[-1][-1])
-        return bool(2 * np.count_nonzero(self._store.decided(found, columns)) > len(found))
+        return bool(2 * np.count_nonzero(self._store.decided(places, columns)) > len(places))
 
     def _columns(self, flown: Nodes, size: int) -> _Chunks:
         """Divide a leg into columns: chunks of sub-steps, lane by lane."""
@@ -332,20 +332,20 @@ class EventProof:
     ) -> Slopes:
         parts = derivatives_within(bounded, when, box, p)
         rows, lanes = len(self.bounded_rows), box.lo.shape[1]
-        found = np.empty((4, rows, lanes))
-        found[0::2], found[1::2] = -np.inf, np.inf
-        found[:, : self._events] = parts
+        bounds = np.empty((4, rows, lanes))
+        bounds[0::2], bounds[1::2] = -np.inf, np.inf
+        bounds[:, : self._events] = parts
         speed = np.maximum(np.abs(box.rate_lo), np.abs(box.rate_hi))
         for i, limit in enumerate(self._limits, start=self._events):
             if limit.lipschitz is not None:
                 by = np.asarray(limit.lipschitz, dtype=float)
                 most = by @ speed[: len(by)] * (1.0 + ROUNDING) + limit.drift
-                found[0, i], found[1, i] = -most, most
-        found[0::2][np.isnan(found[0::2])] = -np.inf
-        found[1::2][np.isnan(found[1::2])] = np.inf
+                bounds[0, i], bounds[1, i] = -most, most
+        bounds[0::2][np.isnan(bounds[0::2])] = -np.inf
+        bounds[1::2][np.isnan(bounds[1::2])] = np.inf
         if unknown.any():
-            found[0::2, :, unknown], found[1::2, :, unknown] = -np.inf, np.inf
-        return found[0], found[1], found[2], found[3]
+            bounds[0::2, :, unknown], bounds[1::2, :, unknown] = -np.inf, np.inf
+        return bounds[0], bounds[1], bounds[2], bounds[3]
 
     def _seen(self, leg: Leg, y: Array, h: Array) -> _View:
         """Return a leg as its region sees it: under an affine law the plant and its command."""

@@ -69,7 +69,7 @@ class QuickLook:
     states : slice
         Which of the states that fly regions have.
     tube : callable or None
-        Of the states of a linear law.
+        Tube of the states of a linear law.
     law : AffineLaw or None
         Whose commands are run-time parameters of the regions.
     fixed : int
@@ -167,9 +167,9 @@ class QuickLook:
         if kept is None or not len(lanes) or steps == 1:
             return
         duration = float(np.abs(leg.period).max()) / steps
-        found = self._of(kept.taken(index[lanes]), duration)
-        self._short = _nothing(found, len(index))
-        self._short.put(lanes, found)
+        regions = self._of(kept.taken(index[lanes]), duration)
+        self._short = _nothing(regions, len(index))
+        self._short.put(lanes, regions)
 
     def _renewed(self, flight: _Flight, lanes: Integers) -> _Known | None:
         """Return what is known when regions were found for some lanes, as far as there are any."""
@@ -187,17 +187,17 @@ class QuickLook:
             boxes, np.zeros(len(lanes), dtype=int), duration, duration, flight.least[:, lanes]
         )
         index = self._store.indices(columns)
-        kept, found = self._store.kept, index >= 0
-        if kept is None or not found.any():
+        kept, has_regions = self._store.kept, index >= 0
+        if kept is None or not has_regions.any():
             return self._long
         longest = float(np.abs(leg.sample).max())
         known = self._long
         if known is None or known.duration != longest or known.middle.shape[1] != total:
             known = None
-        now = self._of(kept.taken(index[found]), longest)
+        now = self._of(kept.taken(index[has_regions]), longest)
         if known is None:
             known = _nothing(now, total)
-        known.put(lanes[found], now)
+        known.put(lanes[has_regions], now)
         self._long, self._asked = known, None
         return known
 
@@ -259,7 +259,7 @@ class QuickLook:
         held : ndarray, shape (S or 1, k, B)
             Run-time parameters in the parts.
         length : float
-            Of the longest part.
+            Length of the longest part.
         """
         middle, half = known.p_middle[self._fixed :], known.p_half[self._fixed :]
         if self._law is None:

@@ -80,7 +80,7 @@ class Regions:
     boxes : Boxes
         R boxes.
     low, high : ndarray, shape (rows, R)
-        Of the rates of the states.
+        Bounds of the rates of the states.
     slopes : ndarray, shape (4, E, R)
         See `hillsphere.engine.dynamics.proof.Slopes`.
     bends : ndarray, shape (rows, R)
@@ -187,7 +187,7 @@ class Store:
     rows : ndarray of int
         Events with bounds, by which a region is judged.
     tube : callable or None
-        Of the states of a linear law.
+        Tube of the states of a linear law.
     """
 
     def __init__(self, bounds: Bounds, rows: Integers, tube: Tube | None) -> None:
@@ -384,24 +384,24 @@ class Store:
                 lo = np.where(out, np.fmin(trials.lo, one.lo + 2.0 * down), trials.lo) - more
                 hi = np.where(out, np.fmax(trials.hi, one.hi - 2.0 * up), trials.hi) + more
             trials = replace(trials, lo=lo, hi=hi)
-        found = self._bounds.regions(trials, low, high)
-        need = found.need(h)[self._rows]
+        regions = self._bounds.regions(trials, low, high)
+        need = regions.need(h)[self._rows]
         least = columns.least[self._rows]
         reference, best = None, None
-        for trial in range(len(found) - 1, -1, -1):
+        for trial in range(len(regions) - 1, -1, -1):
             holds = missing & _columns_in_box(inner, trial, columns)
             now = need[:, trial]
             if not (holds[seed] and np.isfinite(now).all()):
                 continue
             enough = 0.9 * least[:, holds].min(axis=1)
-            if trial == len(found) - 1:
+            if trial == len(regions) - 1:
                 reference = now
             if reference is not None:
                 reference = np.fmin(reference, now)
                 enough = np.maximum(enough, _LOOSE * reference)
             if (now <= enough).all():
                 best = trial
-        return None if best is None else found.taken(np.array([best]))
+        return None if best is None else regions.taken(np.array([best]))
 
     def _found(self, regions: Regions, columns: Columns) -> Integers:
         """Return the newest region that holds each column, −1 if none does.

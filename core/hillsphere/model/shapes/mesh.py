@@ -143,15 +143,15 @@ class Mesh:
 
     def _check_edges(self) -> None:
         sides, _ = self._sides()
-        found, counts = np.unique(sides, axis=0, return_counts=True)
+        edges, counts = np.unique(sides, axis=0, return_counts=True)
         if (counts > 1).any():
-            i, j = (found[np.argmax(counts > 1)] + 1).tolist()
+            i, j = (edges[np.argmax(counts > 1)] + 1).tolist()
             raise InputError(
                 f"two faces traverse the edge from vertex {i} to vertex {j} in the same "
                 "direction: neighbours are oriented differently, or more than two faces meet "
                 "there; orient all anticlockwise as seen from outside"
             )
-        pairs = {*map(tuple, found.tolist())}
+        pairs = {*map(tuple, edges.tolist())}
         if open_ := [(i, j) for i, j in pairs if (j, i) not in pairs]:
             i, j = min(open_)
             raise InputError(

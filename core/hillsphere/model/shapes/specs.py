@@ -82,7 +82,8 @@ class GridShapeSpec(Spec):
         default=(),
     )
     file: DataPath | None = data_path(
-        "the same rows, separated by blanks or commas, instead; # begins a comment", default=None
+        "instead of radii: file with their rows, separated by blanks or commas; # begins a comment",
+        default=None,
     )
 
     @model_validator(mode="after")

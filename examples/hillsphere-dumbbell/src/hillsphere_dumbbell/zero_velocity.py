@@ -96,17 +96,17 @@ class ZeroVelocityStage:
                 "surroundings"
             )
 
-        found, growth = equilibria(flow, self.spec.half_width_m / unit)
-        kept = np.hypot(*found) * unit >= self.spec.inner_radius_m
-        found, growth = found[:, kept], growth[kept]
-        ctx.info(f"{found.shape[1]} equilibrium points")
+        places, growth = equilibria(flow, self.spec.half_width_m / unit)
+        kept = np.hypot(*places) * unit >= self.spec.inner_radius_m
+        places, growth = places[:, kept], growth[kept]
+        ctx.info(f"{places.shape[1]} equilibrium points")
         return ZeroVelocity(
             frame=flow.frame,
             x_m=axis,
             y_m=axis.copy(),
             integral_m2_s2=values,
-            equilibria_m=found * unit,
-            equilibrium_integral_m2_s2=size * integral(_at_rest(found))[0],
+            equilibria_m=places * unit,
+            equilibrium_integral_m2_s2=size * integral(_at_rest(places))[0],
             growth_rate_1_s=growth / flow.time_unit_s,
         )
 
@@ -119,7 +119,7 @@ class ZeroVelocityStage:
             text_column("name", names),
             column("x_km", x),
             column("y_km", y),
-            column("integral_m2_s2", product.equilibrium_integral_m2_s2, unit="m²/s²"),
+            column("integral_m2_s2", product.equilibrium_integral_m2_s2),
             of("growth_rate_1_s", "growth_rate_1_h"),
         ]
         unstable = int(np.count_nonzero(product.growth_rate_1_s > 0))
@@ -182,10 +182,10 @@ def equilibria(flow: System, half_width: float) -> tuple[Array, Array]:
         if all(np.hypot(*(point - other)) > _MERGE for other in distinct):
             distinct.append(point)
     distinct.sort(key=lambda point: (round(float(point[0]), 9), float(point[1])))
-    found = np.array(distinct).reshape(-1, 2).T
-    matrices = slopes(_at_rest(found)).reshape(6, 6, -1).transpose(2, 0, 1)
+    positions = np.array(distinct).reshape(-1, 2).T
+    matrices = slopes(_at_rest(positions)).reshape(6, 6, -1).transpose(2, 0, 1)
     growth = np.linalg.eigvals(matrices).real.max(axis=1, initial=0.0)
-    return found, np.where(growth > 1e-7, growth, 0.0)
+    return positions, np.where(growth > 1e-7, growth, 0.0)
 
 
 def _at_rest(points: Array) -> Array:

@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hillsphere.base.matching import match_names
-from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.presentation import PALETTE, Cell, Figure, Metric, Presentation
+from hillsphere.show.tables import (
+    FieldColumns,
+    FilledColumn,
+    column,
+    tabulate,
+    text_column,
+)
 from hillsphere_campaigns.campaign_comparison.products import CampaignComparison, PairedMetrics
 from hillsphere_campaigns.figures import axis_label, grid_of, grid_size
-from hillsphere_campaigns.result_tables import MOST_ROWS, first_rows, number
+from hillsphere_campaigns.result_tables import (
+    MOST_ROWS,
+    first_rows,
+    gather,
+    gather_intervals,
+    interval_columns,
+    tabulate_first,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
@@ -26,39 +40,6 @@ _SENTENCES = 6
 
 _BARS = 40
 """Intervals of failure ratios drawn at most: with more their labels overlap on a page."""
-
-_WHO = (Column("campaign", "", "campaign"), Column("point", "", "point"))
-_FAILURES = (
-    *_WHO,
-    Column("pairs", "-", "pairs"),
-    Column("unpaired", "-", "cases without partner"),
-    Column("undecided", "-", "pairs with an undecided case"),
-    Column("baseline_failures", "-", "first failed"),
-    Column("failures", "-", "this failed"),
-    Column("only_baseline", "-", "only the first failed"),
-    Column("only_this", "-", "only this failed"),
-    Column("difference", "-", "difference of the failure ratios", 4),
-    Column("difference_low", "-", "at least", 4),
-    Column("difference_high", "-", "at most", 4),
-    Column("p", "-", "p (McNemar, exact)", 2),
-)
-_METRICS = (
-    *_WHO,
-    Column("metric", "", "metric"),
-    Column("unit", "", "unit"),
-    Column("pairs", "-", "pairs that came to their end"),
-    Column("baseline_mean", "-", "mean of the first", 5),
-    Column("difference", "-", "mean difference", 5),
-    Column("difference_low", "-", "at least", 5),
-    Column("difference_high", "-", "at most", 5),
-    Column("less", "-", "share of pairs where less", 4),
-    Column("less_low", "-", "at least", 4),
-    Column("less_high", "-", "at most", 4),
-    Column("more", "-", "share of pairs where more", 4),
-    Column("more_low", "-", "at least", 4),
-    Column("more_high", "-", "at most", 4),
-    Column("p", "-", "p (Wilcoxon)", 2),
-)
 
 
 def present_comparison(product: CampaignComparison, show: Sequence[str] = ()) -> Presentation:
@@ -88,16 +69,14 @@ def present_comparison(product: CampaignComparison, show: Sequence[str] = ()) ->
         f"are those of {level} confidence intervals, each row by itself."
     )
     tables = {
-        "comparison_failures": Table(
+        "comparison_failures": tabulate_first(
             f"Failures compared with {product.baseline}",
-            _FAILURES,
-            _failure_rows(product)[:MOST_ROWS],
+            _failure_columns(product),
             [note + " Interval of the difference by Tango (1998).", *_undecided_notes(product)],
         ),
-        "comparison_metrics": Table(
+        "comparison_metrics": tabulate(
             f"Metrics compared with {product.baseline}",
-            _METRICS,
-            [_metric_row(one) for one in metrics[:MOST_ROWS]],
+            _metric_columns(metrics[:MOST_ROWS]),
             [
                 note,
                 "Over pairs that both came to their end; each number in the unit of its row."
@@ -130,7 +109,7 @@ def present_comparison(product: CampaignComparison, show: Sequence[str] = ()) ->
         metrics={"comparison_pairs": Metric(int(product.pairs.sum()))},
         tables=tables,
         figures=figures,
-        verdict=_verdict(product, metrics),
+        verdict=_verdict(product, tables["comparison_failures"].rows, metrics),
     )
 
 
@@ -143,54 +122,71 @@ def select_shown(metrics: Sequence[PairedMetrics], show: Sequence[str]) -> Seque
     return [one for one in metrics if one.metric in names]
 
 
-def _failure_rows(product: CampaignComparison) -> list[dict[str, Cell]]:
+def _failure_columns(product: CampaignComparison) -> list[FilledColumn]:
+    of, both = FieldColumns(product, "rows"), product.both_failed
     return [
-        {
-            "campaign": product.campaign[r],
-            "point": product.point[r],
-            "pairs": int(product.pairs[r]),
-            "unpaired": int(product.unpaired[r]),
-            "undecided": int(product.undecided[r]),
-            "baseline_failures": int(product.both_failed[r] + product.only_baseline_failed[r]),
-            "failures": int(product.both_failed[r] + product.only_other_failed[r]),
-            "only_baseline": int(product.only_baseline_failed[r]),
-            "only_this": int(product.only_other_failed[r]),
-            "difference": float(product.difference[r]),
-            "difference_low": float(product.difference_interval[0, r]),
-            "difference_high": float(product.difference_interval[1, r]),
-            "p": float(product.mcnemar_p[r]),
-        }
-        for r in range(len(product.campaign))
-    ]
+        of("campaign"),
+        of("point"),
+        of("pairs"),
+        of("unpaired"),
+        of("undecided"),
+        column("baseline_failures", both + product.only_baseline_failed, "first failed"),
+        column("failures", both + product.only_other_failed, "this failed"),
+        of("only_baseline_failed", "only_baseline"),
+        of("only_other_failed", "only_this"),
+        *interval_columns(
+            "difference", "difference of the failure ratios", product.difference,
+            product.difference_interval, 4, "",
+        ),
+        of("mcnemar_p", "p"),
+    ]  # fmt: skip
 
 
-def _metric_row(one: PairedMetrics) -> dict[str, Cell]:
-    count = max(one.pairs, 1)
-    return {
-        "campaign": one.campaign,
-        "point": one.point,
-        "metric": one.metric,
-        "unit": one.unit,
-        "pairs": one.pairs,
-        "baseline_mean": number(one.baseline_mean),
-        "difference": number(one.mean),
-        "difference_low": number(float(one.mean_interval[0])),
-        "difference_high": number(float(one.mean_interval[1])),
-        "less": one.less / count if one.pairs else None,
-        "less_low": float(one.less_interval[0]),
-        "less_high": float(one.less_interval[1]),
-        "more": one.more / count if one.pairs else None,
-        "more_low": float(one.more_interval[0]),
-        "more_high": float(one.more_interval[1]),
-        "p": number(one.p),
-    }
+def _metric_columns(shown: Sequence[PairedMetrics]) -> list[FilledColumn]:
+    campaign, point, metric, unit, pairs, baseline, mean, less, more, p = gather(
+        shown,
+        "campaign",
+        "point",
+        "metric",
+        "unit",
+        "pairs",
+        "baseline_mean",
+        "mean",
+        "less",
+        "more",
+        "p",
+    )
+    count = np.where(np.array(pairs) > 0, pairs, np.nan)  # no pair has no share
+    return [
+        text_column("campaign", campaign, "campaign"),
+        text_column("point", point, "point"),
+        text_column("metric", metric, "metric"),
+        text_column("unit", unit, "unit"),
+        column("pairs", pairs, "pairs that came to their end"),
+        column("baseline_mean", baseline, "mean of the first", 5),
+        *interval_columns(
+            "difference", "mean difference", mean, gather_intervals(shown, "mean_interval"), 5, ""
+        ),
+        *interval_columns(
+            "less", "share of pairs where less", less / count,
+            gather_intervals(shown, "less_interval"), 4, "",
+        ),
+        *interval_columns(
+            "more", "share of pairs where more", more / count,
+            gather_intervals(shown, "more_interval"), 4, "",
+        ),
+        column("p", p, "p (Wilcoxon)", 2),
+    ]  # fmt: skip
 
 
-def _verdict(product: CampaignComparison, metrics: Sequence[PairedMetrics]) -> list[str]:
+def _verdict(
+    product: CampaignComparison,
+    failures: Sequence[Mapping[str, Cell]],
+    metrics: Sequence[PairedMetrics],
+) -> list[str]:
     sentences: list[str] = []
-    failures = _failure_rows(product)[:_SENTENCES]
     ends = 100.0 * np.array([product.difference, *product.difference_interval]).T
-    for r, (row, (middle, low, high)) in enumerate(zip(failures, ends, strict=False)):
+    for r, (row, (middle, low, high)) in enumerate(zip(failures[:_SENTENCES], ends, strict=False)):
         at = f" at {row['point']}" if row["point"] else ""
         sentences.append(
             f"{row['campaign']} against {product.baseline}{at}: {row['failures']} failures instead "

@@ -2,44 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hillsphere.base.matching import match_names
 from hillsphere.base.problems import did_you_mean
-from hillsphere.cases.case_classes import FailureRatio, failure_ratio
+from hillsphere.cases.case_classes import failure_ratio
 from hillsphere.errors import InputError
-from hillsphere.presentation import Cell, Column, Metric, Presentation, Printed, Table
-from hillsphere.show.reference import PAPER_SUFFIX, ReferenceTable, difference_notes, with_paper
+from hillsphere.presentation import Metric, Presentation, Table
+from hillsphere.show.reference import ReferenceTable
+from hillsphere.show.tables import FilledColumn, column, set_beside, tabulate, text_column
 from hillsphere.spec.units import UNITS, unit_text
 from hillsphere_campaigns.campaign_summary.products import CampaignSummary
-from hillsphere_campaigns.result_tables import number
+from hillsphere_campaigns.result_tables import gather, gather_intervals, interval_columns
 
 if TYPE_CHECKING:
     from hillsphere_campaigns.campaign_summary.specs import CampaignSummarySpec
 
 __all__ = ["check_columns", "present_summary"]
-
-_COLUMNS = (
-    Column("name", "", "campaign and metric"),
-    Column("unit", "", "unit"),
-    Column("cases", "-", "cases"),
-    Column("mean", "-", "mean"),
-    Column("mean_low", "-", "at least"),
-    Column("mean_high", "-", "at most"),
-    Column("deviation", "-", "standard deviation"),
-    Column("deviation_low", "-", "at least"),
-    Column("deviation_high", "-", "at most"),
-)
-_CLAIMS = (
-    Column("claim", "", "statement"),
-    Column("answer", "", "answer"),
-    Column("difference", "-", "difference", 4),
-    Column("low", "-", "at least", 4),
-    Column("high", "-", "at most", 4),
-    Column("unit", "", "unit"),
-    Column("cases", "-", "pairs or cases"),
-)
 
 
 def present_summary(product: CampaignSummary, spec: CampaignSummarySpec) -> Presentation:
@@ -67,7 +51,7 @@ def present_summary(product: CampaignSummary, spec: CampaignSummarySpec) -> Pres
         if spec.show
         else product.metrics
     )
-    rows = _rows(product, names, _factors(product, spec.units))
+    columns = _columns(product, names, _factors(product, spec.units))
     level = f"{100 * product.level:g} %"
     notes = [
         f"Means and deviations over cases that came to their end, with {level} intervals; failures "
@@ -75,30 +59,12 @@ def present_summary(product: CampaignSummary, spec: CampaignSummarySpec) -> Pres
     ]
     if told := _undecided_notes(product):
         notes.append(told)
-    columns: list[Column] = list(_COLUMNS)
+    table = tabulate("Campaigns side by side", columns, notes)
     if spec.reference is not None:
-        reference = ReferenceTable.read(spec.reference)
-        rows = _beside(rows, reference, Path(spec.reference).name)
-        columns = with_paper(_COLUMNS, rows)
-        notes += difference_notes(rows, reference)
-    tables = {"campaign_summary": Table("Campaigns side by side", columns, rows, notes)}
+        table = _beside(table, product, spec.reference)
+    tables = {"campaign_summary": table}
     if product.claims:
-        tables["campaign_claims"] = Table(
-            "Statements and answers", _CLAIMS, [
-                {
-                    "claim": one.text, "answer": one.answer, "difference": number(one.difference),
-                    "low": number(float(one.interval[0])),
-                    "high": number(float(one.interval[1])), "unit": one.unit, "cases": one.pairs,
-                }
-                for one in product.claims
-            ],
-            [
-                f"Differences case by case, with {level} intervals; below zero they speak for the "
-                "statement. Chosen cases are no sample: their ratios are compared as they are. "
-                "The answers are about the campaigns as they were flown: designs that serve the "
-                "same purpose as well may differ from these by as much."
-            ],
-        )  # fmt: skip
+        tables["campaign_claims"] = _claim_table(product, level)
     return Presentation(
         metrics={
             "summary_campaigns": Metric(len(product.labels)),
@@ -134,50 +100,68 @@ def _plain(unit: str) -> str:
     return unit.replace("/", "_").replace("²", "2").replace("³", "3")
 
 
-def _rows(
+def _columns(
     product: CampaignSummary, names: tuple[str, ...], factors: dict[str, tuple[str, float]]
-) -> list[dict[str, Cell]]:
-    rows: list[dict[str, Cell]] = []
-    for c, label in enumerate(product.labels):
-        for name in names:
-            m = product.metrics.index(name)
-            unit, factor = factors[name]
-            low, high = factor * product.mean_interval[:, m, c]
-            least, most = factor * product.deviation_interval[:, m, c]
-            rows.append(
-                {
-                    "name": f"{label}, {name}",
-                    "unit": unit,
-                    "cases": int(product.count[m, c]),
-                    "mean": number(factor * float(product.mean[m, c])),
-                    "mean_low": number(float(low)),
-                    "mean_high": number(float(high)),
-                    "deviation": number(factor * float(product.deviation[m, c])),
-                    "deviation_low": number(float(least)),
-                    "deviation_high": number(float(most)),
-                }
-            )
-        found = failure_ratio(
-            product.failures[c], product.cases[c], product.undecided[c], product.level
-        )
-        low, high = 100.0 * found.interval
-        rows.append(
-            _ratio(f"{label}, failures", found) | {"mean_low": float(low), "mean_high": float(high)}
-        )
-        if product.worst_cases[c]:
-            worst = failure_ratio(
-                product.worst_failures[c], product.worst_cases[c], product.worst_undecided[c]
-            )
-            rows.append(_ratio(f"{label}, worst_failures", worst))
-    return rows
+) -> list[FilledColumn]:
+    """Return columns with rows for the metrics, failures and chosen cases of each campaign."""
+    failures = failure_ratio(product.failures, product.cases, product.undecided, product.level)
+    worst = failure_ratio(product.worst_failures, product.worst_cases, product.worst_undecided)
+    titles = [*names, "failures", "worst_failures"]
+    has_row = np.ones((len(product.labels), len(titles)), dtype=bool)
+    has_row[:, -1] = product.worst_cases > 0
+    campaign, title = np.nonzero(has_row)
+    units, scales = zip(*(factors[name] for name in names), ("%", 100.0), ("%", 100.0), strict=True)
+    scale = np.array(scales)[title]
+    metrics = [product.metrics.index(name) for name in names]
+    blank = np.full(len(product.labels), np.nan)
+
+    def rows(
+        of_metrics: NDArray[Any], of_failures: NDArray[Any] = blank, of_worst: NDArray[Any] = blank
+    ) -> NDArray[Any]:
+        stacked = np.concatenate([of_metrics[metrics], [of_failures], [of_worst]])
+        return np.asarray(stacked[title, campaign])
+
+    means = zip(product.mean_interval, failures.interval, strict=True)
+    return [
+        text_column(
+            "name",
+            [f"{product.labels[c]}, {titles[k]}" for c, k in zip(campaign, title, strict=True)],
+            "campaign and metric",
+        ),
+        text_column("unit", [units[k] for k in title], "unit"),
+        column("cases", rows(product.count, failures.decided, worst.decided), "cases"),
+        *interval_columns(
+            "mean", "mean", scale * rows(product.mean, failures.value, worst.value),
+            [scale * rows(*ends) for ends in means], 8, "",
+        ),
+        *interval_columns(
+            "deviation", "standard deviation", scale * rows(product.deviation),
+            [scale * rows(ends) for ends in product.deviation_interval], 8, "",
+        ),
+    ]  # fmt: skip
 
 
-def _ratio(name: str, found: FailureRatio) -> dict[str, Cell]:
-    return {
-        "name": name, "unit": "%", "cases": int(found.decided),
-        "mean": number(100.0 * float(found.value)), "mean_low": None, "mean_high": None,
-        "deviation": None, "deviation_low": None, "deviation_high": None,
-    }  # fmt: skip
+def _claim_table(product: CampaignSummary, level: str) -> Table:
+    text, answer, difference, unit, pairs = gather(
+        product.claims, "text", "answer", "difference", "unit", "pairs"
+    )
+    low, high = gather_intervals(product.claims, "interval")
+    columns = [
+        text_column("claim", text, "statement"),
+        text_column("answer", answer, "answer"),
+        column("difference", difference, "difference", 4),
+        column("low", low, "at least", 4),
+        column("high", high, "at most", 4),
+        text_column("unit", unit, "unit"),
+        column("cases", pairs, "pairs or cases"),
+    ]
+    note = (
+        f"Differences case by case, with {level} intervals; below zero they speak for the "
+        "statement. Chosen cases are no sample: their ratios are compared as they are. "
+        "The answers are about the campaigns as they were flown: designs that serve the "
+        "same purpose as well may differ from these by as much."
+    )
+    return tabulate("Statements and answers", columns, [note])
 
 
 def _undecided_notes(product: CampaignSummary) -> str:
@@ -208,23 +192,22 @@ def check_columns(reference: ReferenceTable, file: str) -> None:
         )
 
 
-def _beside(
-    rows: list[dict[str, Cell]], reference: ReferenceTable, file: str
-) -> list[dict[str, Cell]]:
-    known = {f"{row['campaign']}, {row['metric']}": row for row in reference.rows}
-    made = []
-    for row in rows:
-        twin = known.get(str(row["name"]), {})
-        wide: dict[str, Cell] = {}
-        for key, cell in row.items():
-            wide[key] = cell
-            printed = twin.get(key) if key in ("mean", "deviation") else None
-            if isinstance(printed, Printed):
-                wide[key + PAPER_SUFFIX] = printed
-        made.append(wide)
-    if not any(key.endswith(PAPER_SUFFIX) for row in made for key in row):
+def _beside(table: Table, product: CampaignSummary, path: str) -> Table:
+    """Return the table with published means and deviations beside the computed ones."""
+    reference = ReferenceTable.read(path)
+    rows = tuple(
+        {
+            "name": f"{row['campaign']}, {row['metric']}",
+            "mean": row["mean"],
+            "deviation": row.get("deviation"),
+        }
+        for row in reference.rows
+    )
+    named = replace(reference, columns=("name", "mean", "deviation"), rows=rows)
+    wide = set_beside(table, named, on="name")
+    if len(wide.columns) == len(table.columns):
         raise InputError(
-            f"{file}: none of its rows is for a campaign and metric of this table; campaigns are "
-            f"called {', '.join(sorted({str(r['name']).partition(',')[0] for r in rows}))}"
+            f"{Path(path).name}: none of its rows is for a campaign and metric of this table; "
+            f"campaigns are called {', '.join(map(repr, sorted(product.labels)))}"
         )
-    return made
+    return wide

@@ -3,83 +3,69 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from hillsphere.base.arrays import Array, Integers
+from hillsphere.products.fields import Shape
 
 __all__ = ["CampaignSummary", "Claim"]
 
 
 @dataclass(frozen=True)
 class Claim:
-    """The answer to a statement.
-
-    Parameters
-    ----------
-    text : str
-        The statement.
-    answer : str
-        ``"confirmed"``, ``"refuted"`` or ``"undecidable"``.
-    difference : float
-        What the answer rests on: of a metric the mean difference over pairs, of failures the
-        difference of their ratios; below zero speaks for the statement.
-    interval : ndarray, shape (2,)
-        Of it, as wide as undecided cases leave it; both ends equal where nothing is random.
-    unit : str
-        Its unit.
-    pairs : int
-        Number of pairs, or of chosen cases.
-    reason : str
-        In words.
-    """
+    """The answer to a statement."""
 
     text: str
+    """The statement."""
     answer: str
+    """``"confirmed"``, ``"refuted"`` or ``"undecidable"``."""
     difference: float
-    interval: Array
+    """What the answer rests on: of a metric the mean difference over pairs, of failures the
+    difference of their ratios; below zero speaks for the statement."""
+    interval: Annotated[Array, Shape(2)]
+    """Interval of it, as wide as undecided cases leave it; both ends equal where nothing is
+    random."""
     unit: str
+    """Its unit."""
     pairs: int
+    """Number of pairs, or of chosen cases."""
     reason: str
+    """Reason for the answer, in words."""
 
 
 @dataclass(frozen=True)
 class CampaignSummary:
-    """C campaigns side by side.
+    """Campaigns side by side."""
 
-    Parameters
-    ----------
-    labels : tuple of str
-        One per campaign.
-    level : float
-        Confidence level of all intervals.
-    metrics, units : tuple of str
-        The m metrics that all campaigns have; SI.
-    count : ndarray of int, shape (m, C)
-        Cases that came to their end with a value.
-    mean, deviation : ndarray, shape (m, C)
-        Over them.
-    mean_interval, deviation_interval : ndarray, shape (2, m, C)
-        Of both.
-    cases, failures, undecided : ndarray of int, shape (C,)
-        Decided random cases, failures among them, and undecided cases beside them.
-    worst_cases, worst_failures, worst_undecided : ndarray of int, shape (C,)
-        The same of chosen cases; zero if there are none.
-    claims : tuple of Claim
-        The statements, answered.
-    """
-
-    labels: tuple[str, ...]
+    labels: Annotated[tuple[str, ...], Shape("campaigns")]
+    """Names of the campaigns."""
     level: float
-    metrics: tuple[str, ...]
-    units: tuple[str, ...]
-    count: Integers
-    mean: Array
-    deviation: Array
-    mean_interval: Array
-    deviation_interval: Array
-    cases: Integers
-    failures: Integers
-    undecided: Integers
-    worst_cases: Integers
-    worst_failures: Integers
-    worst_undecided: Integers
+    """Confidence level of all intervals."""
+    metrics: Annotated[tuple[str, ...], Shape("metrics")]
+    """Names of the metrics that all campaigns have."""
+    units: Annotated[tuple[str, ...], Shape("metrics")]
+    """Their units, SI."""
+    count: Annotated[Integers, Shape("metrics", "campaigns")]
+    """Cases that came to their end with a value."""
+    mean: Annotated[Array, Shape("metrics", "campaigns")]
+    """Mean over them."""
+    deviation: Annotated[Array, Shape("metrics", "campaigns")]
+    """Standard deviation over them."""
+    mean_interval: Annotated[Array, Shape(2, "metrics", "campaigns")]
+    """Interval of the mean."""
+    deviation_interval: Annotated[Array, Shape(2, "metrics", "campaigns")]
+    """Interval of the standard deviation."""
+    cases: Annotated[Integers, Shape("campaigns")]
+    """Decided random cases."""
+    failures: Annotated[Integers, Shape("campaigns")]
+    """Failures among them."""
+    undecided: Annotated[Integers, Shape("campaigns")]
+    """Undecided random cases."""
+    worst_cases: Annotated[Integers, Shape("campaigns")]
+    """Decided chosen cases; zero if there are none."""
+    worst_failures: Annotated[Integers, Shape("campaigns")]
+    """Failures among them."""
+    worst_undecided: Annotated[Integers, Shape("campaigns")]
+    """Undecided chosen cases."""
     claims: tuple[Claim, ...]
+    """The statements, answered."""

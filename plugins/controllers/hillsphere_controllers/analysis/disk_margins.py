@@ -159,9 +159,9 @@ def _disk_of_sensitivity(s: LtiSystem, skew: float, factors: Factors) -> DiskMar
     largest, frequency = norm.upper, norm.frequency_rad_s
     if factors == "diagonal" and len(s.d) > 1 and largest > 0.0:
         structure = BlockStructure([repeated_complex(1)] * len(s.d))
-        found = certified_peak(shifted, structure, gap=_GAP)
-        if found.upper < largest:
-            largest, frequency = found.upper, found.frequency_rad_s
+        peak = certified_peak(shifted, structure, gap=_GAP)
+        if peak.upper < largest:
+            largest, frequency = peak.upper, peak.frequency_rad_s
     alpha = 1.0 / largest if largest > 0.0 else np.inf
     return DiskMargin(alpha, skew, frequency, *_gain_and_phase(alpha, skew))
 

@@ -129,13 +129,13 @@ def hinf_norm(system: LtiSystem, tolerance: float = 1e-9) -> HinfNorm:
         return HinfNorm(np.inf, np.nan, np.inf)
     if system.dt_s is not None:
         made, _ = balance_states(system)
-        found = hinf_norm(continuous(made), tolerance)
-        frequency = 2.0 / system.dt_s * float(np.arctan(0.5 * system.dt_s * found.frequency_rad_s))
+        norm = hinf_norm(continuous(made), tolerance)
+        frequency = 2.0 / system.dt_s * float(np.arctan(0.5 * system.dt_s * norm.frequency_rad_s))
         if system.order == 0 or 0 in system.shape:
-            return HinfNorm(found.value, frequency, found.upper)
+            return HinfNorm(norm.value, frequency, norm.upper)
         # the image was rounded as well
         high, error = _gain_with_rounding(made, frequency)
-        return HinfNorm(found.value, frequency, max(found.upper, high), max(found.error, error))
+        return HinfNorm(norm.value, frequency, max(norm.upper, high), max(norm.error, error))
     direct = float(largest_gains(system.d[None].astype(complex))[0])
     if system.order == 0 or 0 in system.shape:
         return HinfNorm(direct, 0.0, direct)
@@ -145,9 +145,9 @@ def hinf_norm(system: LtiSystem, tolerance: float = 1e-9) -> HinfNorm:
     # The peak is at infinity, where R is singular: s → ω²/s puts it at zero.
     scale = float(np.exp(np.mean(np.log(np.abs(search.response.poles)))))
     inverse = _invert_frequency(system, scale)
-    found = _Search(inverse, inverse.poles).climb(tolerance)
-    frequency = np.inf if found.frequency_rad_s == 0.0 else scale**2 / found.frequency_rad_s
-    return HinfNorm(found.value, float(frequency), found.upper, found.error)
+    norm = _Search(inverse, inverse.poles).climb(tolerance)
+    frequency = np.inf if norm.frequency_rad_s == 0.0 else scale**2 / norm.frequency_rad_s
+    return HinfNorm(norm.value, float(frequency), norm.upper, norm.error)
 
 
 class _Search:
@@ -243,10 +243,10 @@ class _Search:
                 self.look(np.concatenate([omega, 0.5 * (omega[1:] + omega[:-1])]))
             if self.value > level:
                 continue
-            found = self._bound_with_rounding(level)
-            noise = max(self.noise, found.error)
+            bound = self._bound_with_rounding(level)
+            noise = max(self.noise, bound.error)
             if noise <= _NOISE or self.frequency == 0.0 or not np.isfinite(noise):
-                return found
+                return bound
             self.look_beside(noise)
             if self.value <= level:
                 return self._bound_with_rounding(level)

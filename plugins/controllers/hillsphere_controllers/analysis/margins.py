@@ -182,7 +182,7 @@ class _Curve:
 
     def real_crossings(self) -> list[tuple[float, complex]]:
         """Return the frequencies at which L is real and negative, and L there."""
-        found = [
+        frequencies = [
             (omega, value)
             for omega, value in self._crossings(
                 self._real_at(), lambda value: value.imag / np.abs(value)
@@ -192,13 +192,13 @@ class _Curve:
         # the ends of the axis, where L is real in any case
         loop = self.loop
         if loop.d[0, 0] < 0.0:
-            found.append((np.inf, complex(loop.d[0, 0])))
+            frequencies.append((np.inf, complex(loop.d[0, 0])))
         size = np.abs(self._poles)
         if size.min(initial=np.inf) > 4.0 * len(size) * _EPS * size.max(initial=0.0):
             at_rest = complex(self(np.zeros(1))[0])
             if at_rest.real < 0.0:
-                found.append((0.0, at_rest))
-        return [pair for pair in found if abs(pair[1]) > _NOISY * self._noise(pair[0])]
+                frequencies.append((0.0, at_rest))
+        return [pair for pair in frequencies if abs(pair[1]) > _NOISY * self._noise(pair[0])]
 
     def _noise(self, omega: float) -> float:
         """Return the change of L by rounding of the entries of A, to first order.
@@ -241,21 +241,23 @@ class _Curve:
         def at(log_omega: float) -> float:
             return float(side(self(np.exp([log_omega])))[0])
 
-        found = []
+        frequencies = []
         for k in np.flatnonzero(sides[1:] * sides[:-1] < 0.0):
             ends = np.log(points[k : k + 2])
             if at(ends[0]) * at(ends[1]) < 0.0:
-                found.append(float(np.exp(brentq(at, *ends, xtol=1e-15, rtol=1e-15))))
+                frequencies.append(float(np.exp(brentq(at, *ends, xtol=1e-15, rtol=1e-15))))
         # a curve that touches and does not cross has a candidate all the same
-        known = np.array(found)
-        found += [x for x in candidates if x > 0.0 and not (np.abs(known - x) <= _SAME * x).any()]
-        if not found:
+        known = np.array(frequencies)
+        frequencies += [
+            x for x in candidates if x > 0.0 and not (np.abs(known - x) <= _SAME * x).any()
+        ]
+        if not frequencies:
             return []
         with np.errstate(all="ignore"):
-            values = self(np.array(found))
+            values = self(np.array(frequencies))
         return [
             (float(omega), complex(value))
-            for omega, value in zip(found, values, strict=True)
+            for omega, value in zip(frequencies, values, strict=True)
             if np.isfinite(value)
         ]
 

@@ -258,10 +258,10 @@ def _gain_margin(loop: SampledLoop, which: Array, sign: Literal[-1, 1]) -> float
 
     # the first factor at which the spectral radius reaches one, bracketed on a grid
     logs = np.linspace(0.0, sign * np.log(_FAR), _STEPS + 1)
-    found = np.flatnonzero(radius(logs[1:]) >= 0.0)
-    if not found.size:
+    unstable = np.flatnonzero(radius(logs[1:]) >= 0.0)
+    if not unstable.size:
         return 0.0 if sign < 0 else np.inf
-    k = int(found[0])
+    k = int(unstable[0])
     return float(np.exp(brentq(lambda g: float(radius(g)), logs[k], logs[k + 1], xtol=1e-13)))
 
 

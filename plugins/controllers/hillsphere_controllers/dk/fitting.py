@@ -165,12 +165,12 @@ def negative_frequencies(multipliers: Sequence[Multiplier], omega_rad_s: Array) 
 
     Looked at are many more than those of a set (K,) at which it is positive.
     """
-    found = []
+    frequencies = []
     for one in multipliers:
         omega, least = _sample_least_eigenvalues(one, omega_rad_s)
         if least.min() <= 0.0:
-            found.append(float(omega[np.argmin(least)]))
-    return np.array(found)
+            frequencies.append(float(omega[np.argmin(least)]))
+    return np.array(frequencies)
 
 
 def lift_multiplier(multiplier: Multiplier, omega_rad_s: Array) -> Multiplier:

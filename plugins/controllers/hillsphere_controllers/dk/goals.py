@@ -103,11 +103,11 @@ def mu_upper_bounds(loop: LtiSystem, structure: BlockStructure, more_rad_s: Arra
     omega = np.unique(np.concatenate([[0.0, np.inf], np.logspace(low, high, count), more_rad_s]))
     matrices = structure.pad_to_square(loop.response(omega))
     square = BlockStructure([b.enclosing_square() for b in structure.blocks])
-    found: list[UpperBound] = []
+    bounds: list[UpperBound] = []
     for one in matrices:
-        start = found[-1].scalings if found else None
-        found.append(upper_bound(one, square, start=start, tolerance=_TOLERANCE))
-    return Bounds(structure, omega, matrices, tuple(found))
+        start = bounds[-1].scalings if bounds else None
+        bounds.append(upper_bound(one, square, start=start, tolerance=_TOLERANCE))
+    return Bounds(structure, omega, matrices, tuple(bounds))
 
 
 def core_size(block: Block) -> int:

@@ -62,8 +62,8 @@ def constant_scalings(
         return made(np.zeros(len(moving)))
     corners = np.vstack([begun, begun + 0.7 * np.eye(len(moving))])
     options = {"maxfev": _EVALUATIONS * len(moving), "initial_simplex": corners}
-    found = minimize(cost, begun, method="Nelder-Mead", options=options)
-    return made(found.x)
+    minimum = minimize(cost, begun, method="Nelder-Mead", options=options)
+    return made(minimum.x)
 
 
 def constant_multipliers(structure: BlockStructure, sizes: Array) -> tuple[Multiplier, ...]:

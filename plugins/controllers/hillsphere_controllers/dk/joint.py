@@ -84,10 +84,10 @@ def descend_jointly(
         if not gradient @ direction < 0.0:
             direction = -gradient
         direction *= min(1.0, 4.0 * _LONGEST / float(np.linalg.norm(direction)))
-        found = _search_line(cost, v, value, direction, float(gradient @ direction))
-        if found is None:
+        step = _search_line(cost, v, value, direction, float(gradient @ direction))
+        if step is None:
             break
-        there, new = found
+        there, new = step
         gained = value - new
         slope = _gradient(cost, there, new)
         inverse = _update_inverse_hessian(inverse, there - v, slope - gradient)

@@ -64,14 +64,14 @@ def reduced_controller(
     low, high = 0, controller.order
     while high > low:
         order = (low + high) // 2
-        found = _verify_reduced(
+        verified = _verify_reduced(
             plant, balanced_truncation(controller, order), structure, limit, gap
         )
-        if found is None:
+        if verified is None:
             low = order + 1
         else:
             # unstable states stay, so that there may be more than were asked for
-            best, high = found, order
+            best, high = verified, order
     return best if best is not None and best.controller.order < controller.order else None
 
 

@@ -167,8 +167,8 @@ class Search:
             self._store_step()
             return
         scalings = constant_scalings(self.structure, lambda x: self._gamma(x, 1.0, _ROUGH))
-        found, gamma = self._synthesise(scalings, 1.0)
-        self._judge("start", found, scalings, gamma)
+        first, gamma = self._synthesise(scalings, 1.0)
+        self._judge("start", first, scalings, gamma)
         self._store_step()
 
     def run(self, iterations: int, highest: int, joint_steps: int, target: float) -> str:
@@ -252,11 +252,11 @@ class Search:
                 goal = bounds.goal(floor)
                 if not np.isfinite(relative_levels(goal, start)).all():
                     start = constant_multipliers(self.structure, goal.sizes)
-                found = _fit_by_rising_order(goal, start, highest)
-                beta = float(np.sqrt((found.ratios * goal.levels).max()))
+                fit = _fit_by_rising_order(goal, start, highest)
+                beta = float(np.sqrt((fit.ratios * goal.levels).max()))
                 if beta <= _MISSED * bounds.values.max():
                     break
-            start = found.multipliers
+            start = fit.multipliers
             # between the frequencies D may be negative, or the scaled norm exceed the level: such a
             # frequency joins the set
             missed = negative_frequencies(start, bounds.omega_rad_s)

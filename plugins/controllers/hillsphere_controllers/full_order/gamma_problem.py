@@ -129,7 +129,7 @@ class GammaProblem:
             (self._a.T, np.vstack([self._c1, self._c2]).T, self._b1.T,
              np.vstack([self._d11, self._d21]).T, rt),
         )  # fmt: skip
-        found = []
+        solutions = []
         for side in sides:
             posed = _equation(*side)
             if posed is None:
@@ -153,8 +153,8 @@ class GammaProblem:
                 ):
                     self.proved = gamma
                 return None
-            found.append((matrices, rounding, x))
-        x, y = found[0][2], found[1][2]
+            solutions.append((matrices, rounding, x))
+        x, y = solutions[0][2], solutions[1][2]
         if not checked:
             return x, y
         g2 = gamma * gamma
@@ -163,7 +163,7 @@ class GammaProblem:
         if largest < g2 * (1.0 - 1e-12):
             return x, y
         if gamma > self.proved:
-            errors = [[solution_error(*one, floor) for floor in _FLOORS] for one in found]
+            errors = [[solution_error(*one, floor) for floor in _FLOORS] for one in solutions]
             for (ex, zx), (ey, zy) in product(*errors):
                 if max(ex, ey) < 1.0:
                     # of the eigenvalues of √Y X √Y, with X − e Zx and Y − e Zy for X and Y
@@ -215,11 +215,11 @@ class GammaProblem:
         back = np.linalg.solve(d21, c2)
         c1 = f2 + through @ back
         a = self._a + b @ f + b1 @ back
-        found = (a, b1 @ self._y, self._u @ c1, self._u @ through @ self._y)
-        if not all(np.isfinite(matrix).all() for matrix in found):
+        matrices = (a, b1 @ self._y, self._u @ c1, self._u @ through @ self._y)
+        if not all(np.isfinite(matrix).all() for matrix in matrices):
             return None
         # y − D22 u is what the controller was made for
-        return _shift_direct_term(LtiSystem(*found), self._d22)
+        return _shift_direct_term(LtiSystem(*matrices), self._d22)
 
 
 def _shift_direct_term(controller: LtiSystem, d22: Array) -> LtiSystem:

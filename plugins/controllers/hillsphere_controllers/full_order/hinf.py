@@ -263,12 +263,12 @@ def _improves_below(
     """Return whether a γ that the bisection has refused gives a better controller."""
     bisected = problem.by_pencil
     tried = [share * best.gamma for share in _SHARES if share * best.gamma > below]
-    found = []
+    designs = []
     for problem.by_pencil in (False, True):
-        found += [_design_at(plant, problem, gamma, checked=False) for gamma in tried]
+        designs += [_design_at(plant, problem, gamma, checked=False) for gamma in tried]
     problem.by_pencil = bisected
     limit = _NEARLY * best.norm.upper
-    return any(made is not None and made.norm.upper < limit for made in found)
+    return any(made is not None and made.norm.upper < limit for made in designs)
 
 
 def _scan_gamma(

@@ -105,9 +105,9 @@ def _starts(a: Array, b: Array, c: Array, discrete: bool) -> Iterator[Array]:
     """Yield initial solutions of the Riccati equation, the fastest method first."""
     q, one = c.T @ c, np.eye(b.shape[1])
     if not discrete:
-        found = stabilising_solution(a, -b @ b.T, q, checked=False)
-        if found is not None:
-            yield found
+        solution = stabilising_solution(a, -b @ b.T, q, checked=False)
+        if solution is not None:
+            yield solution
     # where nothing is weighted the pencil is hard to part: each feedback that stabilises will do
     size = float(max(np.abs(q).max(), np.abs(a).max() ** 2 / max(np.abs(b).max() ** 2, 1e-300)))
     for more in (0.0, 1e-6 * size, size):

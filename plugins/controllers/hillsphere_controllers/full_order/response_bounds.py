@@ -44,7 +44,7 @@ def response_bound(plant: LtiSystem, controls: int, measurements: int, omega_rad
     # a random rotation of the states changes rounding alone: the difference measures its error
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(n, n)))[0]
     turned = LtiSystem(turn.T @ plant.a @ turn, turn.T @ plant.b, plant.c @ turn, plant.d)
-    found = 0.0
+    bound = 0.0
     for omega in omega_rad_s:
         try:
             one, other = (
@@ -54,8 +54,8 @@ def response_bound(plant: LtiSystem, controls: int, measurements: int, omega_rad
         except InputError:  # a pole on the axis
             continue
         if np.isfinite(one + other):
-            found = max(found, min(one, other) - 2.0 * abs(one - other))
-    return found
+            bound = max(bound, min(one, other) - 2.0 * abs(one - other))
+    return bound
 
 
 def _residual_gain(response: Array, k: int, q: int) -> float:

@@ -70,10 +70,10 @@ def stabilising_solution(a: Array, s: Array, q: Array, *, checked: bool = True) 
     hamiltonian, t = _hamiltonian(a, s, q)
     try:
         # ordered real Schur form: the first n columns span the stable invariant subspace
-        found, vectors, stable = schur(hamiltonian, sort="lhp")
+        triangular, vectors, stable = schur(hamiltonian, sort="lhp")
     except np.linalg.LinAlgError:  # eigenvalues too near the axis to be put in order
         return None
-    values = np.linalg.eigvals(found)
+    values = np.linalg.eigvals(triangular)
     if stable != n:
         return None
     if checked and np.abs(values.real).min() <= _ON_AXIS * np.abs(values).max():

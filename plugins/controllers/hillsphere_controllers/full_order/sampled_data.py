@@ -117,9 +117,9 @@ def _integrate_weight(m: Array, weight: Array, h: float) -> tuple[Array, Array]:
                                            / _LARGEST_STEP))))  # fmt: skip
     # Van Loan (1978): exp([[−Mᵀ, W], [0, M]] h) has the integral in its upper right block
     both = np.block([[-m.T, weight], [np.zeros((n, n)), m]])
-    found = expm(both * (h / 2.0**doublings))
-    over = found[n:, n:]
-    total = over.T @ found[:n, n:]
+    exponential = expm(both * (h / 2.0**doublings))
+    over = exponential[n:, n:]
+    total = over.T @ exponential[:n, n:]
     for _ in range(doublings):
         # doubling: ∫₀²ʰ = ∫₀ʰ + exp(Mᵀ h) (∫₀ʰ) exp(M h)
         total = total + over.T @ total @ over

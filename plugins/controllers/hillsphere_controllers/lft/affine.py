@@ -131,8 +131,8 @@ def affine_fit(points: Array, samples: Array, *, tolerance: float = 1e-9) -> Aff
             "sample than there are parameters, or more"
         )
     # slopes of all entries at once, by least squares over the samples
-    found = np.linalg.lstsq(scaled, change.reshape(len(change), -1), rcond=None)[0]
-    rest = np.abs(change.reshape(len(change), -1) - scaled @ found)
+    coefficients = np.linalg.lstsq(scaled, change.reshape(len(change), -1), rcond=None)[0]
+    rest = np.abs(change.reshape(len(change), -1) - scaled @ coefficients)
     wide = np.abs(change.reshape(len(change), -1)).max(axis=0, initial=0.0)
     size = np.abs(y).reshape(len(y), -1).max(axis=0)
     seen = wide > _UNCHANGED * size
@@ -142,7 +142,7 @@ def affine_fit(points: Array, samples: Array, *, tolerance: float = 1e-9) -> Aff
             f"the matrices are not affine in their parameters: one sample is {error:.3g} of its "
             f"range away, more than {tolerance:.3g}; fit polynomials instead"
         )
-    slopes = found.reshape(len(p), *y.shape[1:]) / span[:, None, None]
+    slopes = coefficients.reshape(len(p), *y.shape[1:]) / span[:, None, None]
     return AffineFit(p[:, 0], y[0], slopes, error, len(y) - 1 - len(p))
 
 
@@ -243,7 +243,7 @@ def _error(moved: Array, left_out: Array, seed: int) -> tuple[float, float]:
         return 0.0, 0.0
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], (_SAMPLES, len(moved)))
     sizes = np.linalg.norm(np.tensordot(signs, moved, axes=1), 2, axis=(1, 2))
-    found = np.linalg.norm(np.tensordot(signs, left_out, axes=1), 2, axis=(1, 2))
+    norms = np.linalg.norm(np.tensordot(signs, left_out, axes=1), 2, axis=(1, 2))
     bound = float(np.linalg.norm(left_out, 2, axis=(1, 2)).sum())
     largest = float(sizes.max())
-    return bound / largest, float(found.max()) / largest
+    return bound / largest, float(norms.max()) / largest

@@ -102,29 +102,29 @@ def _block(uncertainty: Uncertainty) -> Lft:
 
 def join_inputs(*parts: Lft | LtiSystem | Array) -> Lft:
     """Return [G₁ G₂ …]: the inputs side by side, the outputs added."""
-    found = [constant(part) for part in parts]
-    _require_equal({part.shape[0] for part in found}, "outputs")
-    count = len(found)
+    lfts = [constant(part) for part in parts]
+    _require_equal({part.shape[0] for part in lfts}, "outputs")
+    count = len(lfts)
     return connect_lfts(
-        found, *_unconnected_matrices(found), np.hstack(count * [np.eye(found[0].shape[0])])
+        lfts, *_unconnected_matrices(lfts), np.hstack(count * [np.eye(lfts[0].shape[0])])
     )
 
 
 def stack_outputs(*parts: Lft | LtiSystem | Array) -> Lft:
     """Return [G₁; G₂; …]: one common input, the outputs stacked."""
-    found = [constant(part) for part in parts]
-    _require_equal({part.shape[1] for part in found}, "inputs")
-    feed, _ = _unconnected_matrices(found)
-    into = np.vstack(len(found) * [np.eye(found[0].shape[1])])
-    return connect_lfts(found, feed, into, np.eye(feed.shape[1]))
+    lfts = [constant(part) for part in parts]
+    _require_equal({part.shape[1] for part in lfts}, "inputs")
+    feed, _ = _unconnected_matrices(lfts)
+    into = np.vstack(len(lfts) * [np.eye(lfts[0].shape[1])])
+    return connect_lfts(lfts, feed, into, np.eye(feed.shape[1]))
 
 
 def diagonal(*parts: Lft | LtiSystem | Array) -> Lft:
     """Return diag(G₁, G₂, …)."""
-    found = [constant(part) for part in parts]
-    _require_equal({1 for _ in found}, "systems")
-    feed, into = _unconnected_matrices(found)
-    return connect_lfts(found, feed, into, np.eye(feed.shape[1]))
+    lfts = [constant(part) for part in parts]
+    _require_equal({1 for _ in lfts}, "systems")
+    feed, into = _unconnected_matrices(lfts)
+    return connect_lfts(lfts, feed, into, np.eye(feed.shape[1]))
 
 
 def inverse(of: Lft) -> Lft:

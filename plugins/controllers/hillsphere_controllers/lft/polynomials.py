@@ -168,9 +168,9 @@ def _smallest_lft(terms: Terms, uncertainties: Sequence[Uncertainty]) -> Lft:
     best: Lft | None = None
     for order in _orders(terms, len(uncertainties)):
         for side in ("fewer", "left", "right"):
-            found = minimal(_lft(_realise(terms, order, side), uncertainties))
-            if best is None or found.size < best.size:
-                best = found
+            smaller = minimal(_lft(_realise(terms, order, side), uncertainties))
+            if best is None or smaller.size < best.size:
+                best = smaller
             if best.size <= least:
                 return best
     assert best is not None

@@ -137,16 +137,16 @@ def reduce_lft(of: Lft, tolerance: float, *, seed: int = 0) -> ReducedLft:
         count = (low + high + 1) // 2
         # those of equal values go or stay together
         kept = [int(np.sum(v > ranked[count - 1])) for v in values]
-        found = _project(
+        reduced = _project(
             least,
             [matrix[:, :k] for matrix, k in zip(left, kept, strict=True)],
             [matrix[:, :k] for matrix, k in zip(right, kept, strict=True)],
         )
-        error = _error(least, found)
+        error = _error(least, reduced)
         sampled = _sample_gain(error, seed)
         bound = gain_bound(error, enough=tolerance) if sampled <= tolerance else np.inf
         if bound <= tolerance:
-            low, best = count, ReducedLft(found, bound, sampled)
+            low, best = count, ReducedLft(reduced, bound, sampled)
         else:
             high = count - 1
     if best.lft is least:
@@ -171,8 +171,8 @@ def gain_bound(of: Lft, *, enough: float | None = None) -> float:
         exists for all Δ.
     """
     least = minimal(of)
-    found = _gain_bound(_contract(least), enough)
-    return found if np.isfinite(found) else _gain_bound(least, enough)
+    bound = _gain_bound(_contract(least), enough)
+    return bound if np.isfinite(bound) else _gain_bound(least, enough)
 
 
 def _gain_bound(of: Lft, enough: float | None) -> float:
@@ -186,8 +186,8 @@ def _gain_bound(of: Lft, enough: float | None) -> float:
     matrix = np.block([[m11, m12 / root], [m21 / root, m22 / size]]).astype(complex)
     structure = BlockStructure([*of.blocks, full(m, p)])
     target = None if enough is None else enough / size
-    found = upper_bound(matrix, structure, skewed=[len(structure.blocks) - 1], target=target)
-    return size * found.value
+    bound = upper_bound(matrix, structure, skewed=[len(structure.blocks) - 1], target=target)
+    return size * bound.value
 
 
 def _states(of: Lft) -> tuple[Array, Array, Array, list[int]]:
@@ -402,5 +402,5 @@ def _sample_gain(of: Lft, seed: int) -> float:
             ends = random.choice([one.lower, one.upper], _SAMPLES // 2)
             values[one.name][: _SAMPLES // 2] = ends
     m11, m12, m21, m22 = (part.astype(complex) for part in of.parts())
-    found = evaluate_upper_lft(m11, m12, m21, m22, of.deltas(values))
-    return float(np.linalg.norm(found, 2, axis=(1, 2)).max()) if found.size else 0.0
+    gains = evaluate_upper_lft(m11, m12, m21, m22, of.deltas(values))
+    return float(np.linalg.norm(gains, 2, axis=(1, 2)).max()) if gains.size else 0.0

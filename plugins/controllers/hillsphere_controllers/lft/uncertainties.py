@@ -144,10 +144,15 @@ def bound_dispersion(
     InputError
         If the model has no such parameter, or a bound is infinite.
     """
-    found = uncertain(model, dispersion, sigmas=sigmas)
+    parameters = uncertain(model, dispersion, sigmas=sigmas)
     made = []
     for name, nominal, mean, lower, upper in zip(
-        found.names, found.nominal, found.mean, found.lower, found.upper, strict=True
+        parameters.names,
+        parameters.nominal,
+        parameters.mean,
+        parameters.lower,
+        parameters.upper,
+        strict=True,
     ):
         if lower == upper:
             continue

@@ -86,8 +86,8 @@ def _lqr_covariance(plant: LtiSystem, controls: int) -> tuple[Array, LtiSystem]:
     b1, b2, d12 = plant.b[:, :m], plant.b[:, m:], plant.d[:, m:]
     _, gain = _feedback(plant.a, b2, plant.c, d12)
     loop = LtiSystem(plant.a + b2 @ gain, b1, plant.c + d12 @ gain, plant.d[:, :m])
-    found = solve_continuous_lyapunov(loop.a, -_make_positive(b1 @ b1.T, 1.0))
-    return np.asarray(0.5 * (found + found.T)), loop
+    covariance = solve_continuous_lyapunov(loop.a, -_make_positive(b1 @ b1.T, 1.0))
+    return np.asarray(0.5 * (covariance + covariance.T)), loop
 
 
 def _feedback(a: Array, b: Array, c: Array, d: Array) -> tuple[Array, Array]:

@@ -135,7 +135,7 @@ def output_feedback(
         made = output_feedback(continuous(plant), k, q, channels)
         controller = discrete(made.controller, plant.dt_s)
         loop = lower_lft(plant, controller)
-        bounds = [found.bound for found in made.channels]
+        bounds = [channel.bound for channel in made.channels]
         return OutputFeedback(
             controller, loop, verify_norms([loop], channels, bounds, wanted), made.least
         )

@@ -154,15 +154,15 @@ def hull_gain(systems: Sequence[LtiSystem], *, common: bool = False) -> HullGain
     )
     for margin in _MARGINS:
         try:
-            bound, found = hull.least(margin)
+            bound, certificate = hull.least(margin)
         except InfeasibleError:  # nor will it hold by more
             raise
         except SynthesisFailedError as error:
             reason = error
             continue
-        if found > 0.0:
+        if certificate > 0.0:
             made = tuple(_restore_lyapunov(p.value, t) * unit**2 for p in hull.lyapunov)
-            return HullGain(bound * unit, max(norms), made, found)
+            return HullGain(bound * unit, max(norms), made, certificate)
     raise reason
 
 
@@ -262,7 +262,7 @@ class _Hull:
         square = cp.Variable(nonneg=True)
         minimise(square, self.inequalities(square, margin), "gain of a hull")
         bound = float(np.sqrt(square.value * (1.0 + margin)))
-        return bound, self._found(bound**2)
+        return bound, self._margin(bound**2)
 
     def widest(self) -> float:
         """Find matrices of a mean trace of one that hold by the largest margin; return it."""
@@ -270,17 +270,17 @@ class _Hull:
         whole = sum(cp.trace(p) for p in self.lyapunov)
         count = len(self.lyapunov) * self._systems[0].order
         minimise(-margin, [*self.inequalities(0.0, margin), whole == count], "stability of a hull")
-        return self._found(0.0)
+        return self._margin(0.0)
 
-    def _found(self, square: float) -> float:
+    def _margin(self, square: float) -> float:
         """Return the margin of the inequalities, less rounding."""
-        found = np.inf
+        margin = np.inf
         for i, lyapunov in enumerate(self.lyapunov):
             whole = np.asarray(self._whole(i, square).value)
             for matrix in (-whole, np.asarray(lyapunov.value)):
                 rounding = _ROUNDING * float(np.abs(matrix).max()) * len(matrix)
-                found = min(found, float(np.linalg.eigvalsh(matrix)[0]) - rounding)
-        return found
+                margin = min(margin, float(np.linalg.eigvalsh(matrix)[0]) - rounding)
+        return margin
 
 
 def _check_corners(systems: Sequence[LtiSystem]) -> tuple[LtiSystem, ...]:

@@ -129,8 +129,8 @@ def state_feedback(
     reason: SynthesisFailedError | None = None
     for factor, small in product(_BACK_OFFS, (True, False)):
         try:
-            found = problem.gain(factor, small=small)
-            gain: Array = np.asarray(np.linalg.solve(even.t.T, found.T).T, float)
+            recovered = problem.gain(factor, small=small)
+            gain: Array = np.asarray(np.linalg.solve(even.t.T, recovered.T).T, float)
             gain = gain / units.controls[:, None]
             loops = tuple(_close_loop(plant, gain) for plant in given)
             bounds = [factor * least if c.limit is None else c.limit for c in channels]

@@ -105,7 +105,7 @@ class Ascent:
 
         x = None
         with suppress(FloatingPointError):
-            found = minimize(
+            minimum = minimize(
                 lambda x: -looked(x)[0].real,
                 begun,
                 jac=lambda x: -looked(x)[1].real,
@@ -119,7 +119,7 @@ class Ascent:
                 options={"maxiter": _MOST, "ftol": 1e-11},
             )
             # SQP keeps the constraint Im λ = 0 only to its tolerance
-            x = self._shift_to_real(np.asarray(found.x))
+            x = self._shift_to_real(np.asarray(minimum.x))
         if x is None:
             x = self._shift_to_real(begun)
         if x is None:

@@ -268,11 +268,11 @@ class _Cover:
             k = int(np.argmax(np.where(done, -1.0, known)))
             if known[k] <= best:
                 break
-            found = self._bound(float(omega[k]), best if best > 0.0 else None)
-            done[k], best = True, max(best, found.value)
+            bound = self._bound(float(omega[k]), best if best > 0.0 else None)
+            done[k], best = True, max(best, bound.value)
             if not np.isfinite(best):
                 break
-            known = np.minimum(known, self._everywhere(matrices, found.scalings))
+            known = np.minimum(known, self._everywhere(matrices, bound.scalings))
         self.beta = max((1.0 + self.gap) * best, self.floor) if self.limit is None else self.limit
 
     def _everywhere(self, m: Complex, scalings: Scalings) -> Array:
@@ -309,23 +309,23 @@ class _Cover:
                 key=lambda w: abs((np.log(max(w, 1e-300)) if np.isfinite(w) else 700.0) - place),
             )
             start = self.proved[nearest]
-        found = upper_bound(
+        bound = upper_bound(
             self.loop.response(np.array([omega]))[0], self.loop.structure,
             skewed=self.skewed, start=start, target=target,
         )  # fmt: skip
-        self.proved[omega] = found.scalings
-        if target is None or found.value >= target:
-            self.bounds[omega] = found
-        return found
+        self.proved[omega] = bound.scalings
+        if target is None or bound.value >= target:
+            self.bounds[omega] = bound
+        return bound
 
     def _add(self, omega: float) -> None:
         """Add an interval around a frequency, raising the bound if it does not hold there."""
         # the bound fails here: raise it by the gap, so that it cannot fail by rounding again
-        while (found := self._bound(omega, self.beta)).value >= self.beta:
-            self.beta = (1.0 + self.gap) * found.value
+        while (bound := self._bound(omega, self.beta)).value >= self.beta:
+            self.beta = (1.0 + self.gap) * bound.value
             if self._is_decided():
                 return
-        self._enter(omega, found.scalings)
+        self._enter(omega, bound.scalings)
 
     def _is_decided(self) -> bool:
         """Return whether a limit is exceeded, or a skewed bound out of reach: none is proved."""
@@ -342,28 +342,28 @@ class _Cover:
         ends = np.array([low * (1.0 - _NARROW), middle, high * (1.0 + _NARROW)])
         matrices = self.loop.response(ends)
         while True:
-            found = upper_bound(matrices, self.loop.structure, skewed=self.skewed, target=self.beta)
-            if found.value < self.beta:
+            bound = upper_bound(matrices, self.loop.structure, skewed=self.skewed, target=self.beta)
+            if bound.value < self.beta:
                 break
-            self.beta, self.bounds[middle] = (1.0 + self.gap) * found.value, found
+            self.beta, self.bounds[middle] = (1.0 + self.gap) * bound.value, bound
             if self._is_decided():
                 return
-        self._enter(middle, found.scalings)
+        self._enter(middle, bound.scalings)
 
     def _enter(self, omega: float, scalings: Scalings) -> None:
         low, high = self.loop.reach(scalings, self.beta, omega)
         self.intervals.append(Interval(low, high, omega, self.beta, scalings))
 
     def _widest_gap(self) -> tuple[float, float] | None:
-        widest, found = 0.0, None
+        widest, gap = 0.0, None
         end = 0.0
         for one in sorted(self.intervals, key=lambda i: i.low_rad_s):
             if one.low_rad_s > end:
                 width = np.inf if end == 0.0 else np.log(one.low_rad_s / end)
                 if width > widest:
-                    widest, found = width, (end, one.low_rad_s)
+                    widest, gap = width, (end, one.low_rad_s)
             end = max(end, one.high_rad_s)
-        return found
+        return gap
 
     def result(self, dt_s: float | None) -> CertifiedPeak:
         """Return the certified peak; frequencies of a bilinear image are mapped back."""

@@ -85,11 +85,11 @@ def prove_by_branch_and_bound(
         part = _restrict_to_part(system, structure, limit, np.where(real, low, -1.0), high)
         if not part.is_stable:  # the middle of the part is a counterexample
             return Division(proved, len(waiting) + 1)
-        found = find_unproved(part, structure, 1.0)
-        if found is None:
+        unproved = find_unproved(part, structure, 1.0)
+        if unproved is None:
             proved += 1
             continue
-        omega, bound = found
+        omega, bound = unproved
         at = part.response(np.array([omega]))[0]
         shares = np.where(real, sensitivities(at, structure), -1.0)
         k = int(np.argmax(shares))

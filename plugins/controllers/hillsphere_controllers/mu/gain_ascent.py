@@ -90,7 +90,7 @@ class GainAscent:
         """
         bounds = [*self.unit.bounds, *([(-FARTHEST, FARTHEST)] if self.moving else [])]
         ends = [(0.0,) if self.moving else ()] * len(starts)
-        found = min(
+        maximum = min(
             (
                 minimize(
                     self._cost, np.append(x, end), args=(size,), jac=True, method="L-BFGS-B",
@@ -101,15 +101,15 @@ class GainAscent:
             key=lambda one: float(one.fun),
         )  # fmt: skip
         count = len(self.unit.bounds)
-        x = np.asarray(found.x[:count])
-        z = float(found.x[-1]) if self.moving else 0.0
-        return GainMaximum(x, self.unit.q(x), z, float(np.exp(-found.fun)))
+        x = np.asarray(maximum.x[:count])
+        z = float(maximum.x[-1]) if self.moving else 0.0
+        return GainMaximum(x, self.unit.q(x), z, float(np.exp(-maximum.fun)))
 
-    def performance(self, found: GainMaximum, size: float = 1.0) -> Complex:
+    def performance(self, maximum: GainMaximum, size: float = 1.0) -> Complex:
         """Return the transfer matrix F_u(M, Δ) of performance (p, m) with a Δ of that size."""
-        m, _ = self.at(found.z)
+        m, _ = self.at(maximum.z)
         n = self.uncertainty.size
-        q = size * found.q
+        q = size * maximum.q
         right = np.linalg.solve(np.eye(n) - m[:n, :n] @ q, m[:n, n:])
         return np.asarray(m[n:, n:] + m[n:, :n] @ q @ right)
 

@@ -85,12 +85,12 @@ def bound_by_gain(
         for _ in range(_STEPS):
             # the largest gain g with Δ of size 1/β, for β = level
             raised = ascent.best(begun, 1.0 / level)
-            found = _bound(ascent, structure, raised, level, omega)
-            if found is not None and found.value > known:
-                best, known = found, found.value
+            bound = _bound(ascent, structure, raised, level, omega)
+            if bound is not None and bound.value > known:
+                best, known = bound, bound.value
             # the gain falls with the level: they meet between the two
             least, most = sorted((level, raised.gain))
-            if found is None or not most > known * (1.0 + _NEAR):
+            if bound is None or not most > known * (1.0 + _NEAR):
                 break
             begun = [raised.x, begun[0]]
             # g falls with β: the bound is the fixed point g(β) = β, bracketed by β and g

@@ -110,9 +110,9 @@ class Loop:
         b, c, d = self._b @ into, root.conj().T @ self._c, root.conj().T @ self._d @ into
         g = (inverse @ scalings.g @ inverse.conj().T) / weight[:, None]
         # imaginary eigenvalues jω of the Hamiltonian matrix: F(ω) is singular there
-        found = _eigenvalues(self.system.a, b, c, d, g)
-        near = np.abs(found.real) <= _NEAR * np.abs(found)
-        crossings = np.unique(found[near].imag)
+        eigenvalues = _eigenvalues(self.system.a, b, c, d, g)
+        near = np.abs(eigenvalues.real) <= _NEAR * np.abs(eigenvalues)
+        crossings = np.unique(eigenvalues[near].imag)
         crossings = crossings[crossings > 0.0]
 
         def positive(at: Array) -> NDArray[np.bool_]:
@@ -182,5 +182,5 @@ def _eigenvalues(a: Array, b: Complex, c: Complex, d: Complex, g: Complex) -> Co
     )  # fmt: skip
     right = np.zeros_like(left)
     right[: 2 * n, : 2 * n] = np.eye(2 * n)
-    found = eigvals(left, right, check_finite=False)
-    return np.asarray(found[np.isfinite(found)])
+    eigenvalues = eigvals(left, right, check_finite=False)
+    return np.asarray(eigenvalues[np.isfinite(eigenvalues)])

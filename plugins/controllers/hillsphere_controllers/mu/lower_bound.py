@@ -208,9 +208,9 @@ def _best_start(
     # starts in the order of their expected merit: the upper bound's direction, power iterations,
     # random ones
     likely = [] if scalings is None else singular_direction(m, structure, scalings)
-    found = power_iterations(m, structure, random, starts)
-    found.sort(key=lambda q: -ascent.merit(q))
-    likely += found[:_RAISED]
+    starting = power_iterations(m, structure, random, starts)
+    starting.sort(key=lambda q: -ascent.merit(q))
+    likely += starting[:_RAISED]
     if structure.purely_real or not likely:  # no phase makes an eigenvalue real: more are tried
         count = len(structure.blocks)
         likely += [

@@ -188,23 +188,23 @@ def robust_performance(
         As of `robust_stability`.
     """
     whole = performance_structure(system, uncertainty)
-    found = _robustness(system, whole, gap, (), seed)
+    robustness = _robustness(system, whole, gap, (), seed)
     image = continuous_image(system, whole)
     low = None
-    if found.worst is not None:
-        at = image_frequency(found.frequency_rad_s, system.dt_s)
-        low = LowerBound(found.lower, found.worst.delta, found.worst.singular, at)
-    order = np.argsort(-found.certified.bounds)[:_PEAKS]
-    places = [*found.certified.looked_at_rad_s[order].tolist(), found.frequency_rad_s]
+    if robustness.worst is not None:
+        at = image_frequency(robustness.frequency_rad_s, system.dt_s)
+        low = LowerBound(robustness.lower, robustness.worst.delta, robustness.worst.singular, at)
+    order = np.argsort(-robustness.certified.bounds)[:_PEAKS]
+    places = [*robustness.certified.looked_at_rad_s[order].tolist(), robustness.frequency_rad_s]
     places = [image_frequency(w, system.dt_s) for w in places if not np.isnan(w)]
     more = bound_by_gain(
-        image, whole, [0.0, *places, np.inf], low, found.upper, starts=starts, seed=seed
+        image, whole, [0.0, *places, np.inf], low, robustness.upper, starts=starts, seed=seed
     )
     if more is None:
-        return found
+        return robustness
     at = discrete_frequency(more.frequency_rad_s, system.dt_s)
     worst = worst_case(system, whole, more.delta, at)
-    return replace(found, lower=more.value, frequency_rad_s=at, worst=worst)
+    return replace(robustness, lower=more.value, frequency_rad_s=at, worst=worst)
 
 
 def mu_bounds_on_grid(
@@ -329,13 +329,13 @@ def _best_lower_bound(
             # there a system has real values only, which complex blocks come near nearby
             places.append(finite_frequency(image, omega))
         for place in places:
-            found = lower_bound_near(image, structure, place, scalings=scalings, seed=seed)
-            if not 0.0 < place < np.inf and not _is_real(found):
+            bound = lower_bound_near(image, structure, place, scalings=scalings, seed=seed)
+            if not 0.0 < place < np.inf and not _is_real(bound):
                 continue
-            at = place if np.isnan(found.frequency_rad_s) else found.frequency_rad_s
+            at = place if np.isnan(bound.frequency_rad_s) else bound.frequency_rad_s
             at = discrete_frequency(at, system.dt_s)
-            if best is None or found.value > best.value:
-                best = LowerBound(found.value, found.delta, found.singular, at)
+            if best is None or bound.value > best.value:
+                best = LowerBound(bound.value, bound.delta, bound.singular, at)
     for k, (rows, columns) in enumerate(structure.parts()):
         if structure.blocks[k].kind != "full":
             continue
@@ -355,5 +355,5 @@ def _best_lower_bound(
     return best
 
 
-def _is_real(found: LowerBound) -> bool:
-    return float(np.abs(found.delta.imag).max()) <= 1e-10 * float(np.abs(found.delta).max())
+def _is_real(bound: LowerBound) -> bool:
+    return float(np.abs(bound.delta.imag).max()) <= 1e-10 * float(np.abs(bound.delta).max())

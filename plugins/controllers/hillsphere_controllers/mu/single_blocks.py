@@ -39,8 +39,8 @@ def single_blocks(m: Complex, structure: BlockStructure) -> list[Complex]:
     list of ndarray, shape (n, n)
         Squared; the smallest first.
     """
-    found = [single_block(m, structure, k) for k in range(len(structure.blocks))]
-    made = [delta for delta in found if delta is not None]
+    perturbations = [single_block(m, structure, k) for k in range(len(structure.blocks))]
+    made = [delta for delta in perturbations if delta is not None]
     return sorted(made, key=lambda delta: float(np.linalg.norm(delta, 2)))
 
 

@@ -164,10 +164,10 @@ def upper_bound(
                 return UpperBound(size * float(np.sqrt(max(reached, 0.0))), Scalings(d, size * g))
             break
         # centre for the present level; its own level is the new bound
-        x, found = white.centre(x, beta2)
-        reached, gained = found[0], best[0] - found[0]
+        x, scalings = white.centre(x, beta2)
+        reached, gained = scalings[0], best[0] - scalings[0]
         if gained > 0.0:
-            best = found
+            best = scalings
         # converged: the centre has met the level
         if best[0] <= zero or beta2 - reached <= tolerance * abs(best[0]):
             if best[0] < (1.0 - 1e-9) * goal:
@@ -210,8 +210,8 @@ def analytic_centre(
     basis = Basis(structure, np.ones(n, dtype=bool), 1.0)
     white = _Whitened(squared / size, basis)
     begun = basis.parameters(*white.there(scalings.d, scalings.g / size))
-    _, found = white.centre(begun, (bound / size / white.norm) ** 2, _CENTRED)
-    d, g = white.back(found)
+    _, centred = white.centre(begun, (bound / size / white.norm) ** 2, _CENTRED)
+    d, g = white.back(centred)
     return Scalings(d, size * g)
 
 
@@ -237,24 +237,24 @@ def _initial_level(
     n = basis.n
     zero = np.zeros((n, n), dtype=complex)
     d = basis.osborne(m)
-    found = (level(m, d, zero, basis.free, basis.fixed), d, zero)
+    best = (level(m, d, zero, basis.free, basis.fixed), d, zero)
     if start is not None:
         # scalings of a neighbouring frequency, in the units of m
         d = start.d * (n / np.trace(start.d).real)
         g = start.g / size * (n / np.trace(start.d).real)
         warm = level(m, d, g, basis.free, basis.fixed)
-        if warm < found[0]:
-            found = (warm, d, g)
-    if not np.isfinite(found[0]):
+        if warm < best[0]:
+            best = (warm, d, g)
+    if not np.isfinite(best[0]):
         made = _scale_fixed_blocks(m, structure, basis)
         if made is None:
             return None
-        found = (level(m, *made, basis.free, basis.fixed), *made)
-        if not np.isfinite(found[0]):
+        best = (level(m, *made, basis.free, basis.fixed), *made)
+        if not np.isfinite(best[0]):
             return None
     if not basis.free.all():
-        found = _reweight_skewed(m, basis, found)
-    return found
+        best = _reweight_skewed(m, basis, best)
+    return best
 
 
 class _Whitened:
@@ -283,25 +283,25 @@ class _Whitened:
     ) -> tuple[Array, tuple[float, Complex, Complex]]:
         """Return the centre for a level b above that of x: parameters, and level, D and G."""
         x = _centre(self.m, self.basis, x, b, decrement_at_end)
-        found = self._found(x)
+        scalings = self._scalings_at(x)
         # what rounding may have added grows with G, which a µ of zero lets grow without end
-        while (smaller := self._found(x * self._less))[0] < found[0]:
-            x, found = x * self._less, smaller
-        return x, found
+        while (smaller := self._scalings_at(x * self._less))[0] < scalings[0]:
+            x, scalings = x * self._less, smaller
+        return x, scalings
 
-    def _found(self, x: Array) -> tuple[float, Complex, Complex]:
+    def _scalings_at(self, x: Array) -> tuple[float, Complex, Complex]:
         d, g = self.basis.matrices(x)
         return level(self.m, d, g, self.basis.free, self.basis.fixed), d, g
 
-    def back(self, found: tuple[float, Complex, Complex]) -> tuple[Complex, Complex]:
+    def back(self, scalings: tuple[float, Complex, Complex]) -> tuple[Complex, Complex]:
         """Return D and G of the matrices as they were."""
-        _, d, g = found
+        _, d, g = scalings
         both = np.outer(self.root, self.root)
         return d * both, self.norm * (g * both)
 
 
 def _reweight_skewed(
-    m: Complex, basis: Basis, found: tuple[float, Complex, Complex]
+    m: Complex, basis: Basis, best: tuple[float, Complex, Complex]
 ) -> tuple[float, Complex, Complex]:
     """Return scalings, with their level, whose skewed part has a better weight than those found."""
     # line search over the weight of the skewed part, from coarse to fine factors
@@ -309,13 +309,13 @@ def _reweight_skewed(
         for way in (factor, 1.0 / factor):
             share = np.where(basis.free, np.sqrt(way), 1.0)
             while True:
-                d, g = (share[:, None] * one * share for one in found[1:])
+                d, g = (share[:, None] * one * share for one in best[1:])
                 whole = basis.n / np.trace(d).real
                 reached = level(m, d * whole, g * whole, basis.free, basis.fixed)
-                if not reached < found[0]:
+                if not reached < best[0]:
                     break
-                found = (reached, d * whole, g * whole)
-    return found
+                best = (reached, d * whole, g * whole)
+    return best
 
 
 def _scale_fixed_blocks(

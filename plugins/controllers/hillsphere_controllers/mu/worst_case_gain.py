@@ -230,21 +230,21 @@ def _infinite_gain(
 ) -> WorstCaseGain | None:
     """Return the infinite gain with a Δ that makes the loop unstable, None if none is known."""
     try:
-        found = robust_stability(scaled, uncertainty, gap=gap, complex_shares=(), seed=seed)
+        robustness = robust_stability(scaled, uncertainty, gap=gap, complex_shares=(), seed=seed)
     except ConvergenceError:  # its Δ did not stand the check
         return None
-    if found.worst is None or found.lower < 1.0:
+    if robustness.worst is None or robustness.lower < 1.0:
         return None
     # beyond the border if there is room, else on it
-    most = max((1.0 - _INSIDE) * found.lower, 1.0)
+    most = max((1.0 - _INSIDE) * robustness.lower, 1.0)
     for factor in (*(1.0 + (most - 1.0) * np.array([1e-3, 0.1, 1.0])), 1.0):
-        made = found.worst.system
+        made = robustness.worst.system
         grown = float(factor) * size
         block = LtiSystem(made.a, made.b, grown * made.c, grown * made.d, made.dt_s)
         if factor == 1.0 or not upper_lft(system, block).is_stable:
             break
-    values = uncertainty.real_values(grown * found.worst.delta)
-    return WorstCaseGain(np.inf, np.inf, found.frequency_rad_s, block, values, proof)
+    values = uncertainty.real_values(grown * robustness.worst.delta)
+    return WorstCaseGain(np.inf, np.inf, robustness.frequency_rad_s, block, values, proof)
 
 
 def _enlarge_real_blocks(delta: Complex, uncertainty: BlockStructure, factor: float) -> Complex:
@@ -276,14 +276,14 @@ def _ascend(
         # starts from a lower bound of µ whose performance block has the level found
         weight[n:] = 1.0 / proof.upper
         whole = BlockStructure([b.enclosing_square() for b in structure.blocks])
-        found = lower_bound(weight[:, None] * at(0.0)[0], whole, seed=seed)
-        if found.value > 0.0:
-            starts.append(unit.parameters(found.delta[:n, :n] * found.value))
+        bound = lower_bound(weight[:, None] * at(0.0)[0], whole, seed=seed)
+        if bound.value > 0.0:
+            starts.append(unit.parameters(bound.delta[:n, :n] * bound.value))
     elif proof.upper > 0.0:
         inner = BlockStructure([b.enclosing_square() for b in uncertainty.blocks])
-        found = lower_bound(at(0.0)[0][:n, :n], inner, seed=seed)
-        if found.value > 0.0:
-            starts.append(unit.parameters(found.delta * found.value))
+        bound = lower_bound(at(0.0)[0][:n, :n], inner, seed=seed)
+        if bound.value > 0.0:
+            starts.append(unit.parameters(bound.delta * bound.value))
     starts += [ascent.random(random) for _ in range(_STARTS)]
     best = ascent.best(starts)
     return uncertainty.remove_padding(best.q), float(omega * np.exp(best.z))

@@ -38,15 +38,15 @@ def frequencies(
     decades : float
         By how much the ends lie beyond the poles.
     """
-    found: list[Array] = [np.zeros(0)]
+    candidates: list[Array] = [np.zeros(0)]
     top = np.inf
     for system in systems:
         poles = system.poles
         if system.dt_s is not None:
             poles = np.asarray(np.log(poles[np.abs(poles) > 1e-12]) / system.dt_s)
             top = np.pi / system.dt_s
-        found += [np.abs(poles), np.abs(poles.imag)]
-    size: Array = np.concatenate(found).astype(float)
+        candidates += [np.abs(poles), np.abs(poles.imag)]
+    size: Array = np.concatenate(candidates).astype(float)
     size = size[(size > 0.0) & np.isfinite(size)]
     size = size[size >= _LOWEST * np.median(size)] if size.size else np.array([1.0])
     high = min(np.log10(size.max()) + decades, float(np.log10(top)))

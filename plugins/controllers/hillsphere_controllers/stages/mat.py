@@ -32,15 +32,15 @@ def mat(
 ) -> None:
     """Write the systems in a product of a run to a file for MATLAB."""
     path = product.with_suffix(".mat") if out is None else out
-    found = collect_systems(load_product(product))
-    if not found:
+    systems = collect_systems(load_product(product))
+    if not systems:
         raise InputError(
             f"{product} holds no linear system; take the product of a stage linear_models, lft, "
             "synthesis or mu_analysis"
         )
     try:
         # Only a link that the user has named: one that lies beside a product may be anybody's.
-        save_mat(path, found, follow_links=out is not None)
+        save_mat(path, systems, follow_links=out is not None)
     except OSError as error:
         raise InputError(f"{path} cannot be written: {error.strerror or error}") from error
     write(str(path))
@@ -60,20 +60,22 @@ def collect_systems(product: Any) -> dict[str, Content]:
     dict of str to Content
         For `hillsphere_controllers.systems.exchange.save_mat`.
     """
-    found: dict[str, Content] = {}
-    _collect(product, "", found)
-    return found
+    systems: dict[str, Content] = {}
+    _collect(product, "", systems)
+    return systems
 
 
-def _collect(value: Any, name: str, found: dict[str, Content]) -> None:
+def _collect(value: Any, name: str, systems: dict[str, Content]) -> None:
     if isinstance(value, LtiSystem):
-        found[name or "system"] = value
+        systems[name or "system"] = value
     elif isinstance(value, UncertainModel):
         lft = to_lft(value)
-        found[name or "model"] = (lft.system, lft.structure)
+        systems[name or "model"] = (lft.system, lft.structure)
     elif isinstance(value, tuple):
         for k, item in enumerate(value, 1):
-            _collect(item, f"{name}_{k}", found)
+            _collect(item, f"{name}_{k}", systems)
     elif is_dataclass(value):
         for field in fields(value):
-            _collect(getattr(value, field.name), f"{name}{'_' if name else ''}{field.name}", found)
+            _collect(
+                getattr(value, field.name), f"{name}{'_' if name else ''}{field.name}", systems
+            )

@@ -27,7 +27,7 @@ def find_signals(known: Sequence[str], wanted: Sequence[str], key: str) -> list[
     InputError
         If there is no such signal.
     """
-    found: list[int] = []
+    indices: list[int] = []
     for name in wanted:
         here = [
             k
@@ -37,5 +37,5 @@ def find_signals(known: Sequence[str], wanted: Sequence[str], key: str) -> list[
         if not here:
             hint = did_you_mean(name, known, otherwise="there are") or "; the signals have no names"
             raise InputError(f"{key}: no signal {name!r}{hint}")
-        found += here
-    return found
+        indices += here
+    return indices

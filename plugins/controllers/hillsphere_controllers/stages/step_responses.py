@@ -67,10 +67,10 @@ def _settling(system: LtiSystem) -> float:
     while trial < longest:
         step = system.dt_s or trial / _SAMPLES
         count = min(max(round(trial / step), 2) + 1, 100_000)
-        found = _response(system, step, count)
+        response = _response(system, step, count)
         final = _final(system)
-        size = max(float(np.abs(found).max()), 1e-300)
-        away = np.abs(found - final).max(axis=(1, 2)) > _SETTLED * size
+        size = max(float(np.abs(response).max()), 1e-300)
+        away = np.abs(response - final).max(axis=(1, 2)) > _SETTLED * size
         if not away[len(away) // 2 :].any():
             last = int(np.flatnonzero(away)[-1]) if away.any() else len(away) // 2
             return max(_ROOM * step * last, 20 * step)

@@ -16,19 +16,19 @@ __all__ = ["to_lft", "uncertain_model"]
 
 def uncertain_model(lft: Lft, units: Mapping[str, str]) -> UncertainModel:
     """Convert an LFT to a product of a stage; `units` holds the unit of each parameter."""
-    found = lft.uncertainties
+    uncertainties = lft.uncertainties
     return UncertainModel(
         system=lft.system,
-        names=tuple(u.name for u in found),
-        units=tuple(units.get(u.name, "-") for u in found),
-        kinds=tuple(u.kind for u in found),
-        rows=np.array([u.rows for u in found], dtype=np.int64),
-        columns=np.array([u.columns for u in found], dtype=np.int64),
+        names=tuple(u.name for u in uncertainties),
+        units=tuple(units.get(u.name, "-") for u in uncertainties),
+        kinds=tuple(u.kind for u in uncertainties),
+        rows=np.array([u.rows for u in uncertainties], dtype=np.int64),
+        columns=np.array([u.columns for u in uncertainties], dtype=np.int64),
         times=np.array(lft.times, dtype=np.int64),
-        lower=np.array([u.lower for u in found], dtype=float),
-        nominal=np.array([u.nominal for u in found], dtype=float),
-        upper=np.array([u.upper for u in found], dtype=float),
-        dynamic=np.array([u.dynamic for u in found], dtype=bool),
+        lower=np.array([u.lower for u in uncertainties], dtype=float),
+        nominal=np.array([u.nominal for u in uncertainties], dtype=float),
+        upper=np.array([u.upper for u in uncertainties], dtype=float),
+        dynamic=np.array([u.dynamic for u in uncertainties], dtype=bool),
     )
 
 
@@ -40,7 +40,7 @@ def to_lft(model: UncertainModel) -> Lft:
     InputError
         If sizes or bounds do not fit.
     """
-    found = tuple(
+    uncertainties = tuple(
         Uncertainty(
             name,
             cast(Literal["real", "complex", "full"], model.kinds[k]),
@@ -53,4 +53,4 @@ def to_lft(model: UncertainModel) -> Lft:
         )
         for k, name in enumerate(model.names)
     )
-    return Lft(model.system, found, tuple(int(t) for t in model.times))
+    return Lft(model.system, uncertainties, tuple(int(t) for t in model.times))

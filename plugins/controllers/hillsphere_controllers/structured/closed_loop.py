@@ -195,8 +195,8 @@ class OpenLoop:
 
     def _sizes(self, scaled: LtiSystem, m1: int, p1: int) -> Sizes:
         def lengths(matrix: Array) -> Array:
-            found = np.linalg.norm(matrix, axis=0)
-            return np.where(found > 0.0, found, 1.0)
+            norms = np.linalg.norm(matrix, axis=0)
+            return np.where(norms > 0.0, norms, 1.0)
 
         u = self.rate / lengths(scaled.b[:, m1:]) if scaled.order else lengths(scaled.d[:, m1:])
         y = lengths(scaled.c[p1:].T) if scaled.order else lengths(scaled.d[p1:].T)

@@ -202,12 +202,12 @@ def gradient_sampling(
                     slopes.append(landscape.slope(near))
             many = np.array(slopes)
             # shortest vector in the convex hull of the gradients: the direction of steepest descent
-            found = minimax_step(
+            step = minimax_step(
                 np.zeros(len(many)), many, np.zeros(len(many), dtype=bool), np.eye(n), 1.0
             )
-            if found is None or found.predicted < 1e-10:
+            if step is None or step.predicted < 1e-10:
                 break
-            line = _line_search(landscape, point, -found.step, found.step, 1.0)
+            line = _line_search(landscape, point, -step.step, step.step, 1.0)
             if line.point is None:
                 break
             point = line.point

@@ -90,14 +90,14 @@ def minimax_step(
         quadratic, np.array(cost), sparse.csc_matrix(matrix), right,
         [clarabel.NonnegativeConeT(len(right))], settings,
     ).solve()  # fmt: skip
-    found, multipliers = np.array(solution.x), np.array(solution.z)[:count]
-    if not (np.isfinite(found).all() and np.isfinite(multipliers).all()):
+    primal, multipliers = np.array(solution.x), np.array(solution.z)[:count]
+    if not (np.isfinite(primal).all() and np.isfinite(multipliers).all()):
         return None
-    step = solve_triangular(factor.T, found[:n], lower=False)
+    step = solve_triangular(factor.T, primal[:n], lower=False)
     model = levels + slopes @ step
     fall = top - float(model[soft].max())
     if extra:
         before, after = max(0.0, float(levels[hard].max())), max(0.0, float(model[hard].max()))
         fall += penalty * (before - after)
-    fall -= 0.5 * float(found[:n] @ found[:n])
+    fall -= 0.5 * float(primal[:n] @ primal[:n])
     return MinimaxStep(np.asarray(step), fall, np.maximum(multipliers, 0.0))

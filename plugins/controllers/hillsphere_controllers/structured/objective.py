@@ -211,11 +211,11 @@ class Objective:
 
     def slope(self, point: Point) -> Array:
         """Return a gradient at a point, shape (size,): that of the largest, and of the penalty."""
-        found = np.zeros(point.x.size)
+        gradient = np.zeros(point.x.size)
         if point.excess + _MARGIN > 0.0:
             hard = self._hard(point)
             if hard:  # none where multiple poles have no slope
-                found += self.penalty * max(hard, key=lambda piece: piece.level).slope
+                gradient += self.penalty * max(hard, key=lambda piece: piece.level).slope
         best = max(
             ((j, c) for j, loop in enumerate(point.loops) for c in loop.levels
              if self.loops[j].channels[c][2].limit is None),
@@ -223,10 +223,10 @@ class Objective:
         )  # fmt: skip
         j, c = best
         if self.loops[j].channels[c][2].norm == "h2":
-            return found + self._h2_piece(point, j, c).slope
+            return gradient + self._h2_piece(point, j, c).slope
         omega, high = point.loops[j].peaks[c]
         [pieces] = self._at(point, [(j, c, float(omega[int(np.argmax(high))]), 0)])
-        return found + (pieces[0].slope if pieces else 0.0)
+        return gradient + (pieces[0].slope if pieces else 0.0)
 
     def pieces(self, point: Point, extra: Sequence[Piece] = ()) -> list[Piece]:
         """Return the pieces near the largest, and the constraints near or above zero.
@@ -279,11 +279,11 @@ class Objective:
             if not p.hard and _key(p) not in known and not np.isnan(p.omega_rad_s):
                 known.add(_key(p))
                 wanted.append((p.plant, p.channel, p.omega_rad_s, p.number))
-        return made + [p for found in self._at(point, wanted) for p in found]
+        return made + [p for pieces_there in self._at(point, wanted) for p in pieces_there]
 
     def follow(self, point: Point, pieces: Sequence[Piece]) -> list[Piece]:
         """Return the same pieces at another point; a piece that is gone there stays as it was."""
-        found, hard = list(pieces), None
+        followed, hard = list(pieces), None
         self._refine(point)
         places: list[int] = []
         wanted: list[_Wanted] = []
@@ -292,16 +292,16 @@ class Objective:
             if c < 0 or piece.hard:
                 hard = self._hard(point) if hard is None else hard
                 same = [h for h in hard if (h.plant, h.channel, h.number) == (j, c, piece.number)]
-                found[k] = max(same, key=lambda h: h.level) if same else piece
+                followed[k] = max(same, key=lambda h: h.level) if same else piece
             elif np.isnan(piece.omega_rad_s):
-                found[k] = self._h2_piece(point, j, c)
+                followed[k] = self._h2_piece(point, j, c)
             else:
                 places.append(k)
                 omega = _nearest_frequency(point.loops[j].peaks[c][0], piece.omega_rad_s)
                 wanted.append((j, c, omega, piece.number))
         for k, at in zip(places, self._at(point, wanted), strict=True):
-            found[k] = at[0] if at else pieces[k]
-        return found
+            followed[k] = at[0] if at else pieces[k]
+        return followed
 
     def _refine(self, point: Point) -> float:
         """Refine the highest peaks; return the level from which they are near the largest."""
@@ -309,7 +309,7 @@ class Objective:
         return point.objective + float(np.log(_NEAR))
 
     def _hard(self, point: Point) -> list[Piece]:
-        found: list[Piece] = []
+        hard: list[Piece] = []
         assert point.gains is not None
         for j, loop in enumerate(point.loops):
             for c, level in loop.levels.items():
@@ -317,27 +317,27 @@ class Objective:
                 if channel.limit is None or level < _NEAR_HARD:
                     continue
                 if channel.norm == "h2":
-                    found.append(self._h2_piece(point, j, c))
+                    hard.append(self._h2_piece(point, j, c))
                     continue
                 at = loop.peaks[c][0][_distinct_peaks(*loop.peaks[c])].tolist()
                 for made in self._at(point, [(j, c, omega, None) for omega in at]):
-                    found += [p for p in made if p.level > _NEAR_HARD]
+                    hard += [p for p in made if p.level > _NEAR_HARD]
             if self.region is not None:
-                found += self._pole_pieces(point, j, self.region)
+                hard += self._pole_pieces(point, j, self.region)
         level = self._gain_excess(point.gains)
         if level > _NEAR_HARD:
             slope = point.gains / np.sum(point.gains**2)
             slope = self._chain_rule(point, slope)
-            found.append(Piece(level + _MARGIN, slope, -1, -1, np.nan, 0, True))
+            hard.append(Piece(level + _MARGIN, slope, -1, -1, np.nan, 0, True))
         if self._controller_stable:
-            found += self._controller_pieces(point)
-        return found
+            hard += self._controller_pieces(point)
+        return hard
 
     def _controller_pieces(self, point: Point) -> list[Piece]:
         assert point.gains is not None
         k = self.structure.order
         poles, left, right = eig(point.gains[:k, :k], left=True, right=True)
-        found: list[Piece] = []
+        pieces: list[Piece] = []
         for number, i in enumerate(np.argsort(-poles.real, kind="stable")):
             level = float(poles[i].real) / self._rate + _STRICTLY + _MARGIN
             along = left[:, i].conj() @ right[:, i]
@@ -345,15 +345,17 @@ class Objective:
                 continue
             slope = np.zeros_like(point.gains)
             slope[:k, :k] = np.real(np.outer(left[:, i].conj(), right[:, i]) / along) / self._rate
-            found.append(Piece(level, self._chain_rule(point, slope), -2, -1, np.nan, number, True))
-        return found
+            pieces.append(
+                Piece(level, self._chain_rule(point, slope), -2, -1, np.nan, number, True)
+            )
+        return pieces
 
     def _chain_rule(self, point: Point, slope: Array) -> Array:
         return self.structure.pull_back(self.theta(point.x), slope) * self.spread
 
     def _at(self, point: Point, wanted: Sequence[_Wanted]) -> list[list[Piece]]:
         """Return, for each that is wanted, the pieces of all singular values or of one of them."""
-        found: list[list[Piece]] = [[] for _ in wanted]
+        pieces: list[list[Piece]] = [[] for _ in wanted]
         groups: dict[tuple[int, int], list[int]] = {}
         for k, (j, c, _, _) in enumerate(wanted):
             groups.setdefault((self.norms.group[j], c), []).append(k)
@@ -377,8 +379,8 @@ class Objective:
             places = zip(*np.nonzero(looked), strict=True)
             for (i, number), level, slope in zip(places, levels.tolist(), chained, strict=True):
                 j, _, at, _ = wanted[members[int(i)]]
-                found[members[int(i)]].append(Piece(level, slope, j, c, at, int(number), hard))
-        return found
+                pieces[members[int(i)]].append(Piece(level, slope, j, c, at, int(number), hard))
+        return pieces
 
     def _h2_piece(self, point: Point, j: int, c: int) -> Piece:
         rows, columns, channel = self.loops[j].channels[c]
@@ -390,27 +392,27 @@ class Objective:
     def _pole_pieces(self, point: Point, j: int, region: PoleRegion) -> list[Piece]:
         poles, slopes = pole_slopes(point.loops[j].closed)
         excess, by_pole = region.excess(poles)
-        found = []
+        pieces = []
         for kind, i in zip(*np.nonzero(excess > _NEAR_HARD), strict=True):
             slope = self._chain_rule(point, np.real(by_pole[kind, i] * slopes[i]))
             if poles[i].imag < 0.0 or not np.isfinite(slope).all():
                 continue
             # poles keep their places only roughly: the worst of a condition is followed
             level = float(excess[kind, i]) + _MARGIN
-            found.append(Piece(level, slope, j, -1, np.nan, int(kind), True))
-        return sorted(found, key=lambda piece: -piece.level)[:_MOST]
+            pieces.append(Piece(level, slope, j, -1, np.nan, int(kind), True))
+        return sorted(pieces, key=lambda piece: -piece.level)[:_MOST]
 
 
 def _without_duplicates(pieces: Sequence[Piece]) -> list[Piece]:
     """Return the pieces without duplicates, which several plants have in a common direct term."""
-    found: list[Piece] = []
+    distinct: list[Piece] = []
     known: dict[tuple[int, int, float, float], list[Piece]] = {}
     for p in pieces:
         same = known.setdefault((p.channel, p.number, p.omega_rad_s, round(p.level, _ALIKE)), [])
         if not any(np.allclose(p.slope, q.slope, rtol=1e-6, atol=0.0) for q in same):
             same.append(p)
-            found.append(p)
-    return found
+            distinct.append(p)
+    return distinct
 
 
 def _key(piece: Piece) -> tuple[int, int, int, float]:
@@ -420,14 +422,14 @@ def _key(piece: Piece) -> tuple[int, int, int, float]:
 
 def _distinct_peaks(omega: Array, high: Array) -> list[int]:
     """Return the indices of peaks near the largest, each once."""
-    found: list[int] = []
+    distinct: list[int] = []
     for i in np.argsort(-high, kind="stable"):
         if high[i] < _NEAR * high.max():
             break
-        other = [omega[k] for k in found if np.isfinite(omega[k])]
+        other = [omega[k] for k in distinct if np.isfinite(omega[k])]
         if np.isinf(omega[i]) or all(abs(omega[i] - f) > 1e-6 * max(omega[i], f) for f in other):
-            found.append(int(i))
-    return found
+            distinct.append(int(i))
+    return distinct
 
 
 def _nearest_frequency(omega: Array, wanted: float) -> float:

@@ -50,15 +50,15 @@ def frequencies(poles: Complex, remembered: Sequence[Array]) -> tuple[Array, Int
     # far above all poles the gain is that of the direct term
     fast = size.max(axis=1, initial=0.0)
     known = [w[w <= 10.0 * most] for w, most in zip(remembered, fast.tolist(), strict=True)]
-    found = [np.zeros((count, 1))]
+    candidates = [np.zeros((count, 1))]
     if n:
         slow = np.maximum(size.min(axis=1), 1e-12 * fast)
         low, high = np.log10(slow)[:, None] - 1.0, np.log10(fast)[:, None] + 1.0
         grid = 10.0 ** (low + _GRID * (high - low))
         # a resonance lies near |Im λ|, a corner frequency near |λ|; ±|Re λ| are its half-power
         # points
-        found += [size, imag, imag + real, np.maximum(imag - real, 0.0), grid]
-    each = np.hstack(found)
+        candidates += [size, imag, imag + real, np.maximum(imag - real, 0.0), grid]
+    each = np.hstack(candidates)
     owner = np.repeat(np.arange(count), each.shape[1])
     points = np.concatenate([each.ravel(), *known])
     owner = np.concatenate([owner, np.repeat(np.arange(count), [w.size for w in known])])
@@ -101,13 +101,13 @@ def gains(matrices: Complex, owner: Integers | None = None) -> Array:
     first, second = np.sqrt(_squares(gram)), np.sqrt(_squares(gram @ gram))
     low, high = np.sqrt(second / np.maximum(first, 1e-300)), np.sqrt(np.sqrt(second))
     if owner is None:
-        found, wanted = low, high >= low.max()
+        bounds, wanted = low, high >= low.max()
     else:
-        found, wanted = high, high >= _KEEP * _largest_by_owner(low, owner)
+        bounds, wanted = high, high >= _KEEP * _largest_by_owner(low, owner)
         wanted &= high >= np.maximum(*_neighbours(low, owner))
     top = np.asarray(np.linalg.eigvalsh(gram[wanted])[:, -1], dtype=float)
-    found[wanted] = np.sqrt(np.maximum(top, 0.0))
-    return np.asarray(found)
+    bounds[wanted] = np.sqrt(np.maximum(top, 0.0))
+    return np.asarray(bounds)
 
 
 def _squares(matrices: Complex) -> Array:

@@ -110,7 +110,7 @@ class PlantNorms:
 
     def close_loop(self, gains_: Array) -> list[Loop] | None:
         """Return the loops with K; None if one of them is not stable."""
-        found: dict[int, Loop] = {}
+        loops: dict[int, Loop] = {}
         for group in self._groups:
             closed = group.open.close_loop(gains_)
             if closed is None or not np.isfinite(closed.a).all():
@@ -120,8 +120,8 @@ class PlantNorms:
                 poles = response.poles
                 if poles.size and not poles.real.max() < -_STABLE * np.abs(poles).max():
                     return None
-                found[j] = Loop(closed, place, response)
-        return [found[j] for j in range(len(self.plants))]
+                loops[j] = Loop(closed, place, response)
+        return [loops[j] for j in range(len(self.plants))]
 
     def seen_above(self, loops: Sequence[Loop], level: float) -> bool:
         """Return whether a gain at a remembered peak already exceeds a level (a logarithm)."""
@@ -203,8 +203,8 @@ class PlantNorms:
                 points, values = (np.concatenate(one) for one in zip(*rough, strict=True))
                 owner = np.repeat(np.arange(len(here)), [w.size for w, _ in rough])
                 systems = [loop.response for loop in here]
-                found = refine_peaks(systems, part, points, values, owner)
-                self._take(members, here, c, *found)
+                peaks = refine_peaks(systems, part, points, values, owner)
+                self._take(members, here, c, *peaks)
 
     def _take(
         self,
@@ -252,24 +252,24 @@ class PlantNorms:
             Logarithm of the level that weighted norms are tested against, or a channel's own where
             that is higher; of those with a limit, the limit.
         """
-        found = False
+        is_higher = False
         for group in self._groups:
             for c, (_, _, channel) in enumerate(self.plants[group.members[0]].channels):
                 if channel.norm == "h2":
                     continue
                 least = above if channel.limit is None else 0.0
                 for j, omega in self._higher(group, loops, c, least).items():
-                    found = True
+                    is_higher = True
                     kept = self._remembered[j][: _REMEMBERED - 1]
                     self._remembered[j] = np.insert(kept, 0, omega)
-        return found
+        return is_higher
 
     def _higher(
         self, group: _Group, loops: Sequence[Loop], c: int, least: float
     ) -> dict[int, float]:
         """Return a frequency at which the gain is above the level, for loops that have one."""
         rows, columns, _ = self.plants[group.members[0]].channels[c]
-        found: dict[int, float] = {}
+        frequencies: dict[int, float] = {}
         crossed: dict[int, float] = {}
         for j in group.members:
             loop = loops[j]
@@ -282,9 +282,9 @@ class PlantNorms:
                 closed_loop_part(loop.closed, rows, columns)
             )  # H is singular at that level
             if norm.value > level and np.isfinite(norm.frequency_rad_s):
-                found[j] = norm.frequency_rad_s
+                frequencies[j] = norm.frequency_rad_s
         if not crossed:
-            return found
+            return frequencies
         many = loops[group.members[0]].all.at(np.array([loops[j].place for j in crossed]))
         # Boyd, Balakrishnan and Kabamba (1989): the gain crosses the level at imaginary eigenvalues
         all_values = hamiltonians_eigenvalues(
@@ -301,8 +301,8 @@ class PlantNorms:
             high = gains(made[:, rows][:, :, columns])
             best = int(np.argmax(high))
             if high[best] > level:
-                found[j] = float(omega[best])
-        return found
+                frequencies[j] = float(omega[best])
+        return frequencies
 
 
 def _group_key(plant: OpenLoop) -> tuple[object, ...]:

@@ -138,17 +138,17 @@ def stationarity(objective: Objective, point: Point) -> tuple[float, tuple[Activ
     steep = max((float(np.linalg.norm(p.slope)) for p in pieces), default=1.0)
     # with even levels the multipliers make the gradient smallest, whatever the quadratic
     linear = _Linear.of(even, point.objective)
-    found = linear.step(max(steep, 1e-8) * np.eye(point.x.size), objective.penalty, _EVEN)
-    if found is None:
+    step = linear.step(max(steep, 1e-8) * np.eye(point.x.size), objective.penalty, _EVEN)
+    if step is None:
         return np.inf, ()
     slopes = np.array([p.slope for p in pieces])
-    rest = float(np.linalg.norm(found.multipliers @ slopes)) * size
+    rest = float(np.linalg.norm(step.multipliers @ slopes)) * size
     active = tuple(
         Active(
             p.plant, p.channel, p.omega_rad_s, p.level if p.hard else float(np.exp(p.level)),
             float(weight),
         )
-        for p, weight in zip(pieces, found.multipliers, strict=True)
+        for p, weight in zip(pieces, step.multipliers, strict=True)
         if weight > 1e-6
     )  # fmt: skip
     return rest, active
@@ -199,18 +199,18 @@ class _Linear:
         if not np.isfinite(self.slopes).all() or self.hard.all():
             return None
         kept, other = self.values >= -near, self.mirrored & (self.values >= -near)
-        found = minimax_step(
+        result = minimax_step(
             np.concatenate([self.values[kept], -2.0 - self.values[other]]),
             np.concatenate([self.slopes[kept], -self.slopes[other]]),
             np.concatenate([self.hard[kept], self.hard[other]]),
             hessian,
             penalty,
         )
-        if found is None:
+        if result is None:
             return None
         multipliers = np.zeros(self.values.size)
-        multipliers[kept] = found.multipliers[: int(kept.sum())]
-        return MinimaxStep(found.step, found.predicted, multipliers)
+        multipliers[kept] = result.multipliers[: int(kept.sum())]
+        return MinimaxStep(result.step, result.predicted, multipliers)
 
 
 @dataclass(frozen=True)
@@ -239,19 +239,19 @@ def _find_step(
     rejected: list[Piece] = []
     for count in range(_TRIALS):
         linear = _Linear.of(pieces, point.objective)
-        found = linear.step(hessian + damping * shape, objective.penalty)
-        if found is None:
+        step = linear.step(hessian + damping * shape, objective.penalty)
+        if step is None:
             break
-        if found.predicted < tolerance:
+        if step.predicted < tolerance:
             if damping > 0.0 and count == 0:
                 damping = 0.0
                 continue
             return _TrialStep(None, [], 0.0, rejected, count <= 1 and damping == 0.0)
-        held = [(p, float(w)) for p, w in zip(pieces, found.multipliers, strict=True) if w > 1e-9]
-        length = float(found.step @ shape @ found.step)
-        trial = objective.evaluate(point.x + found.step)
+        held = [(p, float(w)) for p, w in zip(pieces, step.multipliers, strict=True) if w > 1e-9]
+        length = float(step.step @ shape @ step.step)
+        trial = objective.evaluate(point.x + step.step)
         # ratio of actual to predicted decrease, as in trust-region methods
-        share = (point.value - trial.value) / found.predicted
+        share = (point.value - trial.value) / step.predicted
         if share >= _ARMIJO:
             eased = 0.2 * damping if share > 0.5 and count == 0 else damping
             return _TrialStep(trial, held, eased, rejected)
@@ -261,17 +261,17 @@ def _find_step(
             near = [p for p in objective.pieces(trial) if not p.hard]
             violators = [p for p in near if p.level > trial.objective - 1e-3][:_VIOLATORS]
             there = _Linear.of(moved, point.objective).values
-            bent = linear.moved_to(there, found.step)
+            bent = linear.moved_to(there, step.step)
             corrected = bent.step(hessian + damping * shape, objective.penalty)
             if corrected is not None:
                 trial = objective.evaluate(point.x + corrected.step)
-                if point.value - trial.value >= _ARMIJO * found.predicted:
+                if point.value - trial.value >= _ARMIJO * step.predicted:
                     return _TrialStep(trial, held, damping, rejected)
             # what stood in the way is looked at from here too
             rejected += violators
             pieces = objective.with_extra(point, pieces, violators)
         # Levenberg-Marquardt: a larger damping shortens the step
-        damping = max(4.0 * damping, found.predicted / length)
+        damping = max(4.0 * damping, step.predicted / length)
     return _TrialStep(None, [], 0.0, rejected)
 
 

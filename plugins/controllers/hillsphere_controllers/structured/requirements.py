@@ -81,19 +81,19 @@ class PoleRegion:
         Positive is outside. A slope h′ gives dh = Re(h′ dλ); a row that asks nothing is −inf.
         """
         size = np.maximum(np.abs(poles), 1e-300)
-        found = np.full((3, poles.size), -np.inf)
+        rows = np.full((3, poles.size), -np.inf)
         slope = np.zeros((3, poles.size), dtype=complex)
         if self.decay_1_s > 0.0:
-            found[0] = poles.real / self.decay_1_s + 1.0
+            rows[0] = poles.real / self.decay_1_s + 1.0
             slope[0] = 1.0 / self.decay_1_s
         if self.damping > 0.0:
             cosine = poles.real / size
-            found[1] = cosine + self.damping
+            rows[1] = cosine + self.damping
             slope[1] = 1.0 / size - cosine * poles.conj() / size**2
         if np.isfinite(self.fastest_rad_s):
-            found[2] = np.log(size / self.fastest_rad_s)
+            rows[2] = np.log(size / self.fastest_rad_s)
             slope[2] = poles.conj() / size**2
-        return found, slope
+        return rows, slope
 
 
 @dataclass(frozen=True)

@@ -98,13 +98,13 @@ def synthesise_sampled(
             "which it is found, keeps no fixed entries, no PID and no transfer function"
         )
     period = next(p for p in periods if p is not None)
-    found = synthesise(
+    design = synthesise(
         [_image(plant, structure) for plant in many], structure, starts=starts, seed=seed,
         initial=initial, scatter=scatter, target=target, largest_gain=largest_gain,
         controller_stable=controller_stable, bandwidth_rad_s=bandwidth_rad_s, shaken=shaken,
         progress=progress, ctx=ctx,
     )  # fmt: skip
-    controller = discrete(found.controller, period)
+    controller = discrete(design.controller, period)
     gamma = 0.0
     for plant in many:
         for channel, norm in zip(plant.channels, sampled_norms(plant, controller), strict=True):
@@ -115,12 +115,12 @@ def synthesise_sampled(
                     f"{plant.name or 'the plant'}: a limited norm is {norm:.9g} in the sampled "
                     f"loop, above its limit {channel.limit:.9g}; scale signals and states"
                 )
-    if not abs(gamma - found.gamma) <= _SAME * max(gamma, found.gamma):
+    if not abs(gamma - design.gamma) <= _SAME * max(gamma, design.gamma):
         raise SynthesisFailedError(
-            f"γ is {gamma:.9g} in the sampled loops, {found.gamma:.9g} in their images; scale "
+            f"γ is {gamma:.9g} in the sampled loops, {design.gamma:.9g} in their images; scale "
             "signals and states"
         )
-    return replace(found, controller=controller, gamma=gamma)
+    return replace(design, controller=controller, gamma=gamma)
 
 
 def sampled_norms(plant: DesignPlant, controller: LtiSystem) -> list[float]:

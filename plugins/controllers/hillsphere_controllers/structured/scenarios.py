@@ -331,25 +331,25 @@ def worst_case(
         points += list(random.choice([-1.0, 1.0], (_SOME_CORNERS, k)))
     # the worst points first; instability is worst of all
     first = sorted(points, key=lambda x: -min(objective.evaluate(x).value, _UNSTABLE))
-    found: list[Scenario] = []
+    scenarios: list[Scenario] = []
     for start in first[:_CLIMBED]:
         end = _climb(objective, start)
-        if all(np.abs(end.x - s.delta).max() > 1e-3 for s in found):
-            found.append(Scenario(0, end.x, float(np.exp(end.value))))
-    return sorted(found, key=lambda s: -s.gamma)
+        if all(np.abs(end.x - s.delta).max() > 1e-3 for s in scenarios):
+            scenarios.append(Scenario(0, end.x, float(np.exp(end.value))))
+    return sorted(scenarios, key=lambda s: -s.gamma)
 
 
 def _corners(objective: Objective, points: Sequence[Array]) -> list[Array]:
     """Return the corners that the slopes of all peaks at some points point to, each once."""
-    found: dict[tuple[float, ...], Array] = {}
+    corners: dict[tuple[float, ...], Array] = {}
     for x in points:
         point = objective.evaluate(x)
         if np.isfinite(point.value):
             for piece in objective.pieces(point):
                 # to first order the gain grows most towards this corner of the box
                 corner = np.where(piece.slope >= 0.0, 1.0, -1.0)
-                found.setdefault(tuple(corner), corner)
-    return list(found.values())
+                corners.setdefault(tuple(corner), corner)
+    return list(corners.values())
 
 
 def _climb(objective: Objective, start: Array) -> Point:

@@ -18,7 +18,7 @@ from hillsphere_controllers.structured.requirements import DesignPlant, PoleRegi
 from hillsphere_controllers.structured.stabilise import stabilise
 from hillsphere_controllers.structured.structure import Alike, Diagonal, Sizes, Structure
 
-__all__ = ["Found", "Problem", "Search", "Start"]
+__all__ = ["Problem", "Search", "SearchResult", "Start"]
 
 _SIZES = (10.0, 1.0, 30.0, 3.0, 100.0, 0.3)
 """Sizes of random starts in turn, in scaled parameters. Which minimum is reached depends on them,
@@ -105,7 +105,7 @@ class Start:
 
 
 @dataclass(frozen=True)
-class Found:
+class SearchResult:
     """Result of a search.
 
     Parameters
@@ -177,7 +177,7 @@ class Search:
         self._sizes = _SIZES if omega is None else _NEAR_SIZES
         self.middle, self.spread = problem.structure.typical(self._common)
 
-    def __call__(self, start: Start) -> Found:
+    def __call__(self, start: Start) -> SearchResult:
         """Search from one start and return its result."""
         random = np.random.default_rng(start.seed)
         structure = self.problem.structure
@@ -196,9 +196,9 @@ class Search:
             point = objective.evaluate(x)
             if not np.isfinite(point.value):
                 if best.point is not None:
-                    return self._found(start, objective, best.point)
+                    return self._result(start, objective, best.point)
                 theta = objective.theta(x)
-                return Found(
+                return SearchResult(
                     start, theta, np.inf, abscissa, evaluations=objective.evaluations + spent
                 )
             steps = _POLISHED if near else _LEFT if spent else 0
@@ -208,9 +208,9 @@ class Search:
         except (KeyboardInterrupt, Interrupted):
             if best.point is None:
                 raise
-            return self._found(start, objective, best.point, interrupted=True)
-        found = self._found(start, objective, best.known, converged=converged)
-        return replace(found, evaluations=found.evaluations + spent)
+            return self._result(start, objective, best.point, interrupted=True)
+        result = self._result(start, objective, best.known, converged=converged)
+        return replace(result, evaluations=result.evaluations + spent)
 
     def _objective(self, structure: Structure, middle: Array, spread: Array) -> Objective:
         problem = self.problem
@@ -243,7 +243,7 @@ class Search:
         def apart(x: Array) -> Array:
             return np.asarray((alike.apart(objective.theta(x)) - self.middle) / self.spread)
 
-        found, least = self.middle, np.inf
+        theta, least = self.middle, np.inf
         for _ in range(_ATTEMPTS):
             x, abscissa = self._stable(start, random, objective)
             least = min(least, abscissa)
@@ -256,11 +256,11 @@ class Search:
                     if lowest.point is not None:
                         best.accept(best.objective.evaluate(apart(lowest.point.x)))
                     raise
-            found = apart(lowest.known.x if lowest.point is not None else x)
+            theta = apart(lowest.known.x if lowest.point is not None else x)
             if converged:
                 break
             start = replace(start, theta=None)  # stuck: another one
-        return found, least, objective.evaluations
+        return theta, least, objective.evaluations
 
     def _stable(
         self, start: Start, random: np.random.Generator, objective: Objective
@@ -288,7 +288,7 @@ class Search:
                 break
         return best
 
-    def _found(
+    def _result(
         self,
         start: Start,
         objective: Objective,
@@ -296,13 +296,13 @@ class Search:
         *,
         converged: bool = False,
         interrupted: bool = False,
-    ) -> Found:
+    ) -> SearchResult:
         residual, active = stationarity(objective, point)
         abscissa = max(
             float(loop.response.poles.real.max(initial=-np.inf)) / open_loop.rate
             for loop, open_loop in zip(point.loops, self.loops, strict=True)
         )
-        return Found(
+        return SearchResult(
             start, objective.theta(point.x), float(np.exp(point.objective)), abscissa,
             point.excess, converged and residual < _STATIONARY, residual, active,
             objective.evaluations, interrupted,
@@ -391,11 +391,11 @@ def _minimise_from(
             point = descend(objective, point, iterations=150, accepted=best.remember)
             point = best.accept(point)
         iterations = polish or _POLISHED
-        found = polish_point(objective, point, accepted=best.accept, iterations=iterations)
-        if not (found.converged or polish):
-            point = gradient_sampling(objective, found.point, random, rounds=1)
-            found = polish_point(objective, best.accept(point), accepted=best.accept)
-        point, converged = found.point, found.converged
+        polished = polish_point(objective, point, accepted=best.accept, iterations=iterations)
+        if not (polished.converged or polish):
+            point = gradient_sampling(objective, polished.point, random, rounds=1)
+            polished = polish_point(objective, best.accept(point), accepted=best.accept)
+        point, converged = polished.point, polished.converged
         if point.excess <= _KEPT:
             break
         # constraints are still violated: raise the penalty and go on from here

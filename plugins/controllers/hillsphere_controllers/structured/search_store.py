@@ -9,7 +9,7 @@ import numpy as np
 
 from hillsphere.errors import InputError, StageError
 from hillsphere.products.product_codec import canonical, load_product, save_product
-from hillsphere_controllers.structured.search import Found, Start
+from hillsphere_controllers.structured.search import SearchResult, Start
 
 __all__ = ["SearchStore"]
 
@@ -32,7 +32,7 @@ class SearchStore:
         except OSError as error:
             raise _write_error(directory, error) from error
 
-    def found(self, start: Start) -> Found | None:
+    def read(self, start: Start) -> SearchResult | None:
         """Return the result of the search from a start, None if it is not stored.
 
         Raises
@@ -44,21 +44,21 @@ class SearchStore:
         if not path.exists():
             return None
         try:
-            found = load_product(path)
+            result = load_product(path)
         except InputError as error:
             self._note(f"{error}; this search is repeated")
             return None
-        if isinstance(found, Found) and _is_same_start(found.start, start):
-            return found
+        if isinstance(result, SearchResult) and _is_same_start(result.start, start):
+            return result
         self._note(f"{path.name} belongs to another search; this one is repeated")
         return None
 
-    def keep(self, found: Found) -> Found:
+    def keep(self, result: SearchResult) -> SearchResult:
         """Store the result of a search, unless it was interrupted: then it will be repeated.
 
         Returns
         -------
-        Found
+        SearchResult
             The result as the file gives it back.
 
         Raises
@@ -66,15 +66,15 @@ class SearchStore:
         StageError
             If the file cannot be written.
         """
-        found = canonical(found)
-        if found.interrupted:
-            return found
-        path = self._path(found.start)
+        result = canonical(result)
+        if result.interrupted:
+            return result
+        path = self._path(result.start)
         try:
-            save_product(path, found)
+            save_product(path, result)
         except OSError as error:
             raise _write_error(path, error) from error
-        return found
+        return result
 
     def _path(self, start: Start) -> Path:
         return self._directory / f"search-{start.number:05d}.npz"

@@ -46,16 +46,16 @@ class Pid:
 
     def pull_back(self, theta: Array, slope: Array) -> Array:
         """Return the slopes of the parameters."""
-        found = [slope[..., -1, -1]]
+        slopes = [slope[..., -1, -1]]
         if self.integral:
-            found.append(slope[..., -1, 0])
+            slopes.append(slope[..., -1, 0])
         if self.derivative:
             gain, omega = theta[-2], np.exp(theta[-1])
             # k_d and ω enter D and the filter's output together
             through = slope[..., -1, -1] - slope[..., -1, -2]
-            found.append(omega * through)
-            found.append(omega * (slope[..., -2, -1] - slope[..., -2, -2] + gain * through))
-        return np.stack(found, axis=-1)
+            slopes.append(omega * through)
+            slopes.append(omega * (slope[..., -2, -1] - slope[..., -2, -2] + gain * through))
+        return np.stack(slopes, axis=-1)
 
     def typical(self, sizes: Sizes) -> tuple[Array, Array]:
         """Return a filter ten times as fast as the plant, and actions of one size at its rate."""

@@ -233,14 +233,14 @@ class Diagonal:
 
     def typical(self, sizes: Sizes) -> tuple[Array, Array]:
         """Return the typical values of the parts."""
-        found, row, column = [], 0, 0
+        values, row, column = [], 0, 0
         for part in self.parts:
             u, y = sizes.controls[row:], sizes.measurements[column:]
-            found.append(
+            values.append(
                 part.typical(Sizes(u[: part.controls], y[: part.measurements], sizes.rate))
             )
             row, column = row + part.controls, column + part.measurements
-        return np.concatenate([m for m, _ in found]), np.concatenate([s for _, s in found])
+        return np.concatenate([m for m, _ in values]), np.concatenate([s for _, s in values])
 
 
 class Alike:
@@ -267,8 +267,8 @@ class Alike:
 
     def pull_back(self, theta: Array, slope: Array) -> Array:
         """Return the slopes, summed over the parts."""
-        found = self.diagonal.pull_back(self.apart(theta), slope)
-        return np.asarray(found.reshape(*found.shape[:-1], self._count, self.size).sum(axis=-2))
+        slopes = self.diagonal.pull_back(self.apart(theta), slope)
+        return np.asarray(slopes.reshape(*slopes.shape[:-1], self._count, self.size).sum(axis=-2))
 
     def typical(self, sizes: Sizes) -> tuple[Array, Array]:
         """Return the means of the parts' middles, and of the logarithms of their spreads."""

@@ -36,7 +36,7 @@ from hillsphere_controllers.errors import NotStabilisableError, SynthesisFailedE
 from hillsphere_controllers.structured.polish import Active
 from hillsphere_controllers.structured.reduced_start import reduced_start
 from hillsphere_controllers.structured.requirements import DesignPlant, PoleRegion
-from hillsphere_controllers.structured.search import Found, Problem, Search, Start
+from hillsphere_controllers.structured.search import Problem, Search, SearchResult, Start
 from hillsphere_controllers.structured.search_store import SearchStore
 from hillsphere_controllers.structured.structure import Diagonal, Structure, controller_of
 from hillsphere_controllers.structured.verification import Verified, full_order, verify_controller
@@ -65,7 +65,7 @@ class Progress:
     ----------
     done, total : int
         Searches that have ended, and all that are planned so far.
-    latest : Found or None
+    latest : SearchResult or None
         What the last one found; None while one goes on.
     gamma : float
         The smallest γ so far; infinite if there is none.
@@ -75,7 +75,7 @@ class Progress:
 
     done: int
     total: int
-    latest: Found | None
+    latest: SearchResult | None
     gamma: float
     current: float
 
@@ -270,7 +270,7 @@ def synthesise(
         [Start(i, _seed(seed, i), *begun[i] if i < len(begun) else (None,)) for i in range(count)]
     )
     good = sorted((f for f in first if f.allowed), key=lambda f: f.gamma)
-    second: list[Found] = []
+    second: list[SearchResult] = []
     if shaken and good and not run.interrupted and good[0].gamma > least * (1.0 + _SAME):
         second = run.all(_perturbed_starts(good, seed, count))
     candidates = sorted(good + [f for f in second if f.allowed], key=lambda f: f.gamma)
@@ -314,14 +314,14 @@ class _Run:
             directory = ctx.workspace() / f"searches-{ctx.fingerprint[:16]}{name}"
             self._kept = SearchStore(directory, ctx.info)
 
-    def all(self, starts: Sequence[Start]) -> list[Found]:
+    def all(self, starts: Sequence[Start]) -> list[SearchResult]:
         """Return the results of all searches, or of the finished ones after an interruption."""
         self._total += len(starts)
-        found: dict[int, Found] = {}
+        by_start: dict[int, SearchResult] = {}
         try:
             with closing(self._iterate_results(starts)) as results:
                 for one in results:
-                    found[one.start.number] = one
+                    by_start[one.start.number] = one
                     self._report_result(one)
                     if self.interrupted:
                         break
@@ -329,16 +329,16 @@ class _Run:
             self.interrupted = True
             if not np.isfinite(self._gamma):
                 raise
-        return [found[number] for number in sorted(found)]
+        return [by_start[number] for number in sorted(by_start)]
 
-    def _iterate_results(self, starts: Sequence[Start]) -> Generator[Found, None, None]:
+    def _iterate_results(self, starts: Sequence[Start]) -> Generator[SearchResult, None, None]:
         """Yield the results of searches as they end, stored ones first."""
         if self._ctx is None or self._kept is None:
             yield from map(Search(self._problem, self._report_progress), starts)
             return
         left = []
         for start in starts:
-            known = self._kept.found(start)
+            known = self._kept.read(start)
             if known is None:
                 left.append(start)
             else:
@@ -347,13 +347,13 @@ class _Run:
             for one in workers.ended(left):
                 yield self._kept.keep(one)
 
-    def _report_result(self, found: Found) -> None:
+    def _report_result(self, result: SearchResult) -> None:
         self._done += 1
-        self.interrupted = found.interrupted
-        if found.allowed:
-            self._gamma = min(self._gamma, found.gamma)
+        self.interrupted = result.interrupted
+        if result.allowed:
+            self._gamma = min(self._gamma, result.gamma)
         if self._progress is not None:
-            self._progress(Progress(self._done, self._total, found, self._gamma, found.gamma))
+            self._progress(Progress(self._done, self._total, result, self._gamma, result.gamma))
 
     def _report_progress(self, gamma: float) -> None:
         if self._progress is not None:
@@ -368,7 +368,7 @@ class _Searches:
     problem: Problem
     tell: Callable[[float], None] | None
 
-    def prepare(self) -> Callable[[Start], Found]:
+    def prepare(self) -> Callable[[Start], SearchResult]:
         """Return the search."""
         return Search(self.problem, self.tell)
 
@@ -380,40 +380,42 @@ def _seed(seed: int, number: int) -> int:
     return int(np.random.SeedSequence(seed, spawn_key=(number,)).generate_state(1)[0])
 
 
-def _perturbed_starts(good: Sequence[Found], seed: int, number: int) -> list[Start]:
+def _perturbed_starts(good: Sequence[SearchResult], seed: int, number: int) -> list[Start]:
     """Return starts near the best different minima, at most as many as there were."""
-    different: list[Found] = []
-    for found in good:
-        if all(abs(found.gamma - f.gamma) > _SAME * f.gamma for f in different):
-            different.append(found)
+    different: list[SearchResult] = []
+    for result in good:
+        if all(abs(result.gamma - f.gamma) > _SAME * f.gamma for f in different):
+            different.append(result)
     starts: list[Start] = []
-    for found in different[:_KEPT]:
-        settled = found.converged and found.residual < _SETTLED
+    for result in different[:_KEPT]:
+        settled = result.converged and result.residual < _SETTLED
         for shake in _SHAKES[: 2 if settled else None]:
             place = number + len(starts)
-            starts.append(Start(place, _seed(seed, place), found.theta, shake))
+            starts.append(Start(place, _seed(seed, place), result.theta, shake))
     return starts[:number]
 
 
 def _best_verified(
     problem: Problem,
-    candidates: Sequence[Found],
+    candidates: Sequence[SearchResult],
     prefer: Callable[[LtiSystem], float] | None,
     tie: float,
-) -> tuple[Found, Verified, Array]:
+) -> tuple[SearchResult, Verified, Array]:
     """Return the best candidate that passes the check of its closed loops.
 
     Among equals, within the tie, it is the one that is preferred; γ of these (E, 2) follow, with
     what was to be small, that of the one that is taken first.
     """
-    passed: list[tuple[Found, Verified]] = []
+    passed: list[tuple[SearchResult, Verified]] = []
     reasons = []
     margin = _SAME if prefer is None else -tie / (1.0 + tie)
-    for found in candidates:
-        if passed and min(v.gamma for _, v in passed) <= found.gamma * (1.0 + margin):
+    for candidate in candidates:
+        if passed and min(v.gamma for _, v in passed) <= candidate.gamma * (1.0 + margin):
             break
         try:
-            check = verify_controller(problem.plants, controller_of(problem.structure, found.theta))
+            check = verify_controller(
+                problem.plants, controller_of(problem.structure, candidate.theta)
+            )
         except InputError as error:  # such gains that the loop is not well posed in floating point
             reasons.append(str(error))
             continue
@@ -423,7 +425,7 @@ def _best_verified(
         if wrong:
             reasons.append(wrong)
         else:
-            passed.append((found, check))
+            passed.append((candidate, check))
     if not passed:
         raise SynthesisFailedError(
             f"no controller found passes the check of its closed loops ({reasons[0]}); limit the "
@@ -433,24 +435,24 @@ def _best_verified(
     if prefer is None:
         return *min(passed, key=lambda pair: pair[1].gamma), np.zeros((0, 2))
     equal = [pair for pair in passed if pair[1].gamma <= least * (1.0 + tie)]
-    values = [prefer(controller_of(problem.structure, found.theta)) for found, _ in equal]
+    values = [prefer(controller_of(problem.structure, candidate.theta)) for candidate, _ in equal]
     order = np.argsort(values, kind="stable")
     best = equal[int(order[0])]
     return *best, np.array([[equal[k][1].gamma, values[k]] for k in order.tolist()])
 
 
-def _failure(found: Sequence[Found]) -> Exception:
-    stable = [f for f in found if np.isfinite(f.gamma)]
+def _failure(results: Sequence[SearchResult]) -> Exception:
+    stable = [f for f in results if np.isfinite(f.gamma)]
     if stable:
         best = min(stable, key=lambda f: f.excess)
         return SynthesisFailedError(
-            f"no controller found from {len(found)} starts keeps the constraints: the best exceeds "
-            f"one by {100.0 * np.expm1(best.excess):.3g} %; relax them, give the structure more "
-            "parameters, or use more starts"
+            f"no controller found from {len(results)} starts keeps the constraints: the best "
+            f"exceeds one by {100.0 * np.expm1(best.excess):.3g} %; relax them, give the "
+            "structure more parameters, or use more starts"
         )
-    best = min(found, key=lambda f: f.abscissa)
+    best = min(results, key=lambda f: f.abscissa)
     return NotStabilisableError(
-        f"no controller of this structure that stabilises all plants was found from {len(found)} "
+        f"no controller of this structure that stabilises all plants was found from {len(results)} "
         f"starts; the best has poles with a real part of {best.abscissa:.3g} times the plant's "
         "rate: give the structure more parameters, an initial controller, or use more starts"
     )

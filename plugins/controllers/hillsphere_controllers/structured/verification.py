@@ -84,12 +84,12 @@ class Verified:
 def verify_controller(plants: Sequence[DesignPlant], controller: LtiSystem) -> Verified:
     """Compute the norms and poles of the closed loops of plants as they were given."""
     loops = tuple(lower_lft(plant.system, controller) for plant in plants)
-    found = [
+    closed = [
         [_norm(loop, channel) for channel in plant.channels]
         for loop, plant in zip(loops, plants, strict=True)
     ]
-    norms = tuple(tuple(value for value, _, _ in of_plant) for of_plant in found)
-    _, error, doubt = max((one for row in found for one in row), key=lambda one: one[1])
+    norms = tuple(tuple(value for value, _, _ in of_plant) for of_plant in closed)
+    _, error, doubt = max((one for row in closed for one in row), key=lambda one: one[1])
     gamma, limits = 0.0, 0.0
     for plant, values in zip(plants, norms, strict=True):
         for channel, value in zip(plant.channels, values, strict=True):
@@ -134,8 +134,8 @@ def lower_bound(plants: Sequence[DesignPlant], structure: Structure) -> float:
     NotStabilisableError
         If no controller stabilises one of the plants.
     """
-    found = full_order(plants, structure)
-    return 0.0 if found is None else found.bound
+    design = full_order(plants, structure)
+    return 0.0 if design is None else design.bound
 
 
 def full_order(plants: Sequence[DesignPlant], structure: Structure) -> FullOrder | None:
@@ -149,7 +149,7 @@ def full_order(plants: Sequence[DesignPlant], structure: Structure) -> FullOrder
         If no controller stabilises one of the plants.
     """
     nu, ny = structure.controls, structure.measurements
-    found: FullOrder | None = None
+    best: FullOrder | None = None
     for plant in plants:
         for channel in plant.channels:
             if channel.norm != "hinf" or channel.limit is not None:
@@ -163,9 +163,9 @@ def full_order(plants: Sequence[DesignPlant], structure: Structure) -> FullOrder
                 name = f"plant {plant.name!r}" if plant.name else "the plant"
                 raise NotStabilisableError(f"{name}: {error}") from error
             bound = plant.weight * channel.weight * design.least
-            if found is None or bound > found.bound:
-                found = FullOrder(bound, alone, design.controller)
-    return found
+            if best is None or bound > best.bound:
+                best = FullOrder(bound, alone, design.controller)
+    return best
 
 
 def _norm(loop: LtiSystem, channel: Channel) -> tuple[float, float, str]:

@@ -273,5 +273,5 @@ def _diagonal(blocks: list[Array]) -> Array:
 def _join_names(names: list[tuple[str, ...]], counts: list[int]) -> tuple[str, ...]:
     if any(len(one) != count for one, count in zip(names, counts, strict=True)):
         return ()
-    found = tuple(name for one in names for name in one)
-    return found if len(set(found)) == len(found) else ()
+    joined = tuple(name for one in names for name in one)
+    return joined if len(set(joined)) == len(joined) else ()

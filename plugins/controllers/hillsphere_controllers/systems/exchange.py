@@ -94,12 +94,14 @@ def load_mat(path: Path) -> dict[str, Content]:
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
     try:
-        found = parse_mat(data)
+        variables = parse_mat(data)
     except MatFileError as error:
         raise InputError(f"{path} is no .mat file that can be read: {error}") from error
     try:
         return {
-            name: _decode(value, name) for name, value in found.items() if value.dtype.kind != "U"
+            name: _decode(value, name)
+            for name, value in variables.items()
+            if value.dtype.kind != "U"
         }
     except InputError as error:
         raise InputError(f"{path}: {error}") from error

@@ -51,8 +51,8 @@ def zero_order_hold_matrices(a: Array, b: Array, h: float) -> tuple[Array, Array
         raise InputError(f"A must be {m} × {m} to fit B, got {a.shape}")
     both = np.zeros((m + q, m + q))
     both[:m, :m], both[:m, m:] = a, b
-    found = expm(both * h)
-    return found[:m, :m], found[:m, m:]
+    exponential = expm(both * h)
+    return exponential[:m, :m], exponential[:m, m:]
 
 
 def mean_output_hold(system: LtiSystem, dt_s: float) -> LtiSystem:

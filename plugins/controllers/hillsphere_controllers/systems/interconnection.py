@@ -140,13 +140,13 @@ class _Sum:
 
     @classmethod
     def read(cls, text: str) -> _Sum:
-        found = _SUM.fullmatch(text)
-        if found is None:
+        match = _SUM.fullmatch(text)
+        if match is None:
             raise InputError(f"a junction reads 'e = r - y', with names and signs; got {text!r}")
         terms = tuple(
-            (-1.0 if sign == "-" else 1.0, name) for sign, name in _TERM.findall(found[2])
+            (-1.0 if sign == "-" else 1.0, name) for sign, name in _TERM.findall(match[2])
         )
-        return cls(found[1], terms)
+        return cls(match[1], terms)
 
 
 class _Names:
@@ -158,16 +158,16 @@ class _Names:
         self._gaps: set[str] = set()
         for signal in signals:
             self._known[signal] = [signal]
-            found = _NUMBERED.fullmatch(signal)
-            if found:
-                group, number = numbered.setdefault(found[1], {}), int(found[2] or found[3])
+            match = _NUMBERED.fullmatch(signal)
+            if match:
+                group, number = numbered.setdefault(match[1], {}), int(match[2] or match[3])
                 other = group.setdefault(number, signal)
                 first = next(iter(group.values()))
                 if other != signal or first.endswith(")") != signal.endswith(")"):
                     raise InputError(
                         f"{signal!r} and {other if other != signal else first!r} number signals "
-                        f"of {found[1]!r} in two ways; write all as {found[1]}[0], {found[1]}[1] … "
-                        f"or all as {found[1]}(1), {found[1]}(2) …"
+                        f"of {match[1]!r} in two ways; write all as {match[1]}[0], {match[1]}[1] … "
+                        f"or all as {match[1]}(1), {match[1]}(2) …"
                     )
         for name, group in numbered.items():
             if name in self._known:

@@ -88,7 +88,7 @@ def parse_mat(data: bytes) -> dict[str, Value]:
     if version != 0x0100:
         raise MatFileError(f"it is of version {version:#x}, which is not read")
     reader = _Reader(order)
-    found: dict[str, Value] = {}
+    variables: dict[str, Value] = {}
     for kind, content in reader.elements(memoryview(data)[_HEAD:]):
         body = content
         if kind == _COMPRESSED:
@@ -98,8 +98,8 @@ def parse_mat(data: bytes) -> dict[str, Value]:
         name, value = reader.array(body, 0)
         if not name:  # where MATLAB keeps what its objects consist of
             raise MatFileError(_OBJECTS)
-        found[name] = value
-    return found
+        variables[name] = value
+    return variables
 
 
 _OBJECTS = (

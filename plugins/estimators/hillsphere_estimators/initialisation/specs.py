@@ -44,7 +44,7 @@ class InitialisationSpec(StageSpec):
         "true states at first, in the order of the plant's", min_length=1, max_length=20
     )
     duration_s: float = quantity("time", "length of the arc of measurements", gt=0)
-    interval_s: float = quantity("time", "between measurements", gt=0)
+    interval_s: float = quantity("time", "time between measurements", gt=0)
     seeds: int = option("random cases", default=100, ge=2, le=10000)
     depths_m: tuple[float, ...] = quantity(
         "length", "distances along each line of sight from which the search starts, in every "

@@ -72,7 +72,7 @@ class InitialisationStage:
         Returns
         -------
         StartingBelief
-            Of all cases.
+            Starting beliefs of all cases.
         """
         spec, seeds = self.spec, self.spec.seeds
         plant, suite = spec.plant.get(), SensorSuite([ref.get() for ref in spec.sensors])

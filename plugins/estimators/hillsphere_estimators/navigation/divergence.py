@@ -81,9 +81,9 @@ def endings(
     Returns
     -------
     status, cause : tuple of str
-        Of each flight. The status is ``diverged`` if the filter has become non-finite (cause
-        ``filter``), or if its NEES at the end is too large, with an alarm by the innovations
-        (``innovations``) or without (``errors``).
+        Status and cause of each flight. The status is ``diverged`` if the filter has become
+        non-finite (cause ``filter``), or if its NEES at the end is too large, with an alarm by the
+        innovations (``innovations``) or without (``errors``).
     """
     status, cause = list(flights.status), list(flights.cause)
     lost = np.isnan(record.nees[-1])

@@ -98,7 +98,7 @@ class Filtering:
     views : SensorScenes
         Scenes of both.
     estimators : tuple of Estimator
-        Of the first updates, and of all others.
+        Estimator of the first updates, and that of all others.
     gate_after : int
         Number of the first updates.
     members : tuple of ndarray of bool, shape (m,)
@@ -161,7 +161,7 @@ class Filtering:
         w : ndarray, shape (noise, N)
             Normal numbers.
         memory : _Memory
-            Of the last sample.
+            Memory of the last sample.
         """
         n, belief = len(self.start.x), memory.belief
         estimator = self.estimators[0 if k < self.gate_after else 1]
@@ -229,7 +229,7 @@ def update_members(
     Parameters
     ----------
     estimator : Estimator
-        Of all members.
+        Estimator of all members.
     model : EstimationModel
         The filter's model.
     belief : Belief

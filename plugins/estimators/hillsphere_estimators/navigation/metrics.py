@@ -137,7 +137,7 @@ def ratio_to_bound(error: Array, bound: Array) -> tuple[float, float]:
     Parameters
     ----------
     error, bound : ndarray, shape (N,)
-        Of N flights, each with its own bound; NaN for flights that were lost.
+        Errors of N flights, each with its own bound; NaN for flights that were lost.
 
     Returns
     -------

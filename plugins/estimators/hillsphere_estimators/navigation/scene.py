@@ -58,7 +58,7 @@ class Sky:
     Parameters
     ----------
     earth : Ephemeris, optional
-        Of the Earth; none without stations on it.
+        Ephemeris of the Earth; none without stations on it.
     epoch : Epoch, optional
         Date of time 0.
     """

@@ -113,7 +113,7 @@ class OutageSpec(Spec):
 
     examples = ({"interval_h": [6, 30]}, {"sensors": ["lidar"], "interval_h": [6, 30]})
 
-    sensors: tuple[str, ...] = option("their names; left out: all of them", default=())
+    sensors: tuple[str, ...] = option("names of the sensors; left out: all of them", default=())
     interval_s: Pair = quantity("time", "[from, to], since the start")
 
     @model_validator(mode="after")
@@ -218,13 +218,13 @@ class NavigationSpec(StageSpec):
     belief: BeliefSpec = option(
         "how well the start is known", default=BeliefSpec(position_relative=0.1)
     )
-    interval_s: float = quantity("time", "between two sets of measurements", gt=0)
+    interval_s: float = quantity("time", "time between two sets of measurements", gt=0)
     duration_s: float = quantity(
-        "time", "how long it lasts, in whole intervals; measurements at both ends", gt=0
+        "time", "how long the flight lasts, in whole intervals; measurements at both ends", gt=0
     )
     step_s: float = quantity("time", "longest step of the step maps", default=60.0, gt=0)
     noise_step_s: float = quantity(
-        "time", "over which the random accelerations that the plant declares are held",
+        "time", "time over which the random accelerations that the plant declares are held",
         default=60.0, gt=0,
     )  # fmt: skip
     method: Literal["rk6", "dop853"] = option("formula of the step maps", default="rk6")

@@ -66,7 +66,7 @@ class NoControl:
     period_s : float
         Time between samples.
     controls : tuple of Variable
-        Of the plant.
+        Controls of the plant.
     """
 
     period_s: float
@@ -104,7 +104,7 @@ class PerturbedReference:
         Thrust as a part of the command. The accelerations are divided by it, since the thrust error
         does not apply to them.
     seed, stream, numbers
-        Of the random numbers, as in `hillsphere.base.seeds.draws`; numbers (N,).
+        Keys of the random numbers, as in `hillsphere.base.seeds.draws`; numbers (N,).
     """
 
     def __init__(

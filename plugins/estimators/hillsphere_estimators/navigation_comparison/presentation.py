@@ -40,7 +40,7 @@ def present_comparison(
     Parameters
     ----------
     product : NavigationComparison
-        Of the stage.
+        Product of the stage.
     spec : NavigationComparisonSpec
         Label, confidence and requirement.
 

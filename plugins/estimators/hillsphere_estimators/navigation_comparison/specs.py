@@ -74,9 +74,9 @@ class NavigationComparisonSpec(StageSpec):
         "from 1), spacecraft, position_error_m and velocity_error_mm_s",
         default=None,
     )
-    confidence: float = option("of all intervals", default=0.95, gt=0.5, lt=1)
+    confidence: float = option("confidence of all intervals", default=0.95, gt=0.5, lt=1)
     masses_kg: tuple[float, ...] = quantity(
-        "mass", "of each set of sensors, for the choice of the lightest", default=()
+        "mass", "mass of each set of sensors, for the choice of the lightest", default=()
     )
     required_position_m: float | None = quantity(
         "length", "largest allowed rms position error of every spacecraft",

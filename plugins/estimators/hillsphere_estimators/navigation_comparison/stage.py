@@ -60,7 +60,7 @@ class NavigationComparisonStage:
         flights : tuple of NavigationFlight
             Shown in one figure.
         campaign : CaseTable or None
-            Of a navigation stage, swept over sets of sensors and P points of other keys.
+            Campaign of a navigation stage, swept over sets of sensors and P points of other keys.
 
         Returns
         -------
@@ -209,7 +209,7 @@ def paired_rms_ratio(first: Array, second: Array, confidence: float) -> Array:
     first, second : ndarray, shape (S + 1, N)
         Errors of S spacecraft and, in the last row, the draws. Only draws in both count.
     confidence : float
-        Of the interval.
+        Probability with which the interval holds the value.
 
     Returns
     -------

@@ -45,7 +45,7 @@ def present_refinement(product: OrbitRefinement, spec: OrbitRefinementSpec) -> P
     Parameters
     ----------
     product : OrbitRefinement
-        Of the stage.
+        Product of the stage.
     spec : OrbitRefinementSpec
         Reported times.
 

@@ -119,7 +119,7 @@ def earth_at(times_s: Array, earth: Ephemeris, epoch: Epoch) -> tuple[Array, Arr
     times_s : ndarray, shape (K,)
         Times since the epoch, s.
     earth : Ephemeris
-        Of the Earth.
+        Ephemeris of the Earth.
     epoch : Epoch
         Date of time 0.
     """

@@ -102,17 +102,21 @@ class OrbitRefinementSpec(StageSpec):
     asteroid: Ref = reference("body", "the asteroid: where it truly is")
     earth: Ref = reference("body", "the Earth, from which is observed")
     geometries: tuple[GeometrySpec, ...] = option(
-        "where both are when the observations begin", min_length=1, max_length=200
+        "places of asteroid and spacecraft when the observations begin",
+        min_length=1,
+        max_length=200,
     )
     seeds: int = option("random cases of each geometry", default=20, ge=2, le=2000)
 
     optical: tuple[Ref, ...] = reference(
-        "sensor", "what observes the asteroid at first; to it the asteroid is spacecraft 1"
+        "sensor", "sensors of the optical part; to them the asteroid is spacecraft 1"
     )
     optical_duration_s: float = quantity(
         "time", "length of the optical part", default=30.0 * DAY_S, gt=0
     )
-    optical_interval_s: float = quantity("time", "between observations", default=3600.0, gt=0)
+    optical_interval_s: float = quantity(
+        "time", "time between observations in the optical part", default=3600.0, gt=0
+    )
     initial_error: float = option(
         "standard deviation of the first belief, each axis, as a part of the distance from the Sun "
         "and of the speed",
@@ -126,10 +130,16 @@ class OrbitRefinementSpec(StageSpec):
         max_length=19,
     )
     spacecraft_position_sigma_m: float = quantity(
-        "length", "standard deviation of their first positions, each axis", default=1e6, gt=0
+        "length",
+        "standard deviation of the spacecraft's first positions, each axis",
+        default=1e6,
+        gt=0,
     )
     spacecraft_speed_sigma_m_s: float = quantity(
-        "speed", "standard deviation of their first velocities, each axis", default=0.1, gt=0
+        "speed",
+        "standard deviation of the spacecraft's first velocities, each axis",
+        default=0.1,
+        gt=0,
     )
     acceleration_noise_m_s2: float = quantity(
         "acceleration",
@@ -138,7 +148,9 @@ class OrbitRefinementSpec(StageSpec):
         default=0.0, ge=0,
     )  # fmt: skip
     duration_s: float = quantity("time", "length of the second part", default=2.0 * DAY_S, gt=0)
-    interval_s: float = quantity("time", "between its measurements", default=600.0, gt=0)
+    interval_s: float = quantity(
+        "time", "time between measurements in the second part", default=600.0, gt=0
+    )
     reported_s: tuple[float, ...] = quantity(
         "time", "times of the table, after the beginning of the second part; left out: each day",
         default=(), gt=0, max_length=20,

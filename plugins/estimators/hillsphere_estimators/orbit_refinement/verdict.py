@@ -55,7 +55,7 @@ def refinement_verdict(product: OrbitRefinement, spec: OrbitRefinementSpec) -> l
     Parameters
     ----------
     product : OrbitRefinement
-        Of the stage.
+        Product of the stage.
     spec : OrbitRefinementSpec
         Reported times, and whether the paper's claim is answered.
 

@@ -32,7 +32,9 @@ class DepartureSpec(StartFormsSpec):
         "length", "positions in the plant's frame, in the order of its states", default=()
     )
     velocity_m_s: tuple[float, ...] = quantity(
-        "speed", "velocities, likewise; left out: zero", default=()
+        "speed",
+        "velocities in the plant's frame, in the order of its states; left out: zero",
+        default=(),
     )
     others: dict[str, float] = option(
         "values of states that are neither, by name, SI (true_anomaly = 0)", default={}
@@ -59,10 +61,14 @@ class DescentSpec(Spec):
         },
     )
 
-    name: str = option("by which it is followed", pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]{0,39}$")
-    start: DepartureSpec = option("where and when it begins")
+    name: str = option(
+        "name by which the descent is followed", pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]{0,39}$"
+    )
+    start: DepartureSpec = option("where and when the descent begins")
     duration_s: float = quantity("time", "length of the flight", gt=0)
-    site: SiteSpec | None = option("where it lands; left out: end_position_m", default=None)
+    site: SiteSpec | None = option(
+        "where the descent lands; left out: end_position_m", default=None
+    )
     touchdown_speed_m_s: float | None = quantity(
         "speed", "with a site: speed at its end, along the inward normal", default=None, ge=0
     )
@@ -70,7 +76,7 @@ class DescentSpec(Spec):
         "length", "instead of a site: positions at the end, in the plant's frame", default=()
     )
     end_velocity_m_s: tuple[float, ...] = quantity(
-        "speed", "with end_position: velocities there; left out: zero", default=()
+        "speed", "with end_position: velocities at the end; left out: zero", default=()
     )
 
     @model_validator(mode="after")

@@ -95,14 +95,14 @@ class NonlinearStabilitySpec(StageSpec):
         "injection errors drawn for each orbit and phase", default=200, ge=1, le=100_000
     )
     phases: tuple[float, ...] = option(
-        "where on the orbit it is injected: parts of its period after the start",
+        "phases of injection, as parts of the orbit's period after its start",
         default=(0.0,),
         ge=0,
         lt=1,
         min_length=1,
     )
     confidence: float = option(
-        "of the interval of the survival probability", default=0.95, gt=0, lt=1
+        "confidence of the interval of the survival probability", default=0.95, gt=0, lt=1
     )
     position_offsets_m: tuple[Vector3, ...] = quantity(
         "length", "offsets x, y, z at the start, each flown for its own fate", default=()
@@ -117,7 +117,10 @@ class NonlinearStabilitySpec(StageSpec):
         le=100,
     )
     resonance_distance_m: float = quantity(
-        "length", "largest distance in amplitude x of such a resonance", default=2000.0, gt=0
+        "length",
+        "largest distance in amplitude x of a resonance near an orbit",
+        default=2000.0,
+        gt=0,
     )
     accuracy: float = option(
         "largest change of the integral of motion that a flight may show, relative to it or to "

@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.dynamics import ArrayFunction, Derivatives, StepMap, system
-from hillsphere.interfaces import Array, Plant
+from hillsphere.interfaces import Array, ArrayConserved, Plant
 from hillsphere.symbolic import Expr, gradient, is_zero, parameter, sum_of
 from hillsphere_orbits.nonlinear_stability.sampled_orbits import require_states
-from hillsphere_orbits.survey import ArrayConserved
 
 __all__ = ["Fate", "Fates", "Survival"]
 

@@ -28,7 +28,9 @@ class VarySpec(Spec):
         max_length=100,
     )
     to: float = option("value at the end of the path, SI")
-    start: float | None = option("value at its start, SI; left out: the plant's own", default=None)
+    start: float | None = option(
+        "value at the start of the path, SI; left out: the plant's own", default=None
+    )
 
 
 class OrbitFamilySpec(StageSpec):

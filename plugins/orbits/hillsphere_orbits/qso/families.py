@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from hillsphere.errors import ConvergenceError, InputError, PropagationError
-from hillsphere.interfaces import Array, Plant
+from hillsphere.interfaces import Array, ArrayConserved, Plant
 from hillsphere.symbolic import gradient
 from hillsphere_orbits.continuation import Boundary, Branch, StepControl, continue_both, follow
 from hillsphere_orbits.correction import correct, fix_component
@@ -16,7 +16,7 @@ from hillsphere_orbits.flow import XY_MIRROR, Flow, flow_of
 from hillsphere_orbits.members import Quantity, coordinate
 from hillsphere_orbits.qso.specs import QsoSpec
 from hillsphere_orbits.shooting import PeriodicShooting, Shooting, SymmetricShooting
-from hillsphere_orbits.survey import ArrayConserved, LockedMoon, Surveyor
+from hillsphere_orbits.survey import LockedMoon, Surveyor
 from hillsphere_orbits.winding import Winding, primary_distance, resolution, sensitivity
 
 __all__ = ["Family", "Qso"]

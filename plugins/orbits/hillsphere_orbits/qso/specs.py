@@ -186,7 +186,7 @@ class BifurcationSpec(_OfFamily):
     n_max: int | None = option(
         "search every resonance of both planes up to this n as well", default=None, ge=1, le=100
     )
-    d_max: int = option("with n_max: and up to this d", default=1, ge=1, le=50)
+    d_max: int = option("with n_max: largest d of these resonances", default=1, ge=1, le=50)
 
     @model_validator(mode="after")
     def _resonances(self) -> Self:

@@ -36,7 +36,8 @@ class SpatialFamiliesNeeds(Spec):
     """Products of earlier stages that ``spatial_qso_families`` uses."""
 
     bifurcations: Ref = need(
-        "hillsphere.products:Bifurcations", "where the families branch off: its vertical ones"
+        "hillsphere.products:Bifurcations",
+        "bifurcations at which the families branch off: the vertical ones",
     )
 
 
@@ -126,7 +127,7 @@ class StationKeepingSpec(StageSpec):
     )
     sigmas: float = option("how many standard deviations are covered", default=3.0, gt=0)
     duration_s: float = quantity(
-        "time", "over which the corrections are added up", default=30 * DAY_S, gt=0
+        "time", "time over which the corrections are added up", default=30 * DAY_S, gt=0
     )
     reference: DataPath | None = data_path(
         "cited CSV of published costs with the columns n, Az_km and v_cm_m_s, shown beside ours; "

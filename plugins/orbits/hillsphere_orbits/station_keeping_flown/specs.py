@@ -139,7 +139,7 @@ class StationKeepingFlownSpec(StageSpec):
     )
     execution_pointing_rad: float = quantity(
         "angle",
-        "standard deviation of its direction, about each axis",
+        "standard deviation of the direction of an impulse, about each axis",
         default=0.5 * pi / 180.0,
         ge=0,
         lt=1,
@@ -155,7 +155,7 @@ class StationKeepingFlownSpec(StageSpec):
     )
     distance_max_m: float | None = quantity(
         "length",
-        "and beyond this distance from where the reference is at the time; left out: not asked for",
+        "a flight is lost beyond this distance from the reference at the time, too; left out: none",
         default=None,
         gt=0,
     )
@@ -167,11 +167,17 @@ class StationKeepingFlownSpec(StageSpec):
         gt=0,
     )
     tolerable_velocity_m_s: float = quantity(
-        "speed", "for the regulators: a deviation in velocity that weighs as much", default=1.0,
+        "speed",
+        "for the regulators: a deviation in velocity that weighs as much as the tolerable impulse",
+        default=1.0,
         gt=0,
     )  # fmt: skip
     tolerable_impulse_m_s: float = quantity(
-        "speed", "for all strategies but 'floquet_mode': that impulse", default=0.1, gt=0
+        "speed",
+        "for all strategies but 'floquet_mode': impulse that weighs as much as the tolerable "
+        "deviations",
+        default=0.1,
+        gt=0,
     )
     targets: tuple[int, ...] = option(
         "for target points: how many intervals after the correction the deviations count",
@@ -191,7 +197,7 @@ class StationKeepingFlownSpec(StageSpec):
         "survival probability from which an interval counts as flyable", default=0.99, gt=0, le=1
     )
     confidence: float = option(
-        "of the interval of the survival probability", default=0.95, gt=0, lt=1
+        "confidence of the interval of the survival probability", default=0.95, gt=0, lt=1
     )
     label: str = label()
 

@@ -21,11 +21,12 @@ class SwingFamiliesNeeds(Spec):
     examples = ({"bifurcations": "bifurcations"},)
 
     bifurcations: Ref = need(
-        "hillsphere.products:Bifurcations", "where the families branch off: its planar ones"
+        "hillsphere.products:Bifurcations",
+        "bifurcations at which the families branch off: the planar ones",
     )
     family: Ref | None = need(
         "hillsphere_orbits.qso.products:QsoFamily",
-        "the orbits of one revolution, drawn beside them",
+        "orbits of one revolution, drawn beside the families",
         default=None,
     )
 

@@ -39,7 +39,7 @@ class SpinEquilibria:
     position_m : ndarray, shape (3, K)
         Body-fixed, by longitude.
     eigenvalues : ndarray of complex, shape (6, K)
-        Of the linear motion there, 1/s; a positive real part tells instability.
+        Eigenvalues of the linear motion there, 1/s; a positive real part tells instability.
     potential : ndarray, shape (K,)
         ½ω²(x² + y²) + U, m²/s².
     """

@@ -32,7 +32,7 @@ def present_formation(
     spacecraft : tuple of str
         Their names.
     semi_axes_m : ndarray, shape (3,), or None
-        Of the asteroid.
+        Semi-axes of the asteroid.
 
     Returns
     -------

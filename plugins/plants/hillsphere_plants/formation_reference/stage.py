@@ -94,9 +94,9 @@ def relative_orbit(
     anomaly_rad : ndarray, shape (N,)
         True anomaly f of the asteroid.
     semi_major_axis_m, eccentricity, inclination_rad, periapsis_rad : float
-        Of the asteroid's orbit: a, e, i, ω.
+        Elements of the asteroid's orbit: a, e, i, ω.
     gm_m3_s2 : float
-        Of the Sun.
+        Gravitational parameter of the Sun.
 
     Returns
     -------

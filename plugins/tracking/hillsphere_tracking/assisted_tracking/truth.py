@@ -165,7 +165,7 @@ def fly_passes(
     PropagationError
         If the satellite reaches the ground before a pass.
     """
-    flights, found = _Flights(orbit, plant), []
+    flights, passes = _Flights(orbit, plant), []
     with warnings.catch_warnings():
         # the verdict of the stage contains this warning
         warnings.simplefilter("ignore", EarthOrientationWarning)
@@ -186,11 +186,11 @@ def fly_passes(
             )
         for p in spec.passes:
             try:
-                found.append(_truth(p, spec.period_s, flights, track, edges, float(revolution)))
+                passes.append(_truth(p, spec.period_s, flights, track, edges, float(revolution)))
             except InputError as error:
                 raise InputError(f"passes: {p.name}: {error}") from error
             advance(1)
-    return tuple(found)
+    return tuple(passes)
 
 
 def _truth(

@@ -32,8 +32,8 @@ def twins_of(product: TrackingComparison, reference: ReferenceTable | None) -> T
     """Return the published row of each outage that has one."""
     keys = set(zip(product.passes, product.outages, strict=True))
     rows = reference.rows if reference is not None else ()
-    found = {(str(row["pass"]), str(row["outage"])): row for row in rows}
-    return {key: row for key, row in found.items() if key in keys}
+    published = {(str(row["pass"]), str(row["outage"])): row for row in rows}
+    return {key: row for key, row in published.items() if key in keys}
 
 
 def outage_table(

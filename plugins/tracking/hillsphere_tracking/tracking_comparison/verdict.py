@@ -118,13 +118,13 @@ def _worst_outages(ages: AgeComparison, t: int) -> str:
     parts = []
     for group in dict.fromkeys(ages.group):
         here = [p for p, one in enumerate(ages.group) if one == group]
-        found = ", ".join(
+        worst = ", ".join(
             f"{_value(ages, p)} {ages.worst_ratio[t, p]:.3g} ({ages.passes[k]} {ages.outages[k]})"
             for p in here
             for k in [int(ages.worst_ratio_outage[t, p])]
             if np.isfinite(ages.worst_ratio[t, p])
         )
-        parts.append(f"{group}: {found}" if group else found)
+        parts.append(f"{group}: {worst}" if group else worst)
     return "; ".join(parts)
 
 

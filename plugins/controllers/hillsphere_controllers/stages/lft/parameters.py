@@ -111,7 +111,7 @@ def uncertain_parameters(
         bounded[bound.parameter] = real_parameter(
             bound.parameter, bound.lower, bound.upper, bound.nominal
         )
-    found = []
+    parameters = []
     for k, name in enumerate(models.parameters):
         low, high = float(models.values[k].min()), float(models.values[k].max())
         if name in spec.known or (low == high and name not in bounded):
@@ -123,10 +123,10 @@ def uncertain_parameters(
             )
         nominal = float(models.nominal[k])
         inside = low < nominal < high
-        found.append(
+        parameters.append(
             bounded.get(name) or real_parameter(name, low, high, nominal if inside else None)
         )
-    return tuple(found)
+    return tuple(parameters)
 
 
 def excess_of_bounds(models: LinearModels, parameters: Sequence[Uncertainty]) -> float:
@@ -162,5 +162,5 @@ def _bound_dispersion(
             "(sigma 0, or relative to a nominal 0) is certain and no parameter of models: give it "
             "a spread, or leave it out of the dispersion"
         ) from error
-    found = bound_dispersion(_Parameters(offered), dispersion, sigmas=sigmas)
-    return tuple(real_parameter(f"{own}{u.name}", u.lower, u.upper, u.nominal) for u in found)
+    parameters = bound_dispersion(_Parameters(offered), dispersion, sigmas=sigmas)
+    return tuple(real_parameter(f"{own}{u.name}", u.lower, u.upper, u.nominal) for u in parameters)

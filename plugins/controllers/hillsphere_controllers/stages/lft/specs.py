@@ -18,7 +18,7 @@ class BoundSpec(Spec):
 
     parameter: str = option("name of the parameter in the models")
     lower: float = option("least value, in the parameter's unit")
-    upper: float = option("largest value")
+    upper: float = option("largest value, in the parameter's unit")
     nominal: float | None = option("nominal value; left out: the middle", default=None)
 
     @model_validator(mode="after")
@@ -42,9 +42,13 @@ class UncertainBlockSpec(Spec):
          "normalise": True, "outputs": ["z_mass"], "inputs": ["w_mass"]},
     )  # fmt: skip
 
-    name: str = option("of the uncertainty")
-    outputs: tuple[str, ...] = option("outputs of the models that it takes", min_length=1)
-    inputs: tuple[str, ...] = option("inputs of the models that it gives", min_length=1)
+    name: str = option("name of the uncertainty")
+    outputs: tuple[str, ...] = option(
+        "outputs of the models that the uncertainty takes", min_length=1
+    )
+    inputs: tuple[str, ...] = option(
+        "inputs of the models that the uncertainty gives", min_length=1
+    )
     kind: Literal["full", "complex", "real"] = option(
         "a matrix of norm one at most; or one number of modulus one at most, complex or real, "
         "times the identity: as many inputs as outputs, a copy of it for each",

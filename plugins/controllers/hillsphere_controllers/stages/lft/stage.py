@@ -80,20 +80,20 @@ class LftStage:
         others = [uncertain_parameters(models, spec, sigmas) for sigmas in spec.compare_sigmas]
         groups = group_models(models, spec.known)
         advance = ctx.track("uncertain models", len(groups.members))
-        found: list[Fit] = []
+        fitted: list[Fit] = []
         response_error = np.full(len(models.systems), np.nan)
         for members in groups.members:
-            found.append(self._fit_members(models, members, parameters, others))
+            fitted.append(self._fit_members(models, members, parameters, others))
             if spec.fit == "polynomial":
                 # an affine fit was compared with all matrices already
                 response_error[members] = _response_errors(
-                    found[-1].lft, models, members, parameters
+                    fitted[-1].lft, models, members, parameters
                 )
             advance(1)
         signals = models.systems[0]
-        blocks = [_with_blocks(one.lft, signals, spec.blocks, models) for one in found]
+        blocks = [_with_blocks(one.lft, signals, spec.blocks, models) for one in fitted]
         units = dict(zip(models.parameters, models.units, strict=True))
-        fits = [one.polynomial for one in found if one.polynomial is not None]
+        fits = [one.polynomial for one in fitted if one.polynomial is not None]
         count = len(parameters)
         return FittedModels(
             models=tuple(uncertain_model(lft, units) for lft in blocks),
@@ -107,14 +107,16 @@ class LftStage:
             shares=tuple(np.array(fit.shares) for fit in fits),
             errors=tuple(np.array(fit.errors) for fit in fits),
             left_out_error=np.array([fit.left_out_error for fit in fits]),
-            before=np.array([one.before for one in found], dtype=np.int64).reshape(
-                len(found), count
+            before=np.array([one.before for one in fitted], dtype=np.int64).reshape(
+                len(fitted), count
             ),
-            after=np.array([one.after for one in found], dtype=np.int64).reshape(len(found), count),
-            bound=np.array([one.bound for one in found]),
-            sampled=np.array([one.sampled for one in found]),
-            dropped=np.array([one.dropped for one in found]),
-            checks=np.array([one.checks for one in found], dtype=np.int64),
+            after=np.array([one.after for one in fitted], dtype=np.int64).reshape(
+                len(fitted), count
+            ),
+            bound=np.array([one.bound for one in fitted]),
+            sampled=np.array([one.sampled for one in fitted]),
+            dropped=np.array([one.dropped for one in fitted]),
+            checks=np.array([one.checks for one in fitted], dtype=np.int64),
             group=groups.group,
             response_error=response_error,
             beyond=excess_of_bounds(models, parameters) if spec.fit == "polynomial" else 0.0,
@@ -122,8 +124,8 @@ class LftStage:
             known=spec.known,
             known_values=groups.values,
             size_sigmas=np.array(spec.compare_sigmas),
-            sizes=np.array([one.sizes for one in found], dtype=np.int64).T.reshape(
-                len(spec.compare_sigmas), len(found)
+            sizes=np.array([one.sizes for one in fitted], dtype=np.int64).T.reshape(
+                len(spec.compare_sigmas), len(fitted)
             ),
         )
 

@@ -32,9 +32,11 @@ class ShelvingSpec(Spec):
 
     low: float = option("gain at zero frequency", ge=0)
     high: float = option("gain at infinite frequency", ge=0)
-    frequency_rad_s: float = quantity("angular_rate", "where it has the next gain", gt=0)
-    gain: float = option("gain there, between the two others", default=1.0, gt=0)
-    order: int = option("so many equal poles", default=1, ge=1, le=10)
+    frequency_rad_s: float = quantity(
+        "angular_rate", "frequency at which the weight has the value of gain", gt=0
+    )
+    gain: float = option("gain at that frequency, between low and high", default=1.0, gt=0)
+    order: int = option("number of equal poles", default=1, ge=1, le=10)
 
     @model_validator(mode="after")
     def _check_between(self) -> Self:
@@ -67,10 +69,8 @@ class DelaySpec(Spec):
 
     examples = ({"time_s": 30, "order": 2},)
 
-    time_s: float = quantity(
-        "time", "how late; half a period stands for a hold between samples", gt=0
-    )
-    order: int = option("of the rational function", default=1, ge=1, le=8)
+    time_s: float = quantity("time", "delay; half a period stands for a hold between samples", gt=0)
+    order: int = option("order of the rational function", default=1, ge=1, le=8)
 
 
 class LowPassSpec(Spec):
@@ -79,7 +79,7 @@ class LowPassSpec(Spec):
     examples = ({"frequency_hz": 0.05},)
 
     frequency_hz: float = quantity("frequency", "corner of each filter", gt=0)
-    order: int = option("how many", default=1, ge=1, le=10)
+    order: int = option("number of filters", default=1, ge=1, le=10)
 
 
 class GaussMarkovSpec(Spec):
@@ -88,7 +88,7 @@ class GaussMarkovSpec(Spec):
     examples = ({"deviation": 0.5, "correlation_time_min": 10},)
 
     deviation: float = option("standard deviation of the noise, in its signal's unit, SI", gt=0)
-    correlation_time_s: float = quantity("time", "in which it is forgotten", gt=0)
+    correlation_time_s: float = quantity("time", "correlation time of the noise", gt=0)
 
 
 class SystemSpec(Spec):
@@ -119,13 +119,16 @@ class SystemSpec(Spec):
         "A, row by row; an entry is a number or a formula of parameters; left out: no states",
         default=(),
     )
-    b: EntryMatrix = option("B, likewise", default=())
-    c: EntryMatrix = option("C, likewise", default=())
-    d: EntryMatrix = option("D, likewise; left out: zero", default=())
+    b: EntryMatrix = option("B, row by row, entries as in A", default=())
+    c: EntryMatrix = option("C, row by row, entries as in A", default=())
+    d: EntryMatrix = option("D, row by row, entries as in A; left out: zero", default=())
     numerator: tuple[Entry, ...] = option(
-        "coefficients of a transfer function, the highest power of s first", default=()
+        "coefficients of the numerator of a transfer function, the highest power of s first",
+        default=(),
     )
-    denominator: tuple[Entry, ...] = option("those of its denominator", default=())
+    denominator: tuple[Entry, ...] = option(
+        "coefficients of the denominator of the transfer function", default=()
+    )
     shelving: ShelvingSpec | None = option(
         "a weight by its gains at low and high frequency", default=None
     )
@@ -146,7 +149,7 @@ class SystemSpec(Spec):
     variable: str = option(
         "which variable of a .mat file; left out: the only system in it", default=""
     )
-    channels: int = option("so many copies of it side by side", default=1, ge=1, le=200)
+    channels: int = option("number of copies of the system, side by side", default=1, ge=1, le=200)
 
     @model_validator(mode="after")
     def _described_once(self) -> Self:
@@ -209,14 +212,14 @@ class ParameterSpec(Spec):
 
     examples = ({"name": "k", "nominal": 1.25, "values": [0.5, 1.25, 2], "unit": "N/m"},)
 
-    name: str = option("as formulas write it", pattern=_NAME)
+    name: str = option("name of the parameter in formulas", pattern=_NAME)
     nominal: float = option("nominal value")
     values: tuple[float, ...] = option(
         "values for which a model is made; left out: the nominal one",
         default=(),
         max_length=_MODELS,
     )
-    unit: str = option("of all these, for tables", default="-")
+    unit: str = option("unit of the parameter's values, for tables", default="-")
 
     @model_validator(mode="after")
     def _values(self) -> Self:

@@ -174,7 +174,7 @@ def _weights(
 ) -> tuple[LtiSystem, ...]:
     """Return square systems whose outputs are the models', the same in all of them."""
     seen = set(system.outputs[: len(system.outputs) - measurements])
-    found = [one for one in (models.weights if models else ()) if set(one.outputs) <= seen]
+    weights = [one for one in (models.weights if models else ()) if set(one.outputs) <= seen]
     for versions in zip(*parts, strict=True):
         one = versions[0]
         same = all(
@@ -183,5 +183,5 @@ def _weights(
             for other in versions[1:]
         )
         if same and one.shape[0] == one.shape[1] and set(one.outputs) <= seen:
-            found.append(one)
-    return tuple(found)
+            weights.append(one)
+    return tuple(weights)

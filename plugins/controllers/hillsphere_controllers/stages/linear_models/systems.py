@@ -248,14 +248,14 @@ def system_from_file(path: Path, variable: str = "") -> LtiSystem:
     """
     if path.suffix == ".npz":
         return _from_npz(path)
-    found = {
+    systems = {
         name: content for name, content in load_mat(path).items() if isinstance(content, LtiSystem)
     }
-    if not variable and len(found) == 1:
-        return next(iter(found.values()))
-    if variable in found:
-        return found[variable]
-    names = ", ".join(found) or "none"
+    if not variable and len(systems) == 1:
+        return next(iter(systems.values()))
+    if variable in systems:
+        return systems[variable]
+    names = ", ".join(systems) or "none"
     what = f"no system {variable!r}" if variable else "more than one system, or none"
     raise InputError(f"{path.name}: {what}; there are: {names}; name one as 'variable'")
 

@@ -47,8 +47,8 @@ def largest_accelerations(
     x = np.ascontiguousarray(course.at(times))
     p = np.repeat(dispersed.nominal[:, None], times.size, axis=1)
     u = np.zeros((slopes.controls, times.size))
-    found = slopes.at(x, u, p, times).acceleration * dispersed.sigma[:, None]
-    return np.asarray(np.linalg.norm(found, axis=0).max(axis=1))
+    changes = slopes.at(x, u, p, times).acceleration * dispersed.sigma[:, None]
+    return np.asarray(np.linalg.norm(changes, axis=0).max(axis=1))
 
 
 def end_deviations(

@@ -104,17 +104,19 @@ def dispersed_parameters(
                 "takes no parameter; name dispersions of the plant or of its models"
             )
         try:
-            found = uncertain(_Offered(offered), dispersion, sigmas=sigmas)
+            parameters = uncertain(_Offered(offered), dispersion, sigmas=sigmas)
         except InputError as error:
             raise InputError(f"dispersions: {ref.name}: {error}") from error
-        here = [k for k, q in enumerate(found.names) if found.lower[k] < found.upper[k]]
-        names += [f"{dispersion.of}.{found.names[k]}" for k in here]
-        own += [prefix + found.names[k] for k in here]
-        units += [found.units[k] for k in here]
-        nominal.append(found.nominal[here])
-        lower.append(found.lower[here])
-        upper.append(found.upper[here])
-        blocks.append(found.covariance[np.ix_(here, here)])
+        here = [
+            k for k, q in enumerate(parameters.names) if parameters.lower[k] < parameters.upper[k]
+        ]
+        names += [f"{dispersion.of}.{parameters.names[k]}" for k in here]
+        own += [prefix + parameters.names[k] for k in here]
+        units += [parameters.units[k] for k in here]
+        nominal.append(parameters.nominal[here])
+        lower.append(parameters.lower[here])
+        upper.append(parameters.upper[here])
+        blocks.append(parameters.covariance[np.ix_(here, here)])
     if twice := sorted({q for q in own if own.count(q) > 1}):
         raise InputError(f"dispersions: two of them vary {twice[0]}; leave it out of one")
     return Dispersed(

@@ -158,8 +158,8 @@ class LineariseStage:
         return times
 
     def _command(self, course: Course, t: Array) -> Array:
-        found = course.command(t)
-        return np.zeros((len(self.plant.controls), t.size)) if found is None else found
+        command = course.command(t)
+        return np.zeros((len(self.plant.controls), t.size)) if command is None else command
 
     def _changes(
         self, slopes: Slopes, x: Array, u: Array, t: Array
@@ -207,8 +207,8 @@ class LineariseStage:
         self, slopes: Slopes, x: Array, u: Array, t: Array, samples: _Sampled, covariance: Array
     ) -> tuple[tuple[LtiSystem, ...], tuple[str, ...], Array]:
         """Return the models, point by point, their names and the values of their parameters."""
-        found = _evaluate_derivatives(slopes, x, u, t, samples.values)
-        s, m, r = len(found.a), slopes.controls, len(covariance)
+        derivatives = _evaluate_derivatives(slopes, x, u, t, samples.values)
+        s, m, r = len(derivatives.a), slopes.controls, len(covariance)
         signals = _signals(self.rows, m, r if covariance.any() else 0)
         states = tuple(self.rows.names[i] for i in self.rows.moving)
         accelerated = [self.rows.moving.index(i) for i in self.rows.velocities]
@@ -221,10 +221,10 @@ class LineariseStage:
             disturbed[accelerated] = _root(covariance[:, :, i])
             for k, name in enumerate(samples.names):
                 place = k * t.size + i
-                b = [found.b[:, :, place]]
+                b = [derivatives.b[:, :, place]]
                 if covariance.any():
                     b.insert(0, disturbed)
-                a, out = found.a[:, :, place], np.eye(s)[order]
+                a, out = derivatives.a[:, :, place], np.eye(s)[order]
                 through = np.zeros((s, len(signals[0])))
                 systems.append(LtiSystem(a, np.hstack(b), out, through, None, *signals, states))
                 labels.append(f"{name}, point {i + 1}")

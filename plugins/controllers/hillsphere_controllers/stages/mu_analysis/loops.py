@@ -112,55 +112,55 @@ class Analyses:
                 piece, lft, gain.upper, gain.lower, gain.frequency_rad_s, gain.certified,
                 gain.values, structure, gain.delta,
             )  # fmt: skip
-        found: Robustness
+        robustness: Robustness
         if piece.analysis == "robust_stability":
-            found = robust_stability(
+            robustness = robust_stability(
                 loop, structure, gap=self.gap, complex_shares=self.complex_parts, seed=seed
             )
             whole = structure
             p, m = structure.shape
             loop = LtiSystem(loop.a, loop.b[:, :m], loop.c[:p], loop.d[:p, :m], loop.dt_s)
         else:
-            found = robust_performance(loop, structure, gap=self.gap, seed=seed)
+            robustness = robust_performance(loop, structure, gap=self.gap, seed=seed)
             whole = performance_structure(loop, structure)
-        certified, worst = found.certified, found.worst
-        upper, division = self._upper(found, loop, whole)
+        certified, worst = robustness.certified, robustness.worst
+        upper, division = self._upper(robustness, loop, whole)
         # µ of purely real blocks is discontinuous: the perturbation found may exceed all bounds at
         # the frequencies looked at
         peak = certified.frequency_rad_s
-        if found.lower > certified.peak:
-            peak = found.frequency_rad_s
+        if robustness.lower > certified.peak:
+            peak = robustness.frequency_rad_s
         grid_peak = np.nan
         if self.grid_rad_s.size:
             bounds = upper_bounds(loop.response(self.grid_rad_s), whole)
             grid_peak = max(one.value for one in bounds)
         shares = _NONE
-        if self.sensitivities and max(certified.peak, found.lower) > 0.0:
+        if self.sensitivities and max(certified.peak, robustness.lower) > 0.0:
             shares = self._shares(loop, whole, peak)
         return _result(
-            piece, lft, upper, found.lower, found.frequency_rad_s, certified,
+            piece, lft, upper, robustness.lower, robustness.frequency_rad_s, certified,
             worst.values if worst else {}, whole, worst.system if worst else None,
             division=division,
             grid_peak=grid_peak,
-            curves=self._curves(piece, lft, loop, whole, [peak, found.frequency_rad_s]),
+            curves=self._curves(piece, lft, loop, whole, [peak, robustness.frequency_rad_s]),
             shares=shares,
             pole=worst.pole if worst else complex(np.nan, np.nan),
             singular=worst.singular if worst else np.nan,
-            complex_parts=np.array([one.share for one in found.complexified]),
-            complex_upper=np.array([one.upper for one in found.complexified]),
-            complex_lower=np.array([one.lower for one in found.complexified]),
+            complex_parts=np.array([one.share for one in robustness.complexified]),
+            complex_upper=np.array([one.upper for one in robustness.complexified]),
+            complex_lower=np.array([one.lower for one in robustness.complexified]),
         )  # fmt: skip
 
     def _upper(
-        self, found: Robustness, loop: LtiSystem, whole: BlockStructure
+        self, robustness: Robustness, loop: LtiSystem, whole: BlockStructure
     ) -> tuple[float, Division]:
         """Return the certified bound, and the parts of the ranges if they were divided for it."""
         limit = self.prove_below
         real = any(block.kind == "real" for block in whole.blocks)
-        if limit is None or not real or not found.lower < limit < found.upper:
-            return found.upper, _UNDIVIDED
+        if limit is None or not real or not robustness.lower < limit < robustness.upper:
+            return robustness.upper, _UNDIVIDED
         division = prove_by_branch_and_bound(loop, whole, limit)
-        return found.upper if division.left else limit, division
+        return robustness.upper if division.left else limit, division
 
     def _curves(
         self,
@@ -182,8 +182,8 @@ class Analyses:
             shares = np.full((len(structure.blocks), omega.size), np.nan)
             for k, at in enumerate(omega):
                 with suppress(InputError):  # µ is zero there
-                    found = self._shares(loop, structure, float(at))
-                    shares[:, k] = found if found.size else np.nan
+                    shares_here = self._shares(loop, structure, float(at))
+                    shares[:, k] = shares_here if shares_here.size else np.nan
         return _Curves(omega, lower, upper, nominal, shares)
 
     def _shares(self, loop: LtiSystem, structure: BlockStructure, omega_rad_s: float) -> Array:
@@ -198,8 +198,8 @@ class Analyses:
         if not self.complex_parts:
             return _NONE
         wider, blocks = complexify(loop, structure, max(self.complex_parts))
-        found = sensitivities(wider.response(omega)[0], blocks)
-        return np.asarray(found.reshape(2, -1).sum(axis=0))
+        shares = sensitivities(wider.response(omega)[0], blocks)
+        return np.asarray(shares.reshape(2, -1).sum(axis=0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,9 +39,9 @@ class GridSpec(Spec):
 
     examples = ({"low_rad_s": 0.001, "high_rad_s": 1000, "count": 61},)
 
-    low_rad_s: float = quantity("angular_rate", "the lowest", gt=0)
-    high_rad_s: float = quantity("angular_rate", "the highest", gt=0)
-    count: int = option("how many", ge=2, le=2000)
+    low_rad_s: float = quantity("angular_rate", "lowest frequency", gt=0)
+    high_rad_s: float = quantity("angular_rate", "highest frequency", gt=0)
+    count: int = option("number of frequencies", ge=2, le=2000)
 
     @model_validator(mode="after")
     def _rising(self) -> Self:
@@ -120,7 +120,7 @@ class MuAnalysisSpec(StageSpec):
     )
     sensitivities: bool = option("whether the shares of the blocks are computed", default=True)
     sensitivity_curves: bool = option(
-        "whether those are computed at all frequencies drawn, too", default=False
+        "whether the shares of the blocks are computed at all frequencies drawn, too", default=False
     )
     curves: tuple[str, ...] = option(
         "models whose bounds are drawn over frequency, as in 'models'; left out: all that are "

@@ -122,8 +122,8 @@ class MuAnalysisStage:
             ends=_ends(loops),
         )  # fmt: skip
         with Workers(ctx, work) as workers:
-            for found in workers.map(pieces):
-                results.append(found)
+            for result in workers.map(pieces):
+                results.append(result)
                 advance(1)
         pairs = np.array(of_loop, dtype=np.int64)
         return MuAnalysis(
@@ -239,5 +239,5 @@ def _with_system(model: UncertainModel, system: LtiSystem) -> UncertainModel:
 
 def _ends(loops: Sequence[LtiSystem]) -> tuple[float, float]:
     """Return the lowest and the highest frequency at which any loop is worth drawing."""
-    found = [frequencies([loop])[[0, -1]] for loop in loops]
-    return float(min(low for low, _ in found)), float(max(high for _, high in found))
+    ends = [frequencies([loop])[[0, -1]] for loop in loops]
+    return float(min(low for low, _ in ends)), float(max(high for _, high in ends))

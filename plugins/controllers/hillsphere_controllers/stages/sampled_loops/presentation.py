@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 
 from hillsphere.interfaces import Array
-from hillsphere.presentation import Figure, Metric, Presentation
-from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
-from hillsphere_controllers.stages.sampled_loops.figures import draw_radius
+from hillsphere.presentation import Metric, Presentation
+from hillsphere.show.tables import (
+    FieldColumns,
+    FilledColumn,
+    column,
+    finite_or_blank,
+    tabulate,
+    text_column,
+)
 from hillsphere_controllers.stages.sampled_loops.products import SampledLoops
-from hillsphere_controllers.stages.table_cells import finite_or_blank
 
 __all__ = ["present_sampled_loops"]
 
@@ -38,14 +41,7 @@ def present_sampled_loops(product: SampledLoops) -> Presentation:
         },
         figures={}
         if np.isnan(product.radius).all()
-        else {
-            "sampled_loops": Figure(
-                "Spectral radius over the sampling period",
-                partial(draw_radius, product=product),
-                "Of the monodromy over one period, the largest of all models; a loop is stable "
-                "below one.",
-            )
-        },
+        else {"sampled_loops": radius_chart(product, "sampled_loops")},
         verdict=_verdict(product),
     )
 

@@ -102,13 +102,13 @@ class SampledLoopsStage:
         for name, at in flown.items():
             _check_periods(name, at, periods)
         advance = ctx.track("sampled loops", len(flown) * (len(periods) * len(plants) + 1))
-        found: list[SampledMargins] = []
+        margins: list[SampledMargins] = []
         for at in flown.values():
             for period in periods:
                 controller = at(period)
                 for plant in plants:
                     loop = SampledLoop(plant, controller, period, spec.delay_s)
-                    found.append(sampled_margins(loop))
+                    margins.append(sampled_margins(loop))
                     advance(1)
         radius, lost = [], []
         for at in flown.values():
@@ -125,7 +125,7 @@ class SampledLoopsStage:
         shape = len(flown), len(periods), len(plants)
 
         def table(name: str) -> Array:
-            values: Array = np.array([getattr(one, name) for one in found], dtype=float)
+            values: Array = np.array([getattr(one, name) for one in margins], dtype=float)
             return np.ascontiguousarray(
                 np.moveaxis(values.reshape(*shape, *values.shape[1:]), 3, 0)
                 if values.ndim > 1

@@ -64,14 +64,14 @@ def evaluate_controller(
                         *loop_margins(series(negative, inner))))  # fmt: skip
         advance(1)
     hinf, upper, peak, error, sampled, h2, abscissa, damping, alpha = np.array(columns).T
-    found = {
+    norms = {
         key: np.array([[getattr(one, key) for one in each] for each in margins], dtype=float).T
         for key in ("gain_lower", "gain_upper", "phase_rad", "delay_s")
     }
     return Judged(
         hinf=hinf, hinf_upper=upper, peak_rad_s=peak, hinf_error=error, sampled=sampled, h2=h2,
         poles=np.array(poles, dtype=complex).T, abscissa_1_s=abscissa, damping=damping,
-        disk=alpha, **found,
+        disk=alpha, **norms,
     )  # fmt: skip
 
 

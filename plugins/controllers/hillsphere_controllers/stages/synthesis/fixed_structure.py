@@ -116,7 +116,7 @@ def synthesise_fixed_structure(
         ]
         if any(plant.dt_s is not None for plant in plants):
             _check_sampled(spec)
-            found = synthesise_sampled(
+            design = synthesise_sampled(
                 alone, structure, starts=options.starts, seed=seed, initial=begun,
                 scatter=scatter, target=options.target,
                 largest_gain=options.largest_gain, controller_stable=options.controller_stable,
@@ -124,7 +124,7 @@ def synthesise_fixed_structure(
                 ctx=ctx,
             )  # fmt: skip
         else:
-            found = synthesise(
+            design = synthesise(
                 alone, structure, starts=options.starts, seed=seed, initial=begun,
                 scatter=scatter, target=options.target, region=region,
                 largest_gain=options.largest_gain, controller_stable=options.controller_stable,
@@ -144,30 +144,32 @@ def synthesise_fixed_structure(
             shaken=options.shaken, prefer=prefer, tie=options.tie, told=ctx.info,
             progress=telling, ctx=ctx,
         )  # fmt: skip
-        found = replace(robust.design, starts=robust.starts, ends=robust.ends)
+        design = replace(robust.design, starts=robust.starts, ends=robust.ends)
         result = _robust(robust, uncertain)
         alone = [plant.at(np.zeros(len(plant.repeats))) for plant in many]
-    if found.interrupted:
-        done = int(found.starts.size + found.shaken.size)
-        raise interrupt_synthesis(found.controller, f"γ = {found.gamma:.6g} ({done} searches)", ctx)
+    if design.interrupted:
+        done = int(design.starts.size + design.shaken.size)
+        raise interrupt_synthesis(
+            design.controller, f"γ = {design.gamma:.6g} ({done} searches)", ctx
+        )
     own = joint = np.zeros(0)
     if options.per_plant:
-        joint = np.array([verify_controller([plant], found.controller).gamma for plant in alone])
+        joint = np.array([verify_controller([plant], design.controller).gamma for plant in alone])
         own = np.array(
-            [_gamma_for_one_plant(plant, j, structure, options, found, seed, telling, ctx)
+            [_gamma_for_one_plant(plant, j, structure, options, design, seed, telling, ctx)
              for j, plant in enumerate(alone)]
         )  # fmt: skip
     search = SearchResult(
-        found.theta, found.starts, found.shaken, found.residual, len(found.active),
-        found.converged, found.evaluations, own, joint, scatter, bool(begun),
-        options.target, found.equals, result,
+        design.theta, design.starts, design.shaken, design.residual, len(design.active),
+        design.converged, design.evaluations, own, joint, scatter, bool(begun),
+        options.target, design.equals, result,
     )  # fmt: skip
     others = tuple(
-        _controller(structure, found.ends[k], plants[0].dt_s)
-        for k in np.argsort(found.starts, kind="stable").tolist()
-        if np.isfinite(found.starts[k]) and not np.array_equal(found.ends[k], found.theta)
+        _controller(structure, design.ends[k], plants[0].dt_s)
+        for k in np.argsort(design.starts, kind="stable").tolist()
+        if np.isfinite(design.starts[k]) and not np.array_equal(design.ends[k], design.theta)
     )
-    return Design(found.controller, found.gamma, found.lower_bound, search, others=others)
+    return Design(design.controller, design.gamma, design.lower_bound, search, others=others)
 
 
 def _controller(structure: Structure, theta: Array, period_s: float | None) -> LtiSystem:
@@ -216,14 +218,14 @@ def _gamma_for_one_plant(
     number: int,
     structure: Structure,
     options: StructuredSpec,
-    found: StructuredDesign,
+    design: StructuredDesign,
     seed: int,
     telling: Callable[[Progress], None],
     ctx: Context,
 ) -> float:
     """Return the γ that the structure reaches for one plant by itself."""
     return synthesise(
-        plant, structure, starts=_OWN_STARTS, seed=seed, initial=[found.theta],
+        plant, structure, starts=_OWN_STARTS, seed=seed, initial=[design.theta],
         scatter=_OWN_SCATTER, region=region_of(options.region), largest_gain=options.largest_gain,
         controller_stable=options.controller_stable, bandwidth_rad_s=options.bandwidth_rad_s,
         shaken=False, name=f"-own-{number}", progress=telling, ctx=ctx,
@@ -261,17 +263,17 @@ def _uncertain_plant(spec: SynthesisSpec, many: UncertainModels, j: int) -> Unce
     return UncertainPlant(replace(kept, inputs=(), outputs=()), times, channels, name=label)
 
 
-def _robust(found: RobustDesign, models: UncertainModels) -> RobustResult:
-    places = [*found.scenarios, found.worst]
+def _robust(design: RobustDesign, models: UncertainModels) -> RobustResult:
+    places = [*design.scenarios, design.worst]
     return RobustResult(
         labels=models.labels,
-        worst=found.each,
+        worst=design.each,
         plants=np.array([s.plant for s in places], dtype=np.int64),
         gammas=np.array([s.gamma for s in places]),
         values=tuple(_physical(models.models[s.plant], s.delta) for s in places),
         names=tuple(models.models[s.plant].names for s in places),
-        rounds=found.rounds,
-        converged=found.converged,
+        rounds=design.rounds,
+        converged=design.converged,
     )
 
 

@@ -61,25 +61,25 @@ def synthesise_by_dk(
         best[0] = min(best[0], step.upper)
         advance(1)
 
-    found = dk_synthesis(
+    design = dk_synthesis(
         system, controls, measurements, structure, controller=first, iterations=spec.iterations,
         highest_order=spec.highest_order, joint_steps=spec.joint_steps, target=spec.target,
         gap=spec.gap, back_off=spec.back_off, regularisation=spec.regularisation,
         reduction=spec.reduction, progress=tell,
         checkpoint=ctx.workspace() / f"state-{ctx.fingerprint[:16]}.npz",
     )  # fmt: skip
-    if found.interrupted:
-        count = len(found.iterations)
+    if design.interrupted:
+        count = len(design.iterations)
         raise interrupt_synthesis(
-            found.controller,
-            f"µ ≤ {found.robustness.upper:.6g} ({count} step{'s' if count > 1 else ''})",
+            design.controller,
+            f"µ ≤ {design.robustness.upper:.6g} ({count} step{'s' if count > 1 else ''})",
             ctx,
         )
-    controller, robustness = found.controller, found.robustness
-    if found.reduced is not None:
-        controller = found.reduced.controller
+    controller, robustness = design.controller, design.robustness
+    if design.reduced is not None:
+        controller = design.reduced.controller
         robustness = _robustness(system, controller, structure, spec.gap)
-    steps = found.iterations
+    steps = design.iterations
     result = Iterations(
         kinds=tuple(step.kind for step in steps),
         upper=np.array([step.upper for step in steps]),
@@ -91,8 +91,8 @@ def synthesise_by_dk(
         refusals=tuple(step.refusal for step in steps),
         upper_mu=float(robustness.upper),
         lower_mu=float(robustness.lower),
-        full_order=found.controller.order,
-        reason=found.reason,
+        full_order=design.controller.order,
+        reason=design.reason,
     )
     return Design(controller, float(robustness.upper), 0.0, iterations=result)
 

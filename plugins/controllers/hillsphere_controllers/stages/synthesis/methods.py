@@ -82,10 +82,10 @@ def _synthesise_by_lmi(spec: LmiSpec, plant: LtiSystem, controls: int, measureme
     from hillsphere_controllers.lmi.output_feedback import output_feedback
 
     channels = channels_of("lmi", spec.channels, plant, controls, measurements)
-    found = output_feedback(plant, controls, measurements, channels, region_of(spec.region))
-    minimised = [one.norm for one in found.channels if one.channel.limit is None]
+    design = output_feedback(plant, controls, measurements, channels, region_of(spec.region))
+    minimised = [one.norm for one in design.channels if one.channel.limit is None]
     # with limits alone nothing is minimised: γ is then the H∞ norm of the whole
-    return Design(found.controller, max(minimised) if minimised else None, 0.0)
+    return Design(design.controller, max(minimised) if minimised else None, 0.0)
 
 
 def interrupt_synthesis(controller: LtiSystem, what: str, ctx: Context) -> Interrupted:

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from hillsphere.presentation import Metric, Table
-from hillsphere.show.tables import FieldColumns, column, tabulate, text_column
+from hillsphere.show.tables import FieldColumns, column, finite_or_blank, tabulate, text_column
 from hillsphere_controllers.stages.synthesis.products import RobustResult, SearchResult
-from hillsphere_controllers.stages.table_cells import finite_fields, finite_or_blank, first_rows
+from hillsphere_controllers.stages.table_cells import finite_fields, first_rows
 
 __all__ = ["search_metrics", "search_tables", "start_sentences", "worst_sentence"]
 

@@ -43,11 +43,13 @@ class WeightSpec(Spec):
 
     examples = ({"performance": {"bandwidth_rad_s": 0.05}}, {"gain": 0.1})
 
-    shelving: ShelvingSpec | None = option("by its gains at low and high frequency", default=None)
-    performance: PerformanceSpec | None = option(
-        "by bandwidth, peak and steady error of the sensitivity", default=None
+    shelving: ShelvingSpec | None = option(
+        "a weight by its gains at low and high frequency", default=None
     )
-    gain: float | None = option("a number", default=None, gt=0)
+    performance: PerformanceSpec | None = option(
+        "a weight of the sensitivity by bandwidth, peak and steady error", default=None
+    )
+    gain: float | None = option("a constant weight", default=None, gt=0)
 
     @model_validator(mode="after")
     def _one(self) -> Self:
@@ -61,9 +63,11 @@ class MixedSensitivitySpec(HinfSpec):
 
     examples = ({"w1": {"performance": {"bandwidth_rad_s": 1}}, "w2": {"gain": 0.1}},)
 
-    w1: WeightSpec | None = option("of the error, which S makes of the command", default=None)
-    w2: WeightSpec | None = option("of the controls, K S", default=None)
-    w3: WeightSpec | None = option("of the outputs, T", default=None)
+    w1: WeightSpec | None = option(
+        "weight of the error, which S makes of the command", default=None
+    )
+    w2: WeightSpec | None = option("weight of the controls, K S", default=None)
+    w3: WeightSpec | None = option("weight of the outputs, T", default=None)
     disturbance: float = option(
         "size of a disturbance at every control; keeps the controller from cancelling poles that "
         "are badly damped",
@@ -96,11 +100,13 @@ class PartSpec(Spec):
     controls: int | None = option(
         "controls of a free part; left out: of a single part all, else one", default=None, ge=1
     )
-    measurements: int | None = option("its measurements, likewise", default=None, ge=1)
+    measurements: int | None = option(
+        "measurements of a free part; left out: of a single part all, else one", default=None, ge=1
+    )
     strictly_proper: bool = option("whether a free part has D = 0", default=False)
     integral: bool = option("whether a PID has integral action", default=True)
     derivative: bool = option("whether a PID has derivative action", default=True)
-    relative_degree: int = option("of a transfer function", default=0, ge=0, le=50)
+    relative_degree: int = option("relative degree of a transfer function", default=0, ge=0, le=50)
     entries: tuple[tuple[float | Literal["free"], ...], ...] = option(
         "[A B; C D] of a part of kind 'entries', row by row", default=()
     )
@@ -137,9 +143,9 @@ class ChannelSpec(Spec):
     examples = ({"outputs": ["z_error"], "inputs": ["r"], "weight": 2},)
 
     outputs: tuple[str, ...] = option("which outputs of the models; left out: all", default=())
-    inputs: tuple[str, ...] = option("which inputs; left out: all", default=())
-    norm: Literal["hinf", "h2"] = option("which norm of it", default="hinf")
-    weight: float = option("what the norm is multiplied with", default=1.0, gt=0)
+    inputs: tuple[str, ...] = option("which inputs of the models; left out: all", default=())
+    norm: Literal["hinf", "h2"] = option("norm of the channel", default="hinf")
+    weight: float = option("factor of the norm", default=1.0, gt=0)
     limit: float | None = option(
         "the weighted norm is only to stay below this; left out: as small as possible",
         default=None, gt=0,
@@ -169,7 +175,7 @@ class LmiSpec(Spec):
     channels: tuple[ChannelSpec, ...] = option(
         "what is to be small: the largest of these; left out: all outputs of all inputs", default=()
     )
-    region: RegionSpec | None = option("of the closed loop's poles", default=None)
+    region: RegionSpec | None = option("region of the closed loop's poles", default=None)
 
 
 class StructuredSpec(Spec):
@@ -206,7 +212,7 @@ class StructuredSpec(Spec):
         "largest Frobenius norm of [A B; C D]; some plants have their infimum at infinite gain",
         default=None, gt=0,
     )  # fmt: skip
-    region: RegionSpec | None = option("of the closed loops' poles", default=None)
+    region: RegionSpec | None = option("region of the closed loops' poles", default=None)
     controller_stable: bool = option("whether the controller itself is to be stable", default=False)
     alike: bool = option(
         "whether the parts, all of one kind, are about the same: random searches first vary them "
@@ -244,8 +250,8 @@ class DkSpec(Spec):
         {"iterations": 2, "regularisation": 1e-4},
     )
 
-    iterations: int = option("at most so many steps after the first", default=10, ge=0, le=100)
-    highest_order: int = option("of the scaling of one block", default=4, ge=0, le=12)
+    iterations: int = option("largest number of steps after the first", default=10, ge=0, le=100)
+    highest_order: int = option("highest order of the scaling of one block", default=4, ge=0, le=12)
     joint_steps: int = option(
         "steps of each joint move of scalings and controller, where alternation stalls; 0: none",
         default=6, ge=0, le=100,
@@ -256,11 +262,14 @@ class DkSpec(Spec):
         default=2e-3, ge=1e-6, lt=1,
     )  # fmt: skip
     back_off: float = option(
-        "of the H∞ synthesis in each step, see 'hinf'", default=0.002, gt=0, lt=1
+        "relative distance of γ above the least one in the H∞ synthesis of each step, see 'hinf'",
+        default=0.002,
+        gt=0,
+        lt=1,
     )
     regularisation: float = option(
-        "of the H∞ synthesis in each step, see 'hinf': for measurements without noise and controls "
-        "without weight; µ is certified of the plant as it is",
+        "regularisation of the H∞ synthesis in each step, see 'hinf': for measurements without "
+        "noise and controls without weight; µ is certified of the plant as it is",
         default=0.0, ge=0,
     )  # fmt: skip
     reduction: float = option(
@@ -336,15 +345,18 @@ class SynthesisSpec(StageSpec):
         "one or many plants; µ synthesis; or a controller that the mission gives, to be checked"
     )
     plants: tuple[str, ...] = option(
-        "names of the models that it is made for; left out: all for 'structured', else the one "
-        "nearest to nominal",
+        "names of the models that the controller is made for; left out: all for 'structured', "
+        "else the one nearest to nominal",
         default=(),
     )
     outputs: tuple[str, ...] = option(
         "outputs of the models that are to be small; left out: all, for 'dk' those of performance",
         default=(),
     )
-    inputs: tuple[str, ...] = option("inputs that disturb, likewise", default=())
+    inputs: tuple[str, ...] = option(
+        "inputs of the models that disturb; left out: all, for 'dk' those of performance",
+        default=(),
+    )
     hinf: HinfSpec | None = option("options of the method 'hinf'", default=None)
     mixed_sensitivity: MixedSensitivitySpec | None = option(
         "weights and options of the method 'mixed_sensitivity'", default=None

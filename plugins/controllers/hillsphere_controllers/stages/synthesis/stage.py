@@ -123,8 +123,8 @@ class SynthesisStage:
             else:
                 made = design_controller(spec, *given, controls, measurements)
         advance = ctx.track("closed loops", len(plants))
-        found = evaluate_controller(plants, made.controller, advance)
-        gamma = float(found.hinf[chosen].max()) if made.gamma is None else made.gamma
+        evaluation = evaluate_controller(plants, made.controller, advance)
+        gamma = float(evaluation.hinf[chosen].max()) if made.gamma is None else made.gamma
         return Synthesis(
             controller=_name_signals(made.controller, plants[0]),
             others=tuple(_name_signals(one, plants[0]) for one in made.others),
@@ -138,7 +138,7 @@ class SynthesisStage:
             controls=controls,
             measurements=measurements,
             weights=weights,
-            judged=found,
+            judged=evaluation,
             search=made.search,
             iterations=made.iterations,
         )

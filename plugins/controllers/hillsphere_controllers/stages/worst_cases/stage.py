@@ -90,7 +90,7 @@ class WorstCasesStage:
         }
         names = (*flight.dispersed, *spec.inputs.values())
         columns: list[Array] = []
-        found: list[tuple[str, str, Analysed, float]] = []
+        collected: list[tuple[str, str, Analysed, float]] = []
         sizes: list[float] = []
         moved: list[int] = []
         unmoved: list[str] = []
@@ -125,11 +125,11 @@ class WorstCasesStage:
                     factor = scale / size if spec.scales else 1.0
                     values[kept] = flight.nominal[1:][kept] + factor * gap
                     columns.append(np.array([*values, *others]))
-                    found.append((controller, analysis.models[place], one, away))
+                    collected.append((controller, analysis.models[place], one, away))
                     sizes.append(scale)
                     moved.append(moves)
         told = "; ".join(dict.fromkeys(unmoved))
-        if unmoved and not found:
+        if unmoved and not collected:
             what = "a parameter that has a standard deviation" if spec.scales else "what it sets"
             raise StageError(
                 f"needs.analysis: no worst case ({told}) moves {what} in the flight, so all would "
@@ -138,11 +138,11 @@ class WorstCasesStage:
             )
         if unmoved:
             ctx.info(f"worst cases that move nothing: {told}")
-        if not found:
+        if not collected:
             raise StageError("needs.analysis: it has no worst case of what is asked for")
         groups = tuple(
             f"{_describe_case(controller, model, one)}, others {away:+g} σ"
-            for controller, model, one, away in found
+            for controller, model, one, away in collected
         )
         steps = np.array(sizes)
         ladder = Ladder("σ of the worst case", "-", steps, groups) if spec.scales else None
@@ -153,13 +153,13 @@ class WorstCasesStage:
             values=np.array(columns).T,
             labels=tuple(group + size for group, size in zip(groups, said, strict=True)),
             ladder=ladder,
-            controller=tuple(entry[0] for entry in found),
-            model=tuple(entry[1] for entry in found),
-            analysis=tuple(entry[2].analysis for entry in found),
-            channel=tuple(entry[2].channel for entry in found),
-            mu=np.array([entry[2].lower for entry in found]),
-            frequency_rad_s=np.array([entry[2].frequency_rad_s for entry in found]),
-            remaining=np.array([entry[3] for entry in found]),
+            controller=tuple(entry[0] for entry in collected),
+            model=tuple(entry[1] for entry in collected),
+            analysis=tuple(entry[2].analysis for entry in collected),
+            channel=tuple(entry[2].channel for entry in collected),
+            mu=np.array([entry[2].lower for entry in collected]),
+            frequency_rad_s=np.array([entry[2].frequency_rad_s for entry in collected]),
+            remaining=np.array([entry[3] for entry in collected]),
             sigmas=steps,
             moved=np.array(moved, dtype=np.int64),
             unmoved=tuple(dict.fromkeys(unmoved)),

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.core.campaign.toy_cases import StageWork, Toy, ToyPlan, same
+from tests.core.cases.toy_cases import StageWork, Toy, ToyPlan, same
 
 from hillsphere.cases.checkpoints import Checkpoints
 from hillsphere.cases.executors.serial import Serial

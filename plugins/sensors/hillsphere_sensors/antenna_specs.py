@@ -1,4 +1,4 @@
-"""Specs of the sensors: the keys of ``[sensor.NAME]`` in a mission."""
+"""Specs of the ground antenna: the keys of a ``[sensor.NAME]`` of type ``antenna``."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ import pytest
 from matplotlib.figure import Figure as Canvas
 from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
-from tests.core.campaign.toy_cases import Toy, ToyPlan, same
+from tests.core.cases.toy_cases import Toy, ToyPlan, same
 
 from hillsphere.cases.block_outcome import BlockOutcome, join_outcomes
 from hillsphere.cases.case_classes import is_undecided

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
-from tests.core.campaign.toy_cases import Toy, ToyPlan, same
+from tests.core.cases.toy_cases import Toy, ToyPlan, same
 
 from hillsphere.cases.block_outcome import (
     BlockOutcome,

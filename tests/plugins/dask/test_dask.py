@@ -17,8 +17,8 @@ from typing import Any
 
 import distributed
 import pytest
-from tests.core.campaign.toy_cases import ROOT, StageWork, Toy, ToyPlan, Unprepared, same
-from tests.core.campaign.toy_loop import Loop
+from tests.core.cases.toy_cases import ROOT, StageWork, Toy, ToyPlan, Unprepared, same
+from tests.core.cases.toy_loop import Loop
 
 from hillsphere.cases.block_outcome import BlockOutcome
 from hillsphere.cases.checkpoints import Checkpoints
@@ -365,7 +365,7 @@ SCRIPT = """
 from hillsphere_campaigns.engine import run_campaign
 from hillsphere_dask.dask import Dask
 from hillsphere_dask.specs import DaskSpec
-from tests.core.campaign.toy_cases import StageWork, Toy, ToyPlan
+from tests.core.cases.toy_cases import StageWork, Toy, ToyPlan
 
 def advance(count):
     if count:

@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.core.campaign.toy_cases import ROOT, StageWork, Toy, ToyPlan, Unprepared, same
-from tests.core.campaign.toy_loop import Loop
+from tests.core.cases.toy_cases import ROOT, StageWork, Toy, ToyPlan, Unprepared, same
+from tests.core.cases.toy_loop import Loop
 
 from hillsphere.cases.checkpoints import Checkpoints
 from hillsphere.cases.executors import pool as executors_pool
@@ -385,7 +385,7 @@ def surroundings(task: Task) -> tuple[bool, bool, str]:
 SCRIPT = """
 import sys
 sys.path.insert(0, {root!r})
-from tests.core.campaign.toy_cases import StageWork, Toy, ToyPlan
+from tests.core.cases.toy_cases import StageWork, Toy, ToyPlan
 from hillsphere_campaigns.engine import run_campaign
 from hillsphere.cases.executors.pool import Pool
 from hillsphere.cases.executors.specs import PoolSpec

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.core.campaign.toy_cases import ROOT
+from tests.core.cases.toy_cases import ROOT
 
 from hillsphere.products import CaseTable
 from hillsphere.products.product_codec import load_product
@@ -134,7 +134,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Runs]:
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("HILLSPHERE_", "HEYOKA_"))}
     place = os.pathsep.join([str(ROOT), *filter(None, sys.path)])
     server = subprocess.Popen(
-        [sys.executable, "-m", "tests.core.campaign.faulty_runs", "faults.toml"],
+        [sys.executable, "-m", "tests.plugins.campaigns.faulty_runs", "faults.toml"],
         env={**kept, "PYTHONPATH": place, "HILLSPHERE_CACHE": str(directory / "cache"),
              "OMP_NUM_THREADS": "1"},
         cwd=directory, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,

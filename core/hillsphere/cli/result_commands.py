@@ -1,0 +1,120 @@
+"""Commands that show results of runs: ``runs``, ``report``, ``compare``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from hillsphere.cli.application import Json, app
+from hillsphere.cli.exit_codes import ExitCode
+from hillsphere.cli.output import number, write, write_json, write_table
+
+_MOST_LINES = 20
+"""Differences that are listed without ``-v``; further ones are counted."""
+_Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show everything.")]
+
+
+@app.command()
+def runs(
+    folder: Annotated[Path, typer.Argument(metavar="[FOLDER]", help="Folder of runs.")] = Path(
+        "runs"
+    ),
+    json: Json = False,
+) -> None:
+    """List the runs in a folder with their verdicts, the latest first."""
+    from hillsphere.runs.run_comparison import list_runs
+
+    listed = [
+        {
+            "run": str(run.path), "mission": run.mission,
+            "profile": run.manifest.get("profile") or "",
+            "started": run.manifest.get("started_utc", ""), "state": run.manifest.get("state", ""),
+            "verdict": run.summary.get("verdict", {}).get("text", ""),
+        }
+        for run in list_runs(folder)
+    ]  # fmt: skip
+    if json:
+        write_json(listed)
+    elif listed:
+        write_table([list(row.values()) for row in listed], list(listed[0]))
+    else:
+        write(f"no runs in {folder}")
+
+
+@app.command()
+def report(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.")],
+    verbose: _Verbose = False,
+    json: Json = False,
+) -> int:
+    """Show the verdict of a finished run, and where its report is."""
+    from hillsphere.cli.verdict import show_verdict
+    from hillsphere.runs.run_comparison import RunSummary
+
+    summary = RunSummary.read(run).summary
+    if json:
+        write_json(summary)
+    else:
+        show_verdict(summary, run / "report.html", verbose=verbose)
+    if summary["verdict"]["state"] != "success":
+        return ExitCode.FAILED
+    states = {row["state"] for row in summary.get("requirements", ())}
+    return ExitCode.NOT_MET if states & {"not met", "undecided"} else ExitCode.SUCCESS
+
+
+@app.command()
+def compare(
+    first: Annotated[Path, typer.Argument(metavar="A", help="Run directory.")],
+    second: Annotated[Path, typer.Argument(metavar="B", help="Run directory.")],
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0, metavar="REL",
+            help="Largest relative difference of equal numbers; by default the declared digits.",
+        ),
+    ] = None,
+    html: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the comparison as a page.")
+    ] = None,
+    verbose: _Verbose = False,
+    json: Json = False,
+) -> int:  # fmt: skip
+    """Compare two runs: configuration, outcomes, metrics, and tables row by row.
+
+    Exit codes: 0 all results are equal, 4 some differ, 2 they cannot be compared.
+    """
+    from hillsphere.runs.run_comparison import RunSummary, compare_runs
+
+    one, other = RunSummary.read(first), RunSummary.read(second)
+    found = compare_runs(one, other, tolerance)
+    if html is not None:
+        from hillsphere.base.atomic import write_text
+        from hillsphere.show.comparison_page import render_comparison
+
+        write_text(html, render_comparison(one, other, found))
+    if json:
+        write_json(found.to_json())
+    else:
+        different = len(found.results)
+        write(f"{different} of {found.compared} results differ" if different
+              else f"all {found.compared} results are equal")  # fmt: skip
+        most = None if verbose else _MOST_LINES
+        for line in found.configuration[:most]:
+            write(f"  {line}")
+        rows = [(d.where, d.name, _text(d.first), _text(d.second)) for d in found.results[:most]]
+        if rows:
+            write("")
+            write_table([(f"  {where}", *rest) for where, *rest in rows],
+                        ("  where", "what", first.name or "A", second.name or "B"))  # fmt: skip
+        hidden = 0 if verbose else max(different - _MOST_LINES, 0)
+        if hidden:
+            write(f"  and {hidden} more (-v shows them)")
+        if html is not None:
+            write(f"page: {html}")
+    return ExitCode.NOT_MET if found.results else ExitCode.SUCCESS
+
+
+def _text(value: Any) -> str:
+    return "–" if value is None else number(value)

@@ -1,0 +1,227 @@
+"""Comparison of two finished runs: configuration, outcomes, metrics, and tables row by row.
+
+Only ``manifest.json`` and ``summary.json`` are read. Numbers are equal if they agree to the
+significant digits that their column declares, or to a given relative tolerance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from hillsphere.base.errors import InputError
+from hillsphere.runs.earlier_run import EarlierRun
+from hillsphere.runs.run_differences import differences
+from hillsphere.runs.run_manifest import read_record
+
+__all__ = ["Difference", "RunComparison", "RunSummary", "compare_runs", "list_runs"]
+
+_METRIC_DIGITS = 8
+"""Significant digits to which metrics are compared: those of a column that declares none."""
+
+
+@dataclass(frozen=True)
+class RunSummary:
+    """Manifest and summary of a run.
+
+    Parameters
+    ----------
+    path : Path
+        The run directory.
+    manifest, summary : mapping
+        Contents of ``manifest.json`` and ``summary.json``; the summary is empty while a run lasts.
+    """
+
+    path: Path
+    manifest: Mapping[str, Any]
+    summary: Mapping[str, Any]
+
+    @classmethod
+    def read(cls, path: str | Path) -> RunSummary:
+        """Read a run directory; `InputError` if it is none, or has no summary yet."""
+        earlier = EarlierRun.open(path)
+        keys = ("mission", "verdict", "metrics", "tables")
+        return cls(Path(path), earlier.manifest, read_record(Path(path) / "summary.json", keys))
+
+    @property
+    def mission(self) -> str:
+        """Name of the mission."""
+        return str(self.manifest["mission"].get("name", ""))
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A value that two runs do not share.
+
+    Parameters
+    ----------
+    where : str
+        ``"metric"``, ``"requirement"``, ``"claim"``, or the name of a table.
+    name : str
+        Name of the metric or outcome; of a table's cell, its row and column.
+    first, second : object
+        The values; None where a run has none.
+    """
+
+    where: str
+    name: str
+    first: Any
+    second: Any
+
+
+@dataclass(frozen=True)
+class RunComparison:
+    """Differences of two runs.
+
+    Parameters
+    ----------
+    configuration : sequence of str
+        Changed keys, inputs and versions, ``"stage.first.count: 3 -> 4"``.
+    results : sequence of Difference
+        Changed results.
+    compared : int
+        Number of values that both runs have.
+    """
+
+    configuration: Sequence[str]
+    results: Sequence[Difference]
+    compared: int
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the comparison as JSON types."""
+        return asdict(self)
+
+
+def compare_runs(
+    first: RunSummary, second: RunSummary, tolerance: float | None = None
+) -> RunComparison:
+    """Compare two runs.
+
+    Parameters
+    ----------
+    first, second : RunSummary
+        The runs.
+    tolerance : float, optional
+        Largest relative difference of numbers that count as equal; by default half a unit of the
+        last significant digit that a column declares.
+
+    Returns
+    -------
+    RunComparison
+        Differences in the order of the first run.
+
+    Raises
+    ------
+    InputError
+        If the runs share no metric and no table, so that there is nothing to compare.
+    """
+    pairs = list(_pairs(first.summary, second.summary))
+    shared = [pair for pair in pairs if pair[2] is not _MISSING and pair[3] is not _MISSING]
+    if not shared:
+        raise InputError(
+            f"{str(first.path)!r} (mission {first.mission}) and {str(second.path)!r} (mission "
+            f"{second.mission}) share no metric and no table"
+        )
+    unequal = [
+        Difference(where, name, _or_none(a), _or_none(b))
+        for where, name, a, b, digits in pairs
+        if not _are_equal(a, b, tolerance if tolerance is not None else 0.5 * 10.0 ** (1 - digits))
+    ]
+    return RunComparison(differences(first.manifest, second.manifest), unequal, len(shared))
+
+
+def list_runs(folder: str | Path) -> list[RunSummary]:
+    """Return the runs in a folder, the latest first; a run that still lasts has an empty summary.
+
+    Raises
+    ------
+    InputError
+        If there is no such folder.
+    """
+    place = Path(folder)
+    if not place.is_dir():
+        raise InputError(f"{str(folder)!r} is no folder of runs")
+    runs = []
+    for path in place.iterdir():
+        try:
+            runs.append(RunSummary.read(path))
+        except InputError:
+            try:
+                runs.append(RunSummary(path, EarlierRun.open(path).manifest, {}))
+            except InputError:
+                continue  # no run
+    return sorted(runs, key=lambda run: str(run.manifest.get("started_utc", "")), reverse=True)
+
+
+_MISSING = object()
+
+
+def _or_none(value: Any) -> Any:
+    return None if value is _MISSING else value
+
+
+def _pairs(
+    first: Mapping[str, Any], second: Mapping[str, Any]
+) -> Iterator[tuple[str, str, Any, Any, int]]:
+    """Yield (where, name, value of the first run, of the second, digits)."""
+    for word, key in (("requirement", "requirements"), ("claim", "claims")):
+        states = [
+            {row["name"]: row["state"] for row in run.get(key, ())} for run in (first, second)
+        ]
+        for name in dict.fromkeys((*states[0], *states[1])):
+            yield word, name, *(s.get(name, _MISSING) for s in states), _METRIC_DIGITS
+    metrics = [run["metrics"] for run in (first, second)]
+    for name in dict.fromkeys((*metrics[0], *metrics[1])):
+        values = [m[name]["value"] if name in m else _MISSING for m in metrics]
+        yield "metric", name, values[0], values[1], _METRIC_DIGITS
+    tables = [run["tables"] for run in (first, second)]
+    for name in dict.fromkeys((*tables[0], *tables[1])):
+        if name in tables[0] and name in tables[1]:
+            yield from _cells(name, tables[0][name], tables[1][name])
+        else:
+            sizes = [len(t[name]["rows"]) if name in t else _MISSING for t in tables]
+            yield name, "rows", sizes[0], sizes[1], _METRIC_DIGITS
+
+
+def _cells(
+    name: str, first: Mapping[str, Any], second: Mapping[str, Any]
+) -> Iterator[tuple[str, str, Any, Any, int]]:
+    """Yield the cells of two tables whose rows are joined by their first column."""
+    columns = [{c["name"]: c.get("digits", _METRIC_DIGITS) for c in t["columns"]}
+               for t in (first, second)]  # fmt: skip
+    keyed = [_rows_by_key(table) for table in (first, second)]
+    for key in dict.fromkeys((*keyed[0], *keyed[1])):
+        rows = [rows.get(key) for rows in keyed]
+        if None in rows:
+            there = [key if row is not None else _MISSING for row in rows]
+            yield name, f"row {key}", there[0], there[1], _METRIC_DIGITS
+            continue
+        for column, digits in {**columns[0], **columns[1]}.items():
+            cells = [
+                row.get(column) if column in own else _MISSING  # type: ignore[union-attr]
+                for row, own in zip(rows, columns, strict=True)
+            ]
+            yield name, f"{key}, {column}", cells[0], cells[1], digits
+
+
+def _rows_by_key(table: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """Return rows by their first cell; a cell that occurs again gets its number."""
+    first = table["columns"][0]["name"] if table["columns"] else ""
+    keyed: dict[str, Mapping[str, Any]] = {}
+    counts: dict[str, int] = {}
+    for row in table["rows"]:
+        cell = row.get(first)
+        key = f"{cell:.6g}" if isinstance(cell, float) else str(cell)
+        counts[key] = counts.get(key, 0) + 1
+        keyed[key if counts[key] == 1 else f"{key} ({counts[key]})"] = row
+    return keyed
+
+
+def _are_equal(first: Any, second: Any, tolerance: float) -> bool:
+    numbers = [v for v in (first, second) if isinstance(v, float | int) and not isinstance(v, bool)]
+    if len(numbers) < 2:
+        return type(first) is type(second) and bool(first == second)
+    return math.isclose(*numbers, rel_tol=tolerance, abs_tol=0.0)

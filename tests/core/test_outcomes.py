@@ -1,0 +1,289 @@
+"""Requirements and claims: intervals decide, units are converted, what is missing is undecided."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hillsphere.base.errors import InputError
+from hillsphere.interfaces.outcomes import Judgement, MissingResultError
+from hillsphere.mission import MissionError, load_mission
+from hillsphere.presentation import Column, Metric, Presentation, Printed, Table
+from hillsphere.runs.judgements import RunEvidence
+from hillsphere.show.outcome_specs import (
+    AnswerSpec,
+    ComparisonSpec,
+    NotDerivableSpec,
+    StatementSpec,
+    ValueSpec,
+)
+from hillsphere.show.outcomes import Answer, Comparison, NotDerivable, Statement, Value
+
+METRICS = {
+    "speed": Metric(1.19, "m/s"),
+    "failures": Metric(2.0, "%", (1.0, 4.0), 0.95),
+    "stable": Metric(True),
+    "count": Metric(3),
+    "word": Metric("round"),
+    "nan": Metric(float("nan"), "m"),
+}
+ORBITS = Table(
+    "Orbits",
+    [
+        Column("name", ""), Column("x_km", "km", interval=("low_km", "high_km"), confidence=0.99),
+        Column("x_km_paper", "km"), Column("low_km", "km"), Column("high_km", "km"),
+        Column("v_m_s", "m/s"), Column("v_paper", "m/s"), Column("answer", ""),
+    ],
+    [
+        {"name": "A", "x_km": 7.587, "x_km_paper": Printed("7.59"), "low_km": 7.5, "high_km": 7.6,
+         "v_m_s": 1.0, "v_paper": Printed("1.0"), "answer": "confirmed"},
+        {"name": "B", "x_km": 5.766, "x_km_paper": Printed("5.76"), "low_km": 5.0, "high_km": 6.0,
+         "v_m_s": None, "answer": "perhaps"},
+    ],
+)  # fmt: skip
+EVIDENCE = RunEvidence({"fly": Presentation(metrics=METRICS, tables={"orbits": ORBITS})})
+
+
+def judge(**keys: Any) -> Judgement:
+    keys = {"text": "t", "stage": "fly", "op": "<="} | keys
+    return Value(ValueSpec.model_validate(keys)).judge(EVIDENCE)
+
+
+@pytest.mark.parametrize(
+    ("keys", "state", "asked", "got", "margin"),
+    [
+        ({"metric": "speed", "value": 2}, "met", "≤ 2 m/s", "1.19 m/s", 0.81),
+        ({"metric": "speed", "value": 1}, "not met", "≤ 1 m/s", "1.19 m/s", -0.19),
+        ({"metric": "speed", "value": 119, "unit": "cm/s"}, "met", "≤ 1.19 m/s", "1.19 m/s", 0.0),
+        ({"metric": "speed", "op": ">=", "value": 1}, "met", "≥ 1 m/s", "1.19 m/s", 0.19),
+        ({"metric": "stable", "op": "==", "value": True}, "met", "yes", "yes", None),
+        ({"metric": "word", "op": "!=", "value": "flat"}, "met", "not flat", "round", None),
+        ({"metric": "count", "op": "==", "value": 3}, "met", "3", "3", 0.0),
+        ({"metric": "nan", "value": 3}, "undecided", "≤ 3 m", "nan m", None),
+        # every row must comply, the worst is shown
+        ({"table": "orbits", "column": "x_km", "value": 8}, "met", "≤ 8 km", "7.587 km, A", 0.413),
+        ({"table": "orbits", "column": "x_km", "row": {"name": "B"}, "value": 6}, "met", "≤ 6 km",
+         "5.766 km, B", 0.234),
+        ({"table": "orbits", "column": "x_km", "value": 6}, "not met", "≤ 6 km", "7.587 km, A",
+         -1.587),
+    ],
+)  # fmt: skip
+def test_values(
+    keys: dict[str, Any], state: str, asked: str, got: str, margin: float | None
+) -> None:
+    one = judge(**keys)
+    assert (one.state, one.asked, one.got) == (state, asked, got)
+    if margin is None:
+        assert one.margin is None or one.margin != one.margin
+    else:
+        assert one.margin == pytest.approx(margin, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("keys", "state"),
+    [
+        ({"value": 4.0, "confidence": 0.95}, "met"),  # the worse end meets it
+        ({"value": 3.9, "confidence": 0.95}, "undecided"),
+        ({"value": 1.0, "confidence": 0.95}, "undecided"),  # the better end is the limit itself
+        ({"value": 0.9, "confidence": 0.95}, "not met"),  # the better end misses it
+        ({"value": 0.9, "confidence": 0.99}, "undecided"),  # the interval is not as sure
+        ({"value": 4.0, "confidence": 0.9}, "met"),
+        ({"op": ">=", "value": 1.0, "confidence": 0.95}, "met"),
+        ({"op": ">=", "value": 4.1, "confidence": 0.95}, "not met"),
+        ({"op": "==", "value": 2.0, "confidence": 0.95}, "undecided"),
+        ({"op": "==", "value": 5.0, "confidence": 0.95}, "not met"),
+        ({"op": "!=", "value": 5.0, "confidence": 0.95}, "met"),
+        ({"op": "!=", "value": 2.0, "confidence": 0.95}, "undecided"),
+        ({"value": 3.9}, "met"),  # without a confidence the value itself decides
+        ({"metric": "speed", "value": 3.9, "confidence": 0.5}, "undecided"),  # no interval
+    ],
+)
+def test_an_interval_decides(keys: dict[str, Any], state: str) -> None:
+    one = judge(**({"metric": "failures"} | keys))
+    assert one.state == state
+    assert bool(one.reason) == (state == "undecided")
+
+
+def test_a_column_has_intervals_too() -> None:
+    keys = {"table": "orbits", "column": "x_km", "row": {"name": "B"}, "confidence": 0.95}
+    assert judge(**keys, value=6.0).state == "met"
+    assert judge(**keys, value=5.9).state == "undecided"
+    assert judge(**keys, value=6.0).got == "5.766 km (5 to 6), B"
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"metric": "sped", "value": 1}, "no metric 'sped'; did you mean 'speed'"),
+        ({"table": "orbit", "column": "a", "value": 1}, "no table 'orbit'; did you mean 'orbits'"),
+        ({"table": "orbits", "column": "x", "value": 1}, "no column 'x'"),
+        ({"table": "orbits", "column": "x_km", "row": {"name": "C"}, "value": 1},
+         "no row with name = 'C'"),
+        ({"table": "orbits", "column": "v_m_s", "value": 1}, "has no value in the row B"),
+        ({"metric": "speed", "value": 1, "unit": "km"}, "is in m/s, and the value in km"),
+        ({"metric": "word", "value": 1}, "is a text, and is compared with a number"),
+    ],
+)  # fmt: skip
+def test_what_is_missing_is_named(keys: dict[str, Any], message: str) -> None:
+    with pytest.raises(MissingResultError, match=message.replace("(", r"\(")):
+        judge(**keys)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"value": 1}, "give either 'metric', or 'table' and 'column'"),
+        ({"metric": "a", "table": "b", "value": 1}, "give either 'metric'"),
+        ({"table": "b", "value": 1}, "belong together"),
+        ({"metric": "a", "row": {"b": 1}, "value": 1}, "selects rows"),
+        ({"metric": "a", "value": True}, "can only be compared by '=='"),
+        ({"metric": "a", "op": "==", "value": "b", "unit": "m"}, "has no unit"),
+    ],
+)
+def test_rules_between_keys(keys: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        judge(**keys)
+
+
+def test_a_comparison_counts_cells_and_names_the_deviating_ones() -> None:
+    def compare(**keys: Any) -> Judgement:
+        keys = {"text": "Table 1", "stage": "fly", "table": "orbits"} | keys
+        return Comparison(ComparisonSpec.model_validate(keys)).judge(EVIDENCE)
+
+    one = compare()
+    assert (one.state, one.got, one.asked) == ("refuted", "2 of 3 equal", "3 printed values")
+    assert one.reason == "B, x_km: 5.766 for 5.76"
+    assert compare(columns=["v_m_s"]).state == "confirmed"
+    assert compare(row={"name": "A"}).got == "2 of 2 equal"
+    assert compare(last_digits=0.61).state == "confirmed"
+    with pytest.raises(MissingResultError, match="no published values"):
+        compare(columns=["low_km"])
+
+
+def test_a_comparison_may_bring_its_own_values(tmp_path: Path) -> None:
+    file = tmp_path / "paper.csv"
+    file.write_text("# source: A paper, Table 2\nname,low_km,high_km\nA,7.5,7.7\n", "utf-8")
+    spec = ComparisonSpec(
+        text="t",
+        stage="fly",
+        table="orbits",
+        reference=str(file),
+        on="name",  # type: ignore[arg-type]
+    )
+    one = Comparison(spec).judge(EVIDENCE)
+    assert (one.state, one.got, one.source) == ("refuted", "1 of 2 equal", "A paper, Table 2")
+    file.write_text("name\nA\n", "utf-8")
+    with pytest.raises(InputError, match=r"paper\.csv:1: no citation"):
+        Comparison(spec)
+
+
+def test_other_claims() -> None:
+    keys = {"text": "t", "stage": "fly", "metric": "stable", "op": "==", "value": False}
+    assert Statement(StatementSpec.model_validate(keys)).judge(EVIDENCE).state == "refuted"
+    keys = {"text": "t", "stage": "fly", "table": "orbits", "row": {"name": "A"}}
+    assert Answer(AnswerSpec.model_validate(keys)).judge(EVIDENCE).state == "confirmed"
+    keys["row"] = {"name": "B"}
+    with pytest.raises(MissingResultError, match="must be one of confirmed, refuted, undecided"):
+        Answer(AnswerSpec.model_validate(keys)).judge(EVIDENCE)
+    lost = NotDerivable(NotDerivableSpec(text="t", reason="no weights")).judge(EVIDENCE)
+    assert (lost.state, lost.reason) == ("not derivable", "no weights")
+
+
+MISSION = """format = 1
+name = "small"
+title = "Small"
+seed = 1
+[body.moon]
+type = "moon"
+name = "moon"
+primary_gm_km3_s2 = 42828.37
+semi_major_axis_km = 9377
+[gravity.point]
+type = "point_mass"
+gm_km3_s2 = 7e-4
+[plant.hill]
+type = "hill"
+body = "moon"
+gravity = "point"
+[stage.points]
+type = "equilibria"
+plant = "hill"
+[stage.more]
+type = "equilibria"
+plant = "hill"
+[requirement.near]
+text = "equilibria are near"
+stage = "points"
+table = "equilibrium_points"
+column = "distance_m"
+op = "<="
+value = 40
+unit = "km"
+[profile.near]
+requirement.near.value = 10
+[profile.few]
+drop = ["stage.more"]
+"""
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Callable[[str], Path]:
+    def write(more: str) -> Path:
+        path = tmp_path / "small.toml"
+        head, _, tail = MISSION.partition("[profile.near]")
+        path.write_text(f"{head}{more}\n[profile.near]{tail}", "utf-8")
+        return path
+
+    return write
+
+
+def test_a_requirement_may_refer_to_a_dropped_stage(write: Callable[[str], Path]) -> None:
+    path = write(
+        '[claim.more]\ntext = "more"\nstage = "more"\nmetric = "x"\nop = "=="\nvalue = 1\n'
+    )
+    for profile in (None, "near", "few"):
+        mission = load_mission(path, profile=profile)
+        assert mission.specs["requirement"]["near"].value == (10 if profile == "near" else 40)  # type: ignore[attr-defined]
+    with pytest.raises(MissionError, match="no stage table is named 'moer'; did you mean 'more'"):
+        load_mission(write('[claim.m]\ntext = "m"\nstage = "moer"\nmetric = "x"\n'
+                           'op = "=="\nvalue = 1\n'))  # fmt: skip
+
+
+def test_faults_have_lines(write: Callable[[str], Path]) -> None:
+    path = write('[claim.a]\ntext = "m"\nstage = "more"\nmetrc = "x"\nop = "=<"\nvalue = 1\n')
+    with pytest.raises(MissionError) as caught:
+        load_mission(path)
+    text = str(caught.value)
+    assert "small.toml:34: claim.a.metrc: unknown key 'metrc'; did you mean 'metric'" in text
+    assert "small.toml:35: claim.a.op: must be one of '<=', '<', '>=', '>', '==', '!='" in text
+
+
+def test_exit_code_and_summary(write: Callable[[str], Path], tmp_path: Path) -> None:
+    from hillsphere.cli.endings import run
+
+    path = write('[claim.lost]\ntype = "not_derivable"\ntext = "l"\nreason = "no data"\n')
+    out = iter(range(9))
+
+    def ends(*arguments: str) -> tuple[int, dict[str, Any]]:
+        where = tmp_path / f"out{next(out)}"
+        code = run(["run", str(path), "--out", str(where), *arguments])
+        return code, json.loads((where / "summary.json").read_text("utf-8"))
+
+    code, summary = ends()
+    assert code == 0
+    (near,) = summary["requirements"]
+    assert near["state"] == "met"
+    assert set(near) >= {"name", "asked", "got", "margin", "confidence", "state", "source"}
+    assert summary["verdict"]["text"] == "1 of 1 requirement met, no claim evaluated"
+    assert ends("--profile", "near")[0] == 4
+    code, summary = ends("--set", "requirement.near.column=distnce_m")
+    assert code == 4
+    assert summary["requirements"][0]["state"] == "undecided"
+    assert "did you mean 'distance_m'" in summary["requirements"][0]["reason"]
+    code, summary = ends("--set", "stage.points=false")
+    assert code == 0
+    assert summary["requirements"][0]["state"] == "not evaluated"
