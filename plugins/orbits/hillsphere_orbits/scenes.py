@@ -9,6 +9,7 @@ import numpy as np
 
 from hillsphere.interfaces import Array
 from hillsphere.presentation import (
+    LINE_COLOURS,
     Area,
     Axis,
     Chart,
@@ -26,12 +27,10 @@ from hillsphere.presentation import (
 from hillsphere_orbits.survey import NEARLY_PLANAR
 
 __all__ = [
-    "AXES", "COLOURS", "MARKERS", "Moon", "about_moon", "cylinder_solids", "family_colours",
+    "AXES", "MARKERS", "Moon", "about_moon", "cylinder_solids", "family_colours",
     "moon_outline", "moon_solid", "name_axis", "orbit_paths", "scene_chart",
 ]  # fmt: skip
 
-COLOURS = ("blue", "vermillion", "green", "purple", "orange", "sky")
-"""Colours of orbits that a figure distinguishes."""
 MARKERS: tuple[MarkerShape, ...] = (
     "circle", "square", "triangle", "diamond", "triangle-down", "star", "plus",
 )  # fmt: skip
@@ -120,7 +119,13 @@ def orbit_paths(tracks_m: Array, labels: Sequence[str], members: Sequence[int]) 
     """
     phase = np.linspace(0.0, 1.0, tracks_m.shape[1])
     return [
-        Path(tracks_m[:, :, i] / 1e3, labels[i], COLOURS[k % len(COLOURS)], times=phase, rows=i)
+        Path(
+            tracks_m[:, :, i] / 1e3,
+            labels[i],
+            LINE_COLOURS[k % len(LINE_COLOURS)],
+            times=phase,
+            rows=i,
+        )
         for k, i in enumerate(members)
     ]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hillsphere.presentation import (
+    LINE_COLOURS,
     Axis,
     Chart,
     ColourScale,
@@ -16,7 +17,7 @@ from hillsphere.presentation import (
     Segments,
 )
 from hillsphere_orbits.coverage.products import Coverage
-from hillsphere_orbits.scenes import COLOURS, about_moon, name_axis
+from hillsphere_orbits.scenes import about_moon, name_axis
 
 __all__ = ["coverage_chart", "track_chart"]
 
@@ -55,7 +56,7 @@ def track_chart(product: Coverage, table: str) -> Chart:
     order = np.argsort(product.latitude_rad[1], kind="stable")
     marks = []
     for colour, i in zip(
-        COLOURS, dict.fromkeys(int(order[k]) for k in (-1, order.size // 2, 0)), strict=False
+        LINE_COLOURS, dict.fromkeys(int(order[k]) for k in (-1, order.size // 2, 0)), strict=False
     ):
         longitude, latitude = np.degrees(product.track_rad[:, :, i])
         # A line must not cross the map where the longitude turns from 180° to −180°.

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from hillsphere.base.constants import DAY_S
 from hillsphere.interfaces import Array, Integers
 from hillsphere.presentation import (
+    LINE_COLOURS,
     Axis,
     Chart,
     Cloud,
@@ -23,7 +24,7 @@ from hillsphere.presentation import (
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.fidelity_ladder.products import FidelityLadder
 from hillsphere_orbits.qso.presentation import format_count, label_identifier
-from hillsphere_orbits.scenes import COLOURS, orbit_paths, scene_chart
+from hillsphere_orbits.scenes import orbit_paths, scene_chart
 
 __all__ = ["present_ladder"]
 
@@ -199,7 +200,9 @@ def _apart(product: FidelityLadder) -> list[int]:
 
 def _spread(members: NDArray[np.intp]) -> list[int]:
     """Return as many members as are drawn, spread over all."""
-    places = np.linspace(0, members.size - 1, min(members.size, len(COLOURS))).round().astype(int)
+    places = (
+        np.linspace(0, members.size - 1, min(members.size, len(LINE_COLOURS))).round().astype(int)
+    )
     return [int(m) for m in members[places]]
 
 
@@ -214,7 +217,7 @@ def _departure_chart(product: FidelityLadder, table: str) -> Chart:
         marks: list[Mark] = [
             Curve(middle_d, largest[:, m], product.members[m], colour,
                   rows=r * len(product.members) + m)
-            for colour, m in zip(COLOURS, members, strict=False)
+            for colour, m in zip(LINE_COLOURS, members, strict=False)
             if product.converged[m, r]
         ]  # fmt: skip
         panels.append(Panel(
@@ -225,7 +228,7 @@ def _departure_chart(product: FidelityLadder, table: str) -> Chart:
         "Departure from the orbits", panels,
         "Distance of the flights from the nearest points of the orbits of the first rung: the "
         f"largest in each of {_PARTS} parts of the time. Rungs on which it is less than a metre "
-        f"are left out, and members beyond {len(COLOURS)}.",
+        f"are left out, and members beyond {len(LINE_COLOURS)}.",
         share_x=True, shared_legend=True, size_in=(8.0, 1.2 + 2.4 * len(panels)), table=table,
     )  # fmt: skip
 
@@ -237,7 +240,7 @@ def _flight_chart(product: FidelityLadder, table: str) -> Chart:
     orbits = orbit_paths(product.track_m, product.members, members)
     nodes = [
         Cloud(product.hill[:3, ::stride, m, -1] / 1e3, "", colour, "dot", 3.0, rows=own + m)
-        for colour, m in zip(COLOURS, members, strict=False)
+        for colour, m in zip(LINE_COLOURS, members, strict=False)
     ]
     return scene_chart(
         f"Flights on {product.rungs[-1]}",

@@ -8,6 +8,7 @@ import numpy as np
 
 from hillsphere.base.constants import DAY_S
 from hillsphere.presentation import (
+    LINE_COLOURS,
     Axis,
     Chart,
     Mark,
@@ -20,7 +21,7 @@ from hillsphere.presentation import (
 )
 from hillsphere_orbits.nonlinear_stability.products import NonlinearStability
 from hillsphere_orbits.nonlinear_stability.survival import Fate
-from hillsphere_orbits.scenes import COLOURS, MARKERS, name_axis
+from hillsphere_orbits.scenes import MARKERS, name_axis
 
 __all__ = ["edge_chart", "probability_chart"]
 
@@ -92,7 +93,10 @@ def probability_chart(product: NonlinearStability, table: str) -> Chart:
     marks: list[Mark] = []
     for k, phase in enumerate(product.phases):
         share = product.counts[Fate.SURVIVES, :, k] / product.draws
-        place, colour = orbits + 0.5 * ((k + 0.5) / phases - 0.5), COLOURS[k % len(COLOURS)]
+        place, colour = (
+            orbits + 0.5 * ((k + 0.5) / phases - 0.5),
+            LINE_COLOURS[k % len(LINE_COLOURS)],
+        )
         rows = (orbits * phases + k).tolist()
         marks += [
             Segments(place, product.low[:, k], product.high[:, k], "x", "", colour, 1.2,

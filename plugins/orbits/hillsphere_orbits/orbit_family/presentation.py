@@ -9,6 +9,7 @@ import numpy as np
 from hillsphere.base.constants import HOUR_S
 from hillsphere.interfaces import Array
 from hillsphere.presentation import (
+    LINE_COLOURS,
     Axis,
     Chart,
     Curve,
@@ -23,7 +24,7 @@ from hillsphere.presentation import (
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, take_or_blank
 from hillsphere_orbits.orbit_family.products import FollowedFamily
 from hillsphere_orbits.qso.presentation import format_count, label_identifier
-from hillsphere_orbits.scenes import COLOURS, orbit_paths, scene_chart
+from hillsphere_orbits.scenes import orbit_paths, scene_chart
 from hillsphere_orbits.stability import multipliers
 
 __all__ = ["present_followed"]
@@ -173,7 +174,7 @@ def _way_chart(product: FollowedFamily, table: str) -> Chart:
     ):
         marks = [
             Curve(product.way_fraction[own], values[own], product.asked[k],
-                  COLOURS[k % len(COLOURS)], width=1.0, marker="dot", rows=k)
+                  LINE_COLOURS[k % len(LINE_COLOURS)], width=1.0, marker="dot", rows=k)
             for k in np.unique(product.way_orbit).tolist()
             for own in [product.way_orbit == k]
         ]  # fmt: skip

@@ -9,6 +9,7 @@ import numpy as np
 from hillsphere.base.constants import DAY_S, HOUR_S
 from hillsphere.interfaces import Array
 from hillsphere.presentation import (
+    LINE_COLOURS,
     Axis,
     Chart,
     ColourScale,
@@ -20,7 +21,7 @@ from hillsphere.presentation import (
     Points,
     Segments,
 )
-from hillsphere_orbits.scenes import COLOURS, MARKERS, name_axis
+from hillsphere_orbits.scenes import MARKERS, name_axis
 from hillsphere_orbits.station_keeping_flown.products import StationKeepingFlown
 
 __all__ = ["UNCORRECTED", "cost_chart", "survival_chart"]
@@ -120,7 +121,7 @@ def cost_chart(product: StationKeepingFlown, table: str) -> Chart:
 def _cost_marks(product: StationKeepingFlown, i: int, s: int, k: int, hours: Array) -> list[Mark]:
     """Return the marks of an orbit i with a strategy s, the k-th of the panel."""
     colour, marker, label = (
-        COLOURS[k % len(COLOURS)],
+        LINE_COLOURS[k % len(LINE_COLOURS)],
         MARKERS[k % len(MARKERS)],
         product.labels[i],
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hillsphere.presentation import (
+    LINE_COLOURS,
     Axis,
     Chart,
     Metric,
@@ -15,13 +16,13 @@ from hillsphere.presentation import (
 )
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.qso.presentation import label_identifier
-from hillsphere_orbits.scenes import COLOURS, MARKERS, name_axis, scene_chart
+from hillsphere_orbits.scenes import MARKERS, name_axis, scene_chart
 from hillsphere_orbits.transfers_reflown.products import TransfersReflown
 from hillsphere_orbits.transfers_reflown.rungs import REFLOWN
 
 __all__ = ["present_reflown"]
 
-_RUNG_COLOURS = ("black", *COLOURS)
+_RUNG_COLOURS = ("black", *LINE_COLOURS)
 
 
 def present_reflown(product: TransfersReflown, label: str) -> Presentation:
@@ -191,7 +192,7 @@ def _path_chart(product: TransfersReflown, table: str) -> Chart:
 
     solids = paths(first, f"on {product.rungs[first]}", "light", width=1.8)
     if last > first:
-        solids += paths(last, f"coast {{}} on {product.rungs[last]}", *COLOURS, width=0.9)
+        solids += paths(last, f"coast {{}} on {product.rungs[last]}", *LINE_COLOURS, width=0.9)
     return scene_chart(
         "Coasts of the cheapest plan", solids, None,
         f"The coasts of {product.plans[plan]} on the first and the last rung on which the plan was "
