@@ -154,6 +154,14 @@ def test_axes() -> None:
         assert text in shown
 
 
+def test_a_text_is_at_its_point_of_a_logarithmic_axis() -> None:
+    marks = [Note("here", 100.0, 3.0), Note("corner")]
+    panel = Panel(Axis("error", "m", "log"), Axis("time", "h"), marks)
+    here, corner = plotly_figure(Chart("C", [panel]))["layout"]["annotations"]
+    assert (here["x"], here["y"]) == (2.0, 3.0)
+    assert (corner["x"], corner["xref"]) == (0.98, "x domain")
+
+
 def test_panels_share_axes_and_one_legend() -> None:
     one = Panel(Axis("x"), Axis("y"), [Curve([0, 1], [0, 1], "same")], "upper")
     chart = Chart("T", [one] * 4, columns=2, share_x=True, share_y=True, shared_legend=True)
