@@ -30,7 +30,7 @@ from hillsphere.show.charts import (
     Span,
     Surface,
 )
-from hillsphere.show.colours import PALETTE, ColourScale
+from hillsphere.show.colours import LINE_COLOURS, PALETTE, ColourScale
 from hillsphere.show.presentation import (
     Cell,
     Column,
@@ -44,8 +44,8 @@ from hillsphere.show.presentation import (
 )
 
 __all__ = [
-    "PALETTE", "Area", "Arrows", "Axis", "Band", "Bars", "Boxes", "Cell", "Chart", "Cloud",
-    "ColourScale", "Column", "Curve", "Figure", "Map", "Mark", "Mesh", "Metric", "Note", "Panel",
-    "Path", "Points", "Presentation", "Printed", "Rule", "Segments", "Side", "Sky", "Solid",
-    "Space", "Span", "Surface", "Table", "check_presentation", "presentation_faults",
+    "LINE_COLOURS", "PALETTE", "Area", "Arrows", "Axis", "Band", "Bars", "Boxes", "Cell", "Chart",
+    "Cloud", "ColourScale", "Column", "Curve", "Figure", "Map", "Mark", "Mesh", "Metric", "Note",
+    "Panel", "Path", "Points", "Presentation", "Printed", "Rule", "Segments", "Side", "Sky",
+    "Solid", "Space", "Span", "Surface", "Table", "check_presentation", "presentation_faults",
 ]  # fmt: skip

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = ["NEUTRAL", "PALETTE", "SCHEMES", "ColourScale", "hex_colour"]
+__all__ = ["LINE_COLOURS", "NEUTRAL", "PALETTE", "SCHEMES", "ColourScale", "hex_colour"]
 
 PALETTE: Mapping[str, str] = {
     "blue": "#0072B2",
@@ -21,9 +21,11 @@ PALETTE: Mapping[str, str] = {
 }
 """Colours that survive colour-blindness (Okabe and Ito, 2008).
 
-Figures without explicit colours use them in this order, except yellow, which is too light for a
-line. Name a colour where it carries a meaning.
+Name a colour where it carries a meaning.
 """
+LINE_COLOURS = tuple(name for name in PALETTE if name != "yellow")
+"""Names of the colours in the order in which marks without a colour take them; yellow is too light
+for a line."""
 NEUTRAL: Mapping[str, str] = {
     "ink": "#444444", "grey": "#777777", "body": "#999999", "light": "#BBBBBB",
 }  # fmt: skip

@@ -32,7 +32,7 @@ from hillsphere.show.charts import (
     Surface,
     scales_of,
 )
-from hillsphere.show.colours import PALETTE, ColourScale, hex_colour
+from hillsphere.show.colours import LINE_COLOURS, ColourScale, hex_colour
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -156,7 +156,7 @@ _PANELS: dict[type, Callable[..., None]] = {Panel: _panel, Sky: _sky, Space: _sp
 
 
 def _palette() -> Colours:
-    return cycle([name for name in PALETTE if name != "yellow"])
+    return cycle(LINE_COLOURS)
 
 
 def _colour(name: str, colours: Colours) -> str:

@@ -42,7 +42,7 @@ from hillsphere.show.charts import (
     Surface,
     scales_of,
 )
-from hillsphere.show.colours import PALETTE, ColourScale, hex_colour
+from hillsphere.show.colours import LINE_COLOURS, ColourScale, hex_colour
 
 __all__ = ["plotly_figure"]
 
@@ -137,7 +137,7 @@ def plotly_figure(chart: Chart) -> dict[str, Any]:
     axes: list[str] = []
     narrow: dict[str, Any] = {"layout": {}, "annotations": {}}
     for index, panel in enumerate(chart.panels):
-        made.colours = cycle([name for name in PALETTE if name != "yellow"])
+        made.colours = cycle(LINE_COLOURS)
         kind = {Sky: "polar", Space: "scene"}.get(type(panel), "")
         counts[kind] += 1
         number = str(counts[kind]) if counts[kind] > 1 else ""
