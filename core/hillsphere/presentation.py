@@ -14,8 +14,10 @@ from hillsphere.show.charts import (
     Chart,
     Cloud,
     Curve,
+    Dash,
     Map,
     Mark,
+    MarkerShape,
     Mesh,
     Note,
     Panel,
@@ -45,7 +47,8 @@ from hillsphere.show.presentation import (
 
 __all__ = [
     "LINE_COLOURS", "PALETTE", "Area", "Arrows", "Axis", "Band", "Bars", "Boxes", "Cell", "Chart",
-    "Cloud", "ColourScale", "Column", "Curve", "Figure", "Map", "Mark", "Mesh", "Metric", "Note",
-    "Panel", "Path", "Points", "Presentation", "Printed", "Rule", "Segments", "Side", "Sky",
-    "Solid", "Space", "Span", "Surface", "Table", "check_presentation", "presentation_faults",
+    "Cloud", "ColourScale", "Column", "Curve", "Dash", "Figure", "Map", "Mark", "MarkerShape",
+    "Mesh", "Metric", "Note", "Panel", "Path", "Points", "Presentation", "Printed", "Rule",
+    "Segments", "Side", "Sky", "Solid", "Space", "Span", "Surface", "Table", "check_presentation",
+    "presentation_faults",
 ]  # fmt: skip

@@ -25,9 +25,9 @@ from numpy.typing import ArrayLike
 from hillsphere.show.colours import ColourScale
 
 __all__ = [
-    "Area", "Arrows", "Axis", "Band", "Bars", "Boxes", "Chart", "Cloud", "Curve", "Direction",
-    "Map", "Mark", "Mesh", "Note", "Panel", "Path", "Points", "Rows", "Rule", "Segments", "Side",
-    "Sky", "Solid", "Space", "Span", "Surface", "scales_of",
+    "Area", "Arrows", "Axis", "Band", "Bars", "Boxes", "Chart", "Cloud", "Curve", "Dash",
+    "Direction", "Map", "Mark", "MarkerShape", "Mesh", "Note", "Panel", "Path", "Points", "Rows",
+    "Rule", "Segments", "Side", "Sky", "Solid", "Space", "Span", "Surface", "scales_of",
 ]  # fmt: skip
 
 Direction: TypeAlias = Literal["x", "y"]
