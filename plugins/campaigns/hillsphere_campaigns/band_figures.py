@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from hillsphere.presentation import Axis, Band, Chart, Curve, Mark, Note, Panel
 from hillsphere.products.products import Bands
+from hillsphere.show.charts import even_indices
 from hillsphere.show.history import time_unit
-from hillsphere_campaigns.figures import MOST_STEPS, grid_chart, quantity_axis, thin
+from hillsphere_campaigns.figures import MOST_STEPS, grid_chart, quantity_axis
 
 __all__ = ["MOST_PANELS", "band_chart", "band_marks"]
 
@@ -46,7 +47,7 @@ def band_chart(bands: Bands) -> Chart:
 
 def band_marks(bands: Bands, quantity: int, scale: float) -> list[Mark]:
     """Return the quantiles of one quantity over time in units of so many seconds."""
-    at = thin(bands.time_s.size)
+    at = even_indices(bands.time_s.size, MOST_STEPS)
     time, values = bands.time_s[at] / scale, bands.values[:, quantity, at]
     many = len(bands.levels)
     # The outermost levels are a band, so are the next ones; one that is left over is a line.

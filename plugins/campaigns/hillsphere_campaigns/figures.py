@@ -14,6 +14,7 @@ from hillsphere.presentation import (
     Band,
     Bars,
     Chart,
+    Column,
     Curve,
     Mark,
     Note,
@@ -22,6 +23,8 @@ from hillsphere.presentation import (
     Rule,
     Segments,
 )
+from hillsphere.show.charts import even_indices
+from hillsphere.show.reference import without_unit
 from hillsphere_campaigns.convergence import Convergence
 from hillsphere_campaigns.sensitivity import Explanatory, RankCorrelations, SobolIndices
 from hillsphere_campaigns.statistics import MetricStatistics
@@ -40,7 +43,6 @@ __all__ = [
     "quantity_axis",
     "scatter_chart",
     "sobol_chart",
-    "thin",
 ]
 
 _MOST_DOTS = 2000
@@ -81,7 +83,7 @@ def format_name(name: str) -> str:
 
 def quantity_axis(name: str, unit: str) -> Axis:
     """Return the axis of a quantity of this name and unit."""
-    return Axis(format_name(name), unit)
+    return Axis(format_name(without_unit(Column(name, unit))), unit)
 
 
 def name_axis(names: Sequence[str]) -> Axis:
@@ -93,11 +95,6 @@ def grid_chart(title: str, panels: Sequence[Panel], caption: str, table: str = "
     """Return a chart of panels that show the same things, at most three side by side."""
     columns = min(len(panels), 3)
     return Chart(title, panels, caption, columns=columns, shared_legend=True, table=table)
-
-
-def thin(count: int, most: int = MOST_STEPS) -> NDArray[np.int64]:
-    """Return at most so many evenly distributed indices of an array, both ends included."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64))
 
 
 def _within(values: Array) -> tuple[Array, list[Mark]]:
@@ -146,7 +143,7 @@ def cumulative_chart(shown: Sequence[Shown], level: float, left: str) -> Chart:
     panels = []
     for one in shown:
         n = one.values.size
-        at = thin(n)
+        at = even_indices(n, MOST_STEPS)
         x, share = np.sort(one.values)[at], (at + 1.0) / n
         # Dvoretzky, Kiefer and Wolfowitz (1956), with Massart's constant (1990).
         reach = np.sqrt(np.log(2.0 / (1.0 - level)) / (2.0 * n))
@@ -216,13 +213,13 @@ def scatter_chart(
             for colour, which, label in (
                 ("blue", ~failed, "not failed"), ("vermillion", failed, "failed"),
             ):  # fmt: skip
-                at = thin(int(which.sum()))
+                at = even_indices(int(which.sum()), MOST_STEPS)
                 marks.append(Curve(np.sort(x[which])[at], (at + 1.0) / which.sum(), label, colour,
                                    steps=True, rows=row))  # fmt: skip
         else:
             y_axis = quantity_axis(found.metrics[j], units[j])
             cases = np.flatnonzero(np.isfinite(values[j]))
-            cases = cases[thin(cases.size, _MOST_DOTS)]
+            cases = cases[even_indices(cases.size, _MOST_DOTS)]
             marks.append(Points(x[cases], values[j, cases], "", "blue", "dot", 4.0, rows=row))
         title = f"rank correlation {found.rho[i, j]:+.2f}"
         panels.append(Panel(quantity_axis(given.names[i], given.units[i]), y_axis, marks, title))

@@ -9,9 +9,10 @@ from hillsphere.cases.case_classes import decided_failures, is_undecided
 from hillsphere.presentation import Axis, Chart, Curve, Panel
 from hillsphere.products import CaseTable
 from hillsphere.products.products import Bands, Lines, LinesToEnds
+from hillsphere.show.charts import even_indices
 from hillsphere.show.history import time_unit
 from hillsphere_campaigns.band_figures import MOST_PANELS, band_marks
-from hillsphere_campaigns.figures import MOST_STEPS, grid_chart, quantity_axis, thin
+from hillsphere_campaigns.figures import MOST_STEPS, grid_chart, quantity_axis
 
 __all__ = ["MOST_LINES", "line_chart"]
 
@@ -83,5 +84,5 @@ def _history(lines: Lines, quantity: int, k: int) -> tuple[Array, Array]:
         before = time_s < lines.end_s[k]
         time_s = np.append(time_s[before], lines.end_s[k])
         values = np.append(values[before], lines.end_values[quantity, k])
-    at = thin(time_s.size, min(MOST_STEPS, _MOST_SAMPLES // lines.case.size))
+    at = even_indices(time_s.size, min(MOST_STEPS, _MOST_SAMPLES // lines.case.size))
     return np.append(time_s[at], np.nan), np.append(values[at], np.nan)
