@@ -286,7 +286,7 @@ def test_lines_of_a_sweep_stand_before_the_bands_of_a_campaign(hillsphere: Runne
     lines = table.lines
     assert (lines.names, lines.units, lines.case.tolist()) == (("height",), ("m",), [0, 1])
     np.testing.assert_array_equal(lines.values[0, -1], table.values[0])
-    assert (hillsphere.directory / "out" / "figures" / "sweep_lines.svg").is_file()
+    assert (hillsphere.directory / "out" / "figures" / "sweep_lines.json").is_file()
 
 
 @pytest.mark.parametrize(

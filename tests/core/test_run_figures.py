@@ -1,4 +1,4 @@
-"""Figures as PNG: with a run that is asked for them, and of a finished run."""
+"""Pictures of figures: with a run that is asked for them, and of a finished run."""
 
 from __future__ import annotations
 
@@ -86,14 +86,24 @@ class Place:
             if path.is_file()
         }
 
-    def pngs(self, directory: str = "out") -> dict[str, str]:
-        """Return those of the PNG files."""
-        return {name: d for name, d in self.files(directory).items() if name.endswith(".png")}
+    def pictures(self, directory: str = "out") -> dict[str, str]:
+        """Return those of the pictures."""
+        files = self.files(directory).items()
+        return {name: d for name, d in files if name.endswith((".png", ".svg"))}
 
 
 def lines(names: tuple[str, ...]) -> str:
     """Return what is printed of these figures."""
     return "".join(f"out/figures/{name}.{end}\n" for name in names for end in ("svg", "png"))
+
+
+def pictures(names: tuple[str, ...]) -> set[str]:
+    """Return the files of pictures of these figures."""
+    return {f"figures/{name}.{end}" for name in names for end in ("svg", "png")}
+
+
+FIRST = {f"figures/{FEW[0]}.svg"}
+"""Picture of a run's first figure, which every run draws."""
 
 
 def _digest(path: Path) -> str:
@@ -122,11 +132,12 @@ def place(ran: Place, tmp_path: Path) -> Place:
     return Place(tmp_path)
 
 
-def test_png_files_are_written_by_a_run_that_is_asked_for_them(ran: Place) -> None:
+def test_pictures_are_drawn_by_a_run_that_is_asked_for_them(ran: Place) -> None:
     plain, asked = ran.files("out"), ran.files("asked")
-    assert set(asked) - set(plain) == {f"figures/{name}.png" for name in FEW + MORE}
+    assert set(ran.pictures("out")) == FIRST
+    assert set(asked) - set(plain) == pictures(FEW + MORE) - FIRST
     for name in FEW + MORE:
-        assert plain[f"figures/{name}.svg"] == asked[f"figures/{name}.svg"]
+        assert plain[f"figures/{name}.json"] == asked[f"figures/{name}.json"]
         data = (ran.path / f"asked/figures/{name}.png").read_bytes()
         assert data.startswith(b"\x89PNG")
 
@@ -134,8 +145,9 @@ def test_png_files_are_written_by_a_run_that_is_asked_for_them(ran: Place) -> No
 def test_a_finished_run_draws_the_files_of_a_run_that_was_asked(ran: Place, place: Place) -> None:
     before = place.files()
     assert place("figures", "out", *AGAIN) == (0, lines(FEW + MORE), "")
-    assert place.pngs() == ran.pngs("asked")
-    assert {name: d for name, d in place.files().items() if not name.endswith(".png")} == before
+    assert place.pictures() == ran.pictures("asked")
+    assert before.items() <= place.files().items()
+    assert set(place.files()) == set(before) | pictures(FEW + MORE)
 
 
 @pytest.mark.parametrize(
@@ -146,9 +158,8 @@ def test_one_figure_or_those_of_a_stage(
     ran: Place, place: Place, name: str, drawn: tuple[str, ...]
 ) -> None:
     assert place("figures", "out", name, *AGAIN) == (0, lines(drawn), "")
-    expected = ran.pngs("asked")
-    names = [f"figures/{each}.png" for each in drawn]
-    assert place.pngs() == {each: expected[each] for each in names}
+    expected = ran.pictures("asked")
+    assert place.pictures() == {each: expected[each] for each in FIRST | pictures(drawn)}
 
 
 @pytest.mark.parametrize(
@@ -183,7 +194,7 @@ def test_a_changed_mission_is_refused(place: Place) -> None:
     code, out, err = place("figures", "out", *AGAIN)
     assert (code, out) == (2, "")
     assert "facts that its results depend on have changed" in err
-    assert place.pngs() == {}
+    assert set(place.pictures()) == FIRST
 
 
 def test_a_damaged_product_is_refused(place: Place) -> None:
@@ -191,7 +202,7 @@ def test_a_damaged_product_is_refused(place: Place) -> None:
     code, out, err = place("figures", "out", "more-waves", *AGAIN)
     assert (code, out) == (2, "")
     assert err.startswith("out/more-waves.npz: is not the file that the run wrote")
-    assert place.pngs() == {}
+    assert set(place.pictures()) == FIRST
     # The other one is not needed for what is sound.
     assert place("figures", "out", "sweep_lines", *AGAIN)[0] == 0
 
@@ -205,15 +216,15 @@ def test_a_run_that_is_not_finished_is_to_be_resumed(ran: Place, place: Place) -
     assert err.startswith("run 'out' is not finished (its state is 'interrupted')")
     assert err.endswith(" --figures\n")
     assert place("resume", "out", "--figures", *AGAIN, "--workers", "0")[0] == 0
-    assert place.pngs() == ran.pngs("asked")
+    assert place.pictures() == ran.pictures("asked")
 
 
 def test_a_finished_run_is_resumed_for_its_figures(ran: Place, place: Place) -> None:
     before = place.files()
     code, out, err = place("resume", "out", "--figures", *AGAIN)
     assert (code, err) == (0, "")
-    assert out.startswith("waves: this run is finished; 10 figures were drawn as PNG\n")
-    assert place.pngs() == ran.pngs("asked")
+    assert out.startswith("waves: this run is finished; 10 figures were drawn\n")
+    assert place.pictures() == ran.pictures("asked")
     assert before.items() <= place.files().items()
 
 
@@ -225,7 +236,7 @@ def test_a_resumed_run_remembers_what_it_was_asked_for(ran: Place, tmp_path: Pat
     manifest = json.loads(path.read_text("utf-8"))
     path.write_text(json.dumps({**manifest, "state": "interrupted"}), "utf-8")
     assert place("resume", "out", *AGAIN, "--workers", "0")[0] == 0
-    assert place.pngs() == ran.pngs("asked")
+    assert place.pictures() == ran.pictures("asked")
 
 
 def test_an_interrupted_drawing_leaves_whole_files(ran: Place, place: Place) -> None:
@@ -247,10 +258,10 @@ def test_an_interrupted_drawing_leaves_whole_files(ran: Place, place: Place) -> 
     finally:
         process.kill()
     assert (process.returncode, err) == (130, "interrupted\n")
-    expected = ran.pngs("asked")
-    assert place.pngs() == {"figures/sweep_lines.png": expected["figures/sweep_lines.png"]}
+    expected = ran.pictures("asked")
+    assert place.pictures() == {name: expected[name] for name in pictures(FEW[:1])}
     assert place("figures", "out", "few", *AGAIN)[0] == 0
-    assert place.pngs() == {f"figures/{n}.png": expected[f"figures/{n}.png"] for n in FEW}
+    assert place.pictures() == {name: expected[name] for name in pictures(FEW)}
 
 
 @pytest.mark.parametrize("call", ["fsync", "replace"])
@@ -265,7 +276,7 @@ def test_a_full_disk_leaves_no_half_file(
         patched.setattr(f"os.{call}", full)
         code, out, err = place("figures", "out", *AGAIN)
     assert (code, out) == (1, "")
-    assert err.startswith("figures/sweep_lines.png cannot be written to 'out': No space left")
+    assert err.startswith("figures/sweep_lines.svg cannot be written to 'out': No space left")
     assert place.files() == before
     assert place("figures", "out", "sweep_lines", *AGAIN)[0] == 0
 
@@ -284,24 +295,24 @@ def test_a_run_without_figures(ran: Place, tmp_path: Path) -> None:
     ]
     assert place("run", "waves.toml", *sets, "--workers", "0", "--out", "out", "--figures")[0] == 0
     assert place("figures", "out", *AGAIN) == (0, "run 'out' has no figures\n", "")
-    assert place.pngs() == {}
+    assert not place.pictures()
 
 
 @pytest.mark.parametrize(
     ("patched", "message"),
     [
-        ("draw_png", "figure 'sweep_lines' cannot be drawn: ValueError: no ink"),
+        ("draw", "figure 'sweep_lines' cannot be drawn: ValueError: no ink"),
         ("check_presentation", "stage 'wave' cannot be shown: ValueError: no ink"),
     ],
 )
 def test_what_a_plugin_raises_is_told_in_one_sentence(
     place: Place, monkeypatch: pytest.MonkeyPatch, patched: str, message: str
 ) -> None:
-    def fail(*_: object) -> NoReturn:
+    def fail(*_: object, **__: object) -> NoReturn:
         raise ValueError("no\nink")
 
     monkeypatch.setattr(f"hillsphere.runs.run_figures.{patched}", fail)
     with chdir(place.path), pytest.raises(StageError) as told:
         draw_figures("out", mission="waves.toml")
     assert str(told.value) == message
-    assert place.pngs() == {}
+    assert set(place.pictures()) == FIRST

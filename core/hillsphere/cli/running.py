@@ -120,7 +120,8 @@ def resume_and_show(
             keys = ("mission", "verdict", "metrics")
             _write_summary(read_record(run / "summary.json", keys), run)
         else:
-            done = f"{len(drawn)} figures were drawn as PNG" if drawn else "nothing is left to do"
+            count = len({path.stem for path in drawn})
+            done = f"{count} figures were drawn" if drawn else "nothing is left to do"
             write(f"{name}: this run is finished; {done}")
             write(f"report: {run / 'report.html'}")
         return ExitCode.SUCCESS

@@ -35,7 +35,7 @@ from hillsphere.runs.wiring import (
     takes_from,
 )
 from hillsphere.show.drawing import draw
-from hillsphere.show.history import history_csv, history_figure
+from hillsphere.show.history import history_chart, history_csv
 
 __all__ = ["Rerun", "campaigns", "one_campaign", "rerun_case"]
 
@@ -351,7 +351,7 @@ def _write(earlier: EarlierRun, rerun: Rerun, figures: bool) -> tuple[Path, ...]
     directory.put_product(f"cases/{name}", histories)
     directory.put_text(f"cases/{name}.csv", history_csv(histories))
     title = f"Case {rerun.case} of {rerun.campaign}"
-    drawing = draw(history_figure(title, histories), png=figures)
+    drawing = draw(history_chart(title, histories), png=figures)
     files = [directory.path / "cases" / f"{name}.{end}" for end in ("csv", "npz")]
     files.append(directory.put_svg(name, drawing.svg, folder="cases"))
     if figures and drawing.png is not None:

@@ -20,14 +20,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from hillsphere.base.arrays import Integers
 from hillsphere.show.colours import ColourScale
 
 __all__ = [
     "Area", "Arrows", "Axis", "Band", "Bars", "Boxes", "Chart", "Cloud", "Curve", "Dash",
     "Direction", "Map", "Mark", "MarkerShape", "Mesh", "Note", "Panel", "Path", "Points", "Rows",
-    "Rule", "Segments", "Side", "Sky", "Solid", "Space", "Span", "Surface", "scales_of",
+    "Rule", "Segments", "Side", "Sky", "Solid", "Space", "Span", "Surface", "even_indices",
+    "scales_of",
 ]  # fmt: skip
 
 Direction: TypeAlias = Literal["x", "y"]
@@ -645,3 +648,11 @@ def scales_of(panel: Panel | Sky | Space) -> list[ColourScale]:
         marks = panel.marks if isinstance(panel, Panel) else panel.solids
     some = [getattr(panel, "scale", None), *(getattr(mark, "scale", None) for mark in marks)]
     return list(dict.fromkeys(scale for scale in some if scale is not None))
+
+
+def even_indices(count: int, most: int = 2000) -> Integers:
+    """Return at most so many evenly distributed indices of an array, both ends included.
+
+    A panel is some hundred pixels wide, so that more points of a curve would not be seen.
+    """
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64))

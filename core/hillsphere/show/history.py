@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import csv
 from io import StringIO
-from itertools import cycle
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from hillsphere.base.arrays import Array
 from hillsphere.base.constants import DAY_S, HOUR_S, MINUTE_S
-from hillsphere.show.presentation import PALETTE, Figure
+from hillsphere.show.charts import Axis, Chart, Curve, Panel
+from hillsphere.show.colours import LINE_COLOURS
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as MatplotlibFigure
-
     from hillsphere.interfaces.cases import Histories
 
-__all__ = ["history_csv", "history_figure", "time_unit"]
+__all__ = ["history_chart", "history_csv", "time_unit"]
 
 _COLUMNS = 3
 """Panels side by side; with more the labels of neighbouring axes would meet."""
@@ -52,8 +50,8 @@ def history_csv(histories: Histories) -> str:
     return stream.getvalue()
 
 
-def history_figure(title: str, histories: Histories) -> Figure:
-    """Return a figure of the history of a single case.
+def history_chart(title: str, histories: Histories) -> Chart:
+    """Return the history of a single case.
 
     Parameters
     ----------
@@ -64,34 +62,30 @@ def history_figure(title: str, histories: Histories) -> Figure:
         (``"x"``, ``"seen.x"``, ``"ref.x"``) share a panel.
     """
     time_s = histories.time_s[:, 0]
-    span = float(np.ptp(time_s)) if len(time_s) else 0.0
-    unit_of_time, scale = time_unit(span)
-    panels: dict[tuple[str, str], dict[str, Array]] = {}
+    unit_of_time, scale = time_unit(float(np.ptp(time_s)) if len(time_s) else 0.0)
+    groups: dict[tuple[str, str], dict[str, Array]] = {}
     for name, unit, values in zip(
         histories.names, histories.units, histories.values[:, :, 0], strict=True
     ):
         before, _, last = name.rpartition(".")
-        panels.setdefault((last, unit), {})[before] = values
-    colours = dict.fromkeys(before for lines in panels.values() for before in lines)
-    for before, colour in zip(colours, cycle(list(PALETTE.values())[:-1]), strict=False):
-        colours[before] = colour
+        groups.setdefault((last, unit), {})[before] = values
+    kinds = list(dict.fromkeys(before for lines in groups.values() for before in lines))
+    panels = []
+    for (last, unit), lines in groups.items():
+        main = min(lines, key=len)
+        marks = [
+            Curve(time_s / scale, values, f"{before}.{last}".lstrip("."),
+                  LINE_COLOURS[kinds.index(before) % len(LINE_COLOURS)],
+                  width=1.6 if before == main else 0.9)
+            for before, values in lines.items()
+        ]  # fmt: skip
+        label = last if len(lines) > 1 else marks[0].label
+        legend: Literal["best", "none"] = "best" if len(lines) > 1 else "none"
+        panels.append(
+            Panel(Axis("time", unit_of_time), Axis(label.replace("_", " "), unit), marks,
+                  legend=legend)
+        )  # fmt: skip
     columns = min(_COLUMNS, len(panels))
     rows = -(-len(panels) // columns)
-
-    def draw(figure: MatplotlibFigure) -> None:
-        grid = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
-        for axes, ((last, unit), lines) in zip(grid, panels.items(), strict=False):
-            for before, values in lines.items():
-                name = f"{before}.{last}" if before else last
-                width = 1.6 if before == min(lines, key=len) else 0.9
-                axes.plot(time_s / scale, values, label=name, lw=width, color=colours[before])
-            axes.set_ylabel(f"{last if len(lines) > 1 else name} [{unit}]")
-            if len(lines) > 1:
-                axes.legend(fontsize=7)
-        for axes in grid[len(panels) :]:
-            axes.set_axis_off()
-        for axes in grid[len(panels) - columns : len(panels)]:
-            axes.set_xlabel(f"time [{unit_of_time}]")
-            axes.tick_params(labelbottom=True)
-
-    return Figure(title, draw, size_in=(3.4 * columns, 0.5 + 2.0 * rows))
+    return Chart(title, panels, columns=columns, share_x=True,
+                 size_in=(3.4 * columns, 0.5 + 2.0 * rows))  # fmt: skip

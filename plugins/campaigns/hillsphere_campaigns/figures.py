@@ -4,42 +4,55 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.base.arrays import Array
-from hillsphere.presentation import PALETTE
+from hillsphere.presentation import (
+    Axis,
+    Band,
+    Bars,
+    Chart,
+    Column,
+    Curve,
+    Mark,
+    Note,
+    Panel,
+    Points,
+    Rule,
+    Segments,
+)
+from hillsphere.show.charts import even_indices
+from hillsphere.show.reference import without_unit
 from hillsphere_campaigns.convergence import Convergence
 from hillsphere_campaigns.sensitivity import Explanatory, RankCorrelations, SobolIndices
 from hillsphere_campaigns.statistics import MetricStatistics
 
-if TYPE_CHECKING:
-    from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 __all__ = [
+    "MOST_STEPS",
     "Shown",
-    "axis_label",
-    "draw_convergence",
-    "draw_correlations",
-    "draw_cumulative",
-    "draw_histograms",
-    "draw_scatter",
-    "draw_sobol",
-    "grid_of",
-    "grid_size",
-    "legend_below",
-    "remark",
+    "convergence_chart",
+    "correlation_chart",
+    "cumulative_chart",
+    "format_name",
+    "grid_chart",
+    "histogram_bars",
+    "histogram_chart",
+    "name_axis",
+    "quantity_axis",
+    "scatter_chart",
+    "sobol_chart",
 ]
 
 _MOST_DOTS = 2000
 """Dots of a scatter plot at most: more of them merge into an area and slow the drawing down."""
 
-_MOST_STEPS = 500
-"""Steps of a distribution function at most: a panel is some 400 pixels wide."""
+MOST_STEPS = 500
+"""Points of a line at most: a panel is some 400 pixels wide."""
+
+_MOST_BINS = 60
+"""Bins of a histogram at most: with more a bar is narrower than five pixels."""
 
 _FENCE = 8.0
 """Interquartile ranges beyond the quartiles from which on values are not drawn but counted."""
@@ -47,216 +60,228 @@ _FENCE = 8.0
 
 @dataclass(frozen=True)
 class Shown:
-    """A metric that is drawn: its values over the cases that came to their end."""
+    """A metric that is drawn: its values over the cases that came to their end.
+
+    `row` is its row in the table of statistics.
+    """
 
     values: Array
     statistics: MetricStatistics
+    row: int
 
     @property
-    def label(self) -> str:
-        """Axis label."""
-        return axis_label(self.statistics.name, self.statistics.unit)
+    def axis(self) -> Axis:
+        """Its axis."""
+        return quantity_axis(self.statistics.name, self.statistics.unit)
 
 
-def axis_label(name: str, unit: str) -> str:
-    """Return ``"name (unit)"``, a long name shortened, without the unit if there is none."""
-    short = name if len(name) <= 34 else f"{name[:12]}…{name[-21:]}"
-    return f"{short} ({unit})" if unit not in ("", "-") else short
+def format_name(name: str) -> str:
+    """Return a name in words, a long one shortened."""
+    words = name.replace("_", " ")
+    return words if len(words) <= 34 else f"{words[:12]}…{words[-21:]}"
 
 
-def grid_size(count: int) -> tuple[float, float]:
-    """Return the size of a figure of so many panels, inches."""
-    columns = min(max(count, 1), 3)
-    return (1.0 + 3.2 * columns, 0.8 + 2.7 * -(-count // columns))
+def quantity_axis(name: str, unit: str) -> Axis:
+    """Return the axis of a quantity of this name and unit."""
+    return Axis(format_name(without_unit(Column(name, unit))), unit)
 
 
-def grid_of(figure: Figure, count: int) -> list[Axes]:
-    """Return the axes of so many panels, at most three side by side."""
-    columns = min(count, 3)
-    cells = figure.subplots(-(-count // columns), columns, squeeze=False).ravel().tolist()
-    for cell in cells[count:]:
-        cell.remove()
-    return cells[:count]
+def name_axis(names: Sequence[str]) -> Axis:
+    """Return an axis of names, the first on top."""
+    return Axis(ticks=list(enumerate(names)), low=-0.6, high=len(names) - 0.4, is_reversed=True)
 
 
-def _within(values: Array) -> tuple[Array, str]:
-    """Return the values that are drawn, and the number of outliers that are not."""
+def grid_chart(title: str, panels: Sequence[Panel], caption: str, table: str = "") -> Chart:
+    """Return a chart of panels that show the same things, at most three side by side."""
+    columns = min(len(panels), 3)
+    return Chart(title, panels, caption, columns=columns, shared_legend=True, table=table)
+
+
+def _within(values: Array) -> tuple[Array, list[Mark]]:
+    """Return the values that are drawn, and a note on the number of outliers that are not."""
     low, high = np.quantile(values, [0.25, 0.75])
     reach = _FENCE * (high - low)
     kept = values if reach == 0.0 else values[(values >= low - reach) & (values <= high + reach)]
     away = values.size - kept.size
-    return kept, f"{away} farther out" if away else ""
+    return kept, [Note(f"{away} farther out")] if away else []
 
 
-def remark(axes: Axes, text: str) -> None:
-    """Write a short text into the upper right corner of a panel."""
-    if text:
-        axes.text(
-            0.98, 0.96, text, transform=axes.transAxes, ha="right", va="top", fontsize=7.5,
-            color="#444444", bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8},
-        )  # fmt: skip
+def histogram_bars(values: Array, label: str = "", row: int | None = None) -> Bars:
+    """Return the bars of a histogram."""
+    edges = np.histogram_bin_edges(values, bins="auto")
+    if edges.size > _MOST_BINS + 1:
+        edges = np.linspace(edges[0], edges[-1], _MOST_BINS + 1)
+    count, _ = np.histogram(values, bins=edges)
+    width = np.diff(edges)
+    centres = edges[:-1] + 0.5 * width
+    return Bars(centres, count, width=width, label=label, colour="sky", opacity=0.8, rows=row)
 
 
-def draw_histograms(figure: Figure, shown: Sequence[Shown]) -> None:
-    """Draw a histogram of each metric, its mean and quantiles."""
-    for axes, one in zip(grid_of(figure, len(shown)), shown, strict=True):
-        values, away = _within(one.values)
-        bins = np.histogram_bin_edges(values, bins="auto")
-        if bins.size > 61:
-            bins = np.linspace(bins[0], bins[-1], 61)
-        count, edges = np.histogram(values, bins=bins)
-        axes.stairs(count, edges, fill=True, color=PALETTE["sky"], alpha=0.8)
-        statistics = one.statistics
-        axes.axvline(statistics.mean, color=PALETTE["black"], lw=1.4, label="mean")
-        inside = statistics.quantiles[
-            (statistics.quantiles >= edges[0]) & (statistics.quantiles <= edges[-1])
+def histogram_chart(shown: Sequence[Shown], left: str) -> Chart:
+    """Return a histogram of each metric with mean and quantiles; `left` says what is left out."""
+    panels = []
+    for one in shown:
+        values, notes = _within(one.values)
+        marks: list[Mark] = [
+            histogram_bars(values, "cases", one.row),
+            Rule("x", one.statistics.mean, "mean", "black", "solid", 1.4),
         ]
-        for i, value in enumerate(inside):
-            axes.axvline(value, color=PALETTE["vermillion"], lw=1.1, ls="--",
-                         label="quantiles" if i == 0 else None)  # fmt: skip
-        axes.set_xlabel(one.label)
-        axes.set_ylabel("cases")
-        remark(axes, away)
-    legend_below(figure)
+        marks += [
+            Rule("x", value, "quantiles", "vermillion", "dashed", 1.1)
+            for value in one.statistics.quantiles.tolist()
+            if values.min() <= value <= values.max()
+        ]
+        panels.append(Panel(one.axis, Axis("cases"), [*marks, *notes]))
+    return grid_chart(
+        "Distributions of the metrics", panels, "Cases that came to their end." + left,
+        "campaign_statistics",
+    )  # fmt: skip
 
 
-def draw_cumulative(figure: Figure, shown: Sequence[Shown], level: float) -> None:
-    """Draw the empirical distribution function of each metric, and its quantiles' intervals."""
-    for axes, one in zip(grid_of(figure, len(shown)), shown, strict=True):
+def cumulative_chart(shown: Sequence[Shown], level: float, left: str) -> Chart:
+    """Return the empirical distribution function of each metric, and its quantiles' intervals."""
+    panels = []
+    for one in shown:
         n = one.values.size
-        ordered = np.sort(one.values)
-        share = np.arange(1, n + 1) / n
-        at = np.unique(np.linspace(0, n - 1, min(n, _MOST_STEPS)).round().astype(int))
+        at = even_indices(n, MOST_STEPS)
+        x, share = np.sort(one.values)[at], (at + 1.0) / n
         # Dvoretzky, Kiefer and Wolfowitz (1956), with Massart's constant (1990).
         reach = np.sqrt(np.log(2.0 / (1.0 - level)) / (2.0 * n))
-        axes.fill_between(
-            ordered[at], np.maximum(share[at] - reach, 0.0), np.minimum(share[at] + reach, 1.0),
-            step="post", color=PALETTE["sky"], alpha=0.35, lw=0, label=f"{100 * level:g} % band",
-        )  # fmt: skip
-        axes.step(ordered[at], share[at], where="post", color=PALETTE["blue"], label="cases")
-        statistics = one.statistics
-        low, high = np.clip(statistics.quantile_intervals, ordered[0], ordered[-1])
-        axes.hlines(statistics.levels, low, high, color=PALETTE["vermillion"], lw=2.2)
-        axes.plot(statistics.quantiles, statistics.levels, "o", ms=3.5,
-                  color=PALETTE["vermillion"], label="quantiles, intervals")  # fmt: skip
-        kept, away = _within(one.values)
-        if away:
+        of = one.statistics
+        low, high = np.clip(of.quantile_intervals, x[0], x[-1])
+        kept, notes = _within(one.values)
+        axis = one.axis
+        if notes:
             margin = 0.05 * float(np.ptp(kept))
-            axes.set_xlim(kept.min() - margin, kept.max() + margin)
-        axes.set_ylim(-0.02, 1.02)
-        axes.set_xlabel(one.label)
-        axes.set_ylabel("share of cases below")
-        remark(axes, away)
-    legend_below(figure)
+            axis = Axis(axis.label, axis.unit, low=kept.min() - margin, high=kept.max() + margin)
+        marks: list[Mark] = [
+            Band(x, np.maximum(share - reach, 0.0), np.minimum(share + reach, 1.0),
+                 f"{100 * level:g} % band", steps=True),
+            Curve(x, share, "cases", "blue", steps=True, rows=one.row),
+            Segments(of.levels, low, high, "x", colour="vermillion", width=2.2, rows=one.row),
+            Points(of.quantiles, of.levels, "quantiles, intervals", "vermillion", size=3.5,
+                   rows=one.row),
+        ]  # fmt: skip
+        share_axis = Axis("share of cases below", low=-0.02, high=1.02)
+        panels.append(Panel(axis, share_axis, [*marks, *notes]))
+    return grid_chart(
+        "Cumulative distributions of the metrics", panels,
+        "Share of the cases that came to their end; the band holds the whole curve with this "
+        "confidence." + left, "campaign_statistics",
+    )  # fmt: skip
 
 
-def draw_convergence(
-    figure: Figure, traces: Sequence[tuple[str, Convergence]], level: float
-) -> None:
-    """Draw the convergence of estimates and their intervals with the number of cases."""
-    for axes, (label, trace) in zip(grid_of(figure, len(traces)), traces, strict=True):
+def convergence_chart(traces: Sequence[tuple[Axis, Convergence]], level: float) -> Chart:
+    """Return the convergence of estimates and their intervals with the number of cases."""
+    panels = []
+    for axis, trace in traces:
         low, high = trace.interval
-        axes.fill_between(trace.cases, low, high, color=PALETTE["sky"], alpha=0.4, lw=0,
-                          label=f"{100 * level:g} % interval")  # fmt: skip
-        axes.plot(trace.cases, trace.value, color=PALETTE["blue"], label="estimate")
-        axes.axhline(trace.value[-1], color=PALETTE["black"], lw=0.8, ls=":", label="at the end")
-        axes.set_xscale("log")
+        marks: list[Mark] = [
+            Band(trace.cases, low, high, f"{100 * level:g} % interval", opacity=0.4),
+            Curve(trace.cases, trace.value, "estimate", "blue"),
+            Rule("y", float(trace.value[-1]), "at the end", "black", width=0.8),
+        ]
         # The first few cases say next to nothing; their intervals would fill the panel.
         late = trace.cases >= min(20, int(trace.cases[-1]))
         ends = np.concatenate([low[late], high[late], trace.value[late]])
         ends = ends[np.isfinite(ends)]
         if ends.size and np.ptp(ends) > 0:
             margin = 0.05 * float(np.ptp(ends))
-            axes.set_ylim(ends.min() - margin, ends.max() + margin)
-        axes.set_xlabel("cases")
-        axes.set_ylabel(label)
-    legend_below(figure)
+            axis = Axis(axis.label, axis.unit, low=ends.min() - margin, high=ends.max() + margin)
+        panels.append(Panel(Axis("cases", scale="log"), axis, marks))
+    return grid_chart(
+        "Convergence", panels,
+        "Estimates from the first cases, in the order of their numbers; each interval by itself.",
+    )  # fmt: skip
 
 
-def draw_scatter(
-    figure: Figure,
+def scatter_chart(
     pairs: Sequence[tuple[int, int]],
     given: Explanatory,
     found: RankCorrelations,
     values: Array,
     units: Sequence[str],
     failed: NDArray[np.bool_],
-) -> None:
-    """Draw metrics and failures against the inputs with the strongest rank correlation."""
-    for axes, (i, j) in zip(grid_of(figure, len(pairs)), pairs, strict=True):
+) -> Chart:
+    """Return metrics and failures against the inputs with the strongest rank correlation."""
+    panels = []
+    for row, (i, j) in enumerate(pairs):
         x = given.values[i]
-        axes.set_xlabel(axis_label(given.names[i], given.units[i]))
-        axes.set_title(f"rank correlation {found.rho[i, j]:+.2f}", fontsize=9)
+        marks: list[Mark] = []
         if j >= len(values):
+            y_axis = Axis("share of these cases below")
             for colour, which, label in (
                 ("blue", ~failed, "not failed"), ("vermillion", failed, "failed"),
             ):  # fmt: skip
-                ordered = np.sort(x[which])
-                at = np.unique(np.linspace(0, ordered.size - 1, _MOST_STEPS).round().astype(int))
-                axes.step(ordered[at], (at + 1) / ordered.size, where="post",
-                          color=PALETTE[colour], label=label)  # fmt: skip
-            axes.set_ylabel("share of these cases below")
-            axes.legend(fontsize=8)
-            continue
-        rows = np.flatnonzero(np.isfinite(values[j]))
-        rows = rows[np.unique(np.linspace(0, rows.size - 1, _MOST_DOTS).round().astype(int))]
-        axes.plot(x[rows], values[j, rows], ".", ms=2.5, color=PALETTE["blue"], rasterized=True)
-        axes.set_ylabel(axis_label(found.metrics[j], units[j]))
+                at = even_indices(int(which.sum()), MOST_STEPS)
+                marks.append(Curve(np.sort(x[which])[at], (at + 1.0) / which.sum(), label, colour,
+                                   steps=True, rows=row))  # fmt: skip
+        else:
+            y_axis = quantity_axis(found.metrics[j], units[j])
+            cases = np.flatnonzero(np.isfinite(values[j]))
+            cases = cases[even_indices(cases.size, _MOST_DOTS)]
+            marks.append(Points(x[cases], values[j, cases], "", "blue", "dot", 4.0, rows=row))
+        title = f"rank correlation {found.rho[i, j]:+.2f}"
+        panels.append(Panel(quantity_axis(given.names[i], given.units[i]), y_axis, marks, title))
+    return grid_chart(
+        "Metrics against the inputs that they go with", panels,
+        f"The clearest rank correlations; at most {_MOST_DOTS} cases are drawn.",
+        "campaign_correlations",
+    )  # fmt: skip
 
 
-def draw_correlations(
-    figure: Figure, pairs: Sequence[tuple[int, int]], found: RankCorrelations, level: float
-) -> None:
-    """Draw rank correlations as bars."""
-    axes = figure.add_subplot()
-    rows = np.arange(len(pairs))
-    rho = np.array([found.rho[i, j] for i, j in pairs])
-    chance = np.array([found.p_holm[i, j] for i, j in pairs])
-    for label, which, colour in (
-        (f"by chance in less than {100 * (1 - level):.2g} %", chance < 1.0 - level, "blue"),
-        ("may be chance", chance >= 1.0 - level, "sky"),
-        ("not judged: cases share their draws", np.isnan(chance), "green"),
-    ):
-        if which.any():
-            axes.barh(rows[which], rho[which], color=PALETTE[colour], height=0.7, label=label)
-    low, high = np.array([found.interval[:, i, j] for i, j in pairs]).T
-    axes.hlines(rows, low, high, color=PALETTE["black"], lw=1.2)
-    axes.axvline(0.0, color=PALETTE["black"], lw=0.8)
-    names = [f"{axis_label(found.inputs[i], '')} → {found.metrics[j]}" for i, j in pairs]
-    axes.set_yticks(rows, names, fontsize=8)
-    axes.set_ylim(rows.size - 0.4, -0.6)
-    axes.set_xlim(-1.05, 1.05)
-    axes.grid(axis="y", visible=False)
-    axes.set_xlabel("rank correlation (line: its interval)")
-    figure.legend(loc="outside lower center", ncols=3, fontsize=8)
+def correlation_chart(
+    pairs: Sequence[tuple[int, int]], found: RankCorrelations, level: float, total: int
+) -> Chart:
+    """Return the clearest rank correlations of so many as bars."""
+    i, j = np.transpose(pairs)
+    rows, rho, chance = np.arange(i.size), found.rho[i, j], found.p_holm[i, j]
+    marks: list[Mark] = [
+        Bars(rows[which], rho[which], "x", label=label, colour=colour, rows=rows[which].tolist())
+        for label, which, colour in (
+            (f"by chance in less than {100 * (1 - level):.2g} %", chance < 1.0 - level, "blue"),
+            ("may be chance", chance >= 1.0 - level, "sky"),
+            ("not judged: cases share their draws", np.isnan(chance), "green"),
+        )
+        if which.any()
+    ]
+    marks += [
+        Segments(rows, *found.interval[:, i, j], "x", width=1.2, rows=rows.tolist()),
+        Rule("x", 0.0, "", "black", "solid", 0.8),
+    ]
+    names = [f"{format_name(found.inputs[a])} → {format_name(found.metrics[b])}" for a, b in pairs]
+    axis = Axis("rank correlation (line: its interval)", low=-1.05, high=1.05)
+    return Chart(
+        "Clearest rank correlations", [Panel(axis, name_axis(names), marks)],
+        f"The {len(pairs)} clearest of {total}, judged with all in view (Holm).",
+        shared_legend=True, size_in=(8.0, 1.6 + 0.26 * max(len(pairs), 3)),
+        table="campaign_correlations",
+    )  # fmt: skip
 
 
-def draw_sobol(figure: Figure, found: SobolIndices, metrics: Sequence[int], most: int) -> None:
-    """Draw first and total indices, the inputs with the largest total ones, a panel per metric."""
-    for axes, j in zip(grid_of(figure, len(metrics)), metrics, strict=True):
+def sobol_chart(found: SobolIndices, metrics: Sequence[int], most: int, left: str) -> Chart:
+    """Return first and total indices, the inputs with the largest total ones, by metric."""
+    panels = []
+    for j in metrics:
         order = np.argsort(-found.total[:, j], kind="stable")[:most]
-        rows = np.arange(order.size)
+        places = np.arange(order.size)
+        rows = (j * len(found.inputs) + order).tolist()
+        marks: list[Mark] = []
         for shift, colour, index, interval, label in (
             (-0.2, "blue", found.first, found.first_interval, "first: alone"),
             (0.2, "orange", found.total, found.total_interval, "total: with others"),
         ):
-            axes.barh(rows + shift, index[order, j], height=0.38, color=PALETTE[colour],
-                      label=label)  # fmt: skip
-            axes.hlines(rows + shift, *interval[:, order, j], color=PALETTE["black"], lw=1.0)
-        axes.set_yticks(rows, [axis_label(found.inputs[i], "") for i in order], fontsize=7)
-        axes.set_ylim(rows.size - 0.4, -0.6)
-        axes.set_xlim(left=min(0.0, axes.get_xlim()[0]))
-        axes.grid(axis="y", visible=False)
-        axes.set_xlabel(f"share of the variance of {axis_label(found.metrics[j], '')}", fontsize=8)
-    legend_below(figure)
-
-
-def legend_below(figure: Figure) -> None:
-    """Put one legend below all panels: they show the same things."""
-    handles: dict[str, Artist] = {}
-    for axes in figure.axes:
-        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            handles.setdefault(label, handle)
-    figure.legend(
-        list(handles.values()), list(handles), loc="outside lower center", ncols=4, fontsize=8
-    )
+            at = places + shift
+            marks += [
+                Bars(at, index[order, j], "x", width=0.38, label=label, colour=colour, rows=rows),
+                Segments(at, *interval[:, order, j], "x", width=1.0, rows=rows),
+            ]
+        least = float(np.nanmin([*found.first_interval[0, order, j], found.first[order, j].min()]))
+        label = f"share of the variance of {format_name(found.metrics[j])}"
+        names = [format_name(found.inputs[i]) for i in order]
+        panels.append(Panel(Axis(label, low=min(0.0, least)), name_axis(names), marks))
+    return grid_chart(
+        "Sobol indices", panels,
+        "The inputs with the largest total indices; lines: bootstrap intervals." + left,
+        "campaign_sobol",
+    )  # fmt: skip

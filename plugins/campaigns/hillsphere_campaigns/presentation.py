@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -19,20 +18,20 @@ from hillsphere.cases.case_classes import (
     ratio_at_points,
     ratio_of,
 )
-from hillsphere.presentation import Figure, Metric, Presentation, Table
+from hillsphere.presentation import Axis, Chart, Metric, Presentation, Table
 from hillsphere.products import CaseTable
-from hillsphere_campaigns.band_figures import band_figure
+from hillsphere_campaigns.band_figures import band_chart
 from hillsphere_campaigns.convergence import convergence_of_failures, convergence_of_mean
 from hillsphere_campaigns.figures import (
     Shown,
-    axis_label,
-    draw_convergence,
-    draw_correlations,
-    draw_cumulative,
-    draw_histograms,
-    draw_scatter,
-    draw_sobol,
-    grid_size,
+    convergence_chart,
+    correlation_chart,
+    cumulative_chart,
+    grid_chart,
+    histogram_chart,
+    quantity_axis,
+    scatter_chart,
+    sobol_chart,
 )
 from hillsphere_campaigns.headlines import failure_sentences, strongest_correlations, worst_points
 from hillsphere_campaigns.result_tables import (
@@ -56,7 +55,7 @@ from hillsphere_campaigns.sensitivity import (
     sobol_of,
 )
 from hillsphere_campaigns.statistics import MetricStatistics, metric_statistics
-from hillsphere_campaigns.sweep_figures import PointValues, draw_sweep, points_of
+from hillsphere_campaigns.sweep_figures import PointValues, layout_points, sweep_panels
 
 __all__ = ["present_campaign"]
 
@@ -65,6 +64,9 @@ _PANELS = 6
 
 _BARS = 20
 """Bars of correlations at most: with more their labels overlap in a figure of one page."""
+
+_INPUTS = 10
+"""Inputs in a panel of Sobol indices at most: with more their names overlap."""
 
 _METRICS = 20
 """Metrics of the campaign that enter the summary of the run at most; the tables hold all."""
@@ -119,7 +121,7 @@ def present_campaign(
     levels, table = tuple(levels), _with_metrics(table, show)
     sets = table.points is not None and table.points.shape[1] > 1
     repeated = sets and table.case.size > np.unique(table.point).size
-    figures: dict[str, Figure] = {}
+    figures: dict[str, Chart] = {}
     # Of other cases than independent ones a ratio has no interval.
     drawn = not repeated and table.design in ("random", "latin_hypercube", "sobol")
     tables: dict[str, Table] = {"campaign_classes": class_table(table, level, drawn)}
@@ -143,7 +145,7 @@ def present_campaign(
         figures |= _over_points(table, level, repeated)
         verdict += worst_points(table, level) if repeated else []
     if table.bands is not None:
-        figures["campaign_bands"] = band_figure(table.bands)
+        figures["campaign_bands"] = band_chart(table.bands)
     tables["campaign_extremes"] = extreme_table(table)
     correlations = rank_correlations(table, level)
     if correlations.strongest() and table.design != "list":  # of chosen cases ρ says nothing
@@ -209,86 +211,66 @@ def _metric_values(found: Sequence[MetricStatistics]) -> dict[str, Metric]:
 
 def _distributions(
     table: CaseTable, found: Sequence[MetricStatistics], level: float
-) -> dict[str, Figure]:
+) -> dict[str, Chart]:
     usable = independent_cases(table) & has_ended(table)
     varied = [
-        (Shown(values[usable & np.isfinite(values)], one), values)
-        for one, values in zip(found, table.values, strict=True)
+        (Shown(values[usable & np.isfinite(values)], one, row), values)
+        for row, (one, values) in enumerate(zip(found, table.values, strict=True))
         if one.count > 1 and one.least < one.largest
     ]
     shown = [one for one, _ in varied[:_PANELS]]
     left = f" The first {_PANELS} of {len(varied)} metrics." if len(varied) > _PANELS else ""
-    made: dict[str, Figure] = {}
+    made: dict[str, Chart] = {}
     if shown:
-        made["campaign_histograms"] = Figure(
-            "Distributions of the metrics",
-            lambda figure: draw_histograms(figure, shown),
-            "Cases that came to their end." + left,
-            size_in=grid_size(len(shown)),
-        )
-        made["campaign_distributions"] = Figure(
-            "Cumulative distributions of the metrics",
-            lambda figure: draw_cumulative(figure, shown, level),
-            "Share of the cases that came to their end; the band holds the whole curve with this "
-            "confidence." + left,
-            size_in=grid_size(len(shown)),
-        )
+        made["campaign_histograms"] = histogram_chart(shown, left)
+        made["campaign_distributions"] = cumulative_chart(shown, level, left)
     rows = independent_cases(table)
     if table.case.size > 1 and rows.any():
         failed = decided_failures(table)[rows]
         undecided = is_undecided(table.status)[rows]
-        traces = [("failure ratio", convergence_of_failures(failed, undecided, level=level))]
+        failures = convergence_of_failures(failed, undecided, level=level)
+        traces = [(Axis("failure ratio"), failures)]
         for one, values in varied[: _PANELS - 1]:
             kept = (usable & np.isfinite(values))[rows]
-            label = f"mean {one.label}"
-            traces.append((label, convergence_of_mean(values[rows], kept, level=level)))
-        made["campaign_convergence"] = Figure(
-            "Convergence",
-            lambda figure: draw_convergence(figure, traces, level),
-            "Estimates from the first cases, in the order of their numbers; each interval by "
-            "itself.",
-            size_in=grid_size(len(traces)),
-        )
+            axis = replace(one.axis, label=f"mean {one.axis.label}")
+            traces.append((axis, convergence_of_mean(values[rows], kept, level=level)))
+        made["campaign_convergence"] = convergence_chart(traces, level)
     return made
 
 
-def _over_points(table: CaseTable, level: float, repeated: bool) -> dict[str, Figure]:
+def _over_points(table: CaseTable, level: float, repeated: bool) -> dict[str, Chart]:
     assert table.points is not None
-    points, count = points_of(table), table.points.shape[1]
-    if not points.labels and count > table.case.size // 2 and len(table.swept) > 2:
+    layout, count = layout_points(table), table.points.shape[1]
+    if not layout.axes and count > table.case.size // 2 and len(table.swept) > 2:
         return {}  # scattered points, one case each: the scatter plots show them
-    left = "" if (points.places[0] >= 0).all() else f" The first {len(points.ticks[0])} points."
-    made: dict[str, Figure] = {}
+    left = "" if (layout.places[0] >= 0).all() else f" The first {len(layout.ticks[0])} points."
+    made: dict[str, Chart] = {}
     if repeated:
         found = ratio_at_points(table, table.point, count, level)
         low, high = found.sure
-        of_failures = [PointValues("failure ratio", found.value, low, high)]
-        if points.is_map:
-            of_failures.append(PointValues("failure ratio, at most", high))
-        made["sweep_failures"] = Figure(
+        of_failures = [PointValues(Axis("failure ratio"), found.value, low, high)]
+        if layout.is_map:
+            of_failures.append(PointValues(Axis("failure ratio, at most"), high))
+        interval = f"{100 * level:g} % interval"
+        made["sweep_failures"] = grid_chart(
             "Failures over the sweep",
-            lambda figure: draw_sweep(
-                figure, points, of_failures, f"{100 * level:g} % interval", "failure ratio"
-            ),
+            sweep_panels(layout, of_failures, interval, "failure ratio"),
             "Over decided cases. Clopper–Pearson intervals, each by itself, from where none of the "
             "undecided cases had failed to where all had." + left,
-            size_in=grid_size(2) if points.is_map else (8.0, 4.2),
+            "sweep_failures",
         )
     medians = _medians(table, count, repeated)
     if medians:
-        made["sweep_metrics"] = Figure(
+        what = "Value"
+        if repeated:
+            what = "Median" if layout.is_map else "Median, 5 % and 95 %"
+        made["sweep_metrics"] = grid_chart(
             "Metrics over the sweep",
-            lambda figure: draw_sweep(
-                figure,
-                points,
-                medians,
-                "5 % to 95 % of the cases",
-                "median" if repeated else "value",
+            sweep_panels(
+                layout, medians, "5 % to 95 % of the cases", "median" if repeated else "value"
             ),
-            ("Median" + ("" if points.is_map else ", 5 % and 95 %") if repeated else "Value")
-            + " over the cases that came to their end."
-            + left,
-            size_in=grid_size(len(medians)),
+            f"{what} over the cases that came to their end.{left}",
+            "sweep_failures",
         )
     return made
 
@@ -306,55 +288,31 @@ def _medians(table: CaseTable, count: int, repeated: bool) -> list[PointValues]:
                 ends[:, p] = np.quantile(kept, [0.05, 0.5, 0.95])
         known = ends[1][np.isfinite(ends[1])]
         if known.size > 1 and np.nanmin(ends) < np.nanmax(ends):
-            label = axis_label(name, unit)
-            made.append(
-                PointValues(label, ends[1], ends[0], ends[2])
-                if repeated
-                else PointValues(label, ends[1])
-            )
+            beside = (ends[0], ends[2]) if repeated else ()
+            made.append(PointValues(quantity_axis(name, unit), ends[1], *beside))
         if len(made) == _PANELS:
             break
     return made
 
 
-def _sensitivities(table: CaseTable, found: RankCorrelations, level: float) -> dict[str, Figure]:
+def _sensitivities(table: CaseTable, found: RankCorrelations, level: float) -> dict[str, Chart]:
     pairs = found.strongest()
     rows = independent_cases(table) & ~is_undecided(table.status)
     given = explanatory(table)
-    arguments: Mapping[str, Any] = {
-        "values": np.where(has_ended(table), table.values, np.nan)[:, rows],
-        "units": table.units,
-        "failed": decided_failures(table)[rows],
-    }
-    shown = type(given)(given.names, given.units, given.values[:, rows])
-    few, bars = pairs[:_PANELS], pairs[:_BARS]
+    given = replace(given, values=given.values[:, rows])
+    values = np.where(has_ended(table), table.values, np.nan)[:, rows]
+    failed = decided_failures(table)[rows]
     return {
-        "campaign_correlations": Figure(
-            "Clearest rank correlations",
-            lambda figure: draw_correlations(figure, bars, found, level),
-            f"The {len(bars)} clearest of {len(pairs)}, judged with all in view (Holm).",
-            size_in=(8.0, 1.6 + 0.26 * max(len(bars), 3)),
-        ),
-        "campaign_scatter": Figure(
-            "Metrics against the inputs that they go with",
-            lambda figure: draw_scatter(figure, few, shown, found, **arguments),
-            "The clearest rank correlations; at most 2000 cases are drawn.",
-            size_in=grid_size(len(few)),
+        "campaign_correlations": correlation_chart(pairs[:_BARS], found, level, len(pairs)),
+        "campaign_scatter": scatter_chart(
+            pairs[:_PANELS], given, found, values, table.units, failed
         ),
     }
 
 
-def _sobol(found: SobolIndices) -> dict[str, Figure]:
+def _sobol(found: SobolIndices) -> dict[str, Chart]:
     known = [j for j in range(len(found.metrics)) if np.isfinite(found.total[:, j]).all()]
-    some = known[:_PANELS]
-    if not some:
-        return {}
     left = f" The first {_PANELS} of {len(known)} metrics." if len(known) > _PANELS else ""
-    return {
-        "campaign_sobol": Figure(
-            "Sobol indices",
-            lambda figure: draw_sobol(figure, found, some, 10),
-            "The inputs with the largest total indices; lines: bootstrap intervals." + left,
-            size_in=grid_size(len(some)),
-        )
-    }
+    if not known:
+        return {}
+    return {"campaign_sobol": sobol_chart(found, known[:_PANELS], _INPUTS, left)}

@@ -16,7 +16,7 @@ from hillsphere_campaigns.bands import Parts, lines_of
 from hillsphere_campaigns.campaign import Campaign
 from hillsphere_campaigns.case_plan import plan_of
 from hillsphere_campaigns.crossings import crossing_table
-from hillsphere_campaigns.line_figures import MOST_LINES, line_figure
+from hillsphere_campaigns.line_figures import MOST_LINES, line_chart
 from hillsphere_campaigns.sweep_points import (
     case_list,
     cross_points,
@@ -88,8 +88,8 @@ class Sweep(Campaign):
             bands = None if behind is None else behind.bands
             if behind is not None and bands is None:
                 raise InputError(_NO_BANDS)
-            figure = line_figure(product, product.lines, bands)
-            shown = replace(shown, figures={"sweep_lines": figure, **shown.figures})
+            chart = line_chart(product, product.lines, bands)
+            shown = replace(shown, figures={"sweep_lines": chart, **shown.figures})
         if self.spec.threshold is None:
             return shown
         # One case of drawn ones, or the first of some that were not flown, is one of many.

@@ -3,36 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hillsphere.base.arrays import Array, Integers
-from hillsphere.presentation import PALETTE
+from hillsphere.presentation import (
+    Axis,
+    Band,
+    ColourScale,
+    Curve,
+    Map,
+    Mark,
+    Panel,
+    Points,
+    Segments,
+)
 from hillsphere.products import CaseTable
-from hillsphere_campaigns.figures import axis_label, grid_of
+from hillsphere_campaigns.figures import quantity_axis
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-__all__ = ["MOST_POINTS", "PointValues", "Points", "draw_sweep", "points_of"]
+__all__ = ["MOST_POINTS", "PointLayout", "PointValues", "layout_points", "sweep_panels"]
 
 MOST_POINTS = 60
 """Points that are drawn by name, side by side."""
-_ROOM = 40
-"""Characters of names that stand side by side below a panel; longer ones are slanted."""
+_MOST_TICKS = 15, 10
+"""Names of values at most along the axis of a line, and of a map, whose panel is narrower."""
+_NUMBERED = 64
+"""Cells of a map up to which each has room for its number."""
+_WIDE = 30.0
+"""Ratio of the largest to the smallest value of a swept quantity from which on its axis is
+logarithmic."""
 
 
 @dataclass(frozen=True)
-class Points:
+class PointLayout:
     """How the points of a sweep are laid out in a figure.
 
     Parameters
     ----------
-    labels : tuple of str
-        Axis labels of the one or two quantities; none if the points are drawn by name.
+    axes : tuple of Axis
+        Axes of the one or two quantities; none if the points are drawn by name.
     ticks : tuple of tuple of str
         Names of the values of each, ascending; of the points if these are drawn by name.
     values : tuple of ndarray
@@ -41,7 +51,7 @@ class Points:
         Place of each point among these; −1 for a point that is not drawn.
     """
 
-    labels: tuple[str, ...]
+    axes: tuple[Axis, ...]
     ticks: tuple[tuple[str, ...], ...]
     values: tuple[Array, ...]
     places: Integers
@@ -49,20 +59,20 @@ class Points:
     @property
     def is_map(self) -> bool:
         """Whether the points fill a rectangle of two quantities."""
-        return len(self.labels) == 2
+        return len(self.axes) == 2
 
 
 @dataclass(frozen=True)
 class PointValues:
     """One quantity at the P points: a value, and where it has one, a lower and an upper end."""
 
-    label: str
+    axis: Axis
     value: Array
     low: Array | None = None
     high: Array | None = None
 
 
-def points_of(table: CaseTable) -> Points:
+def layout_points(table: CaseTable) -> PointLayout:
     """Lay out the points of a sweep: over one quantity, a rectangle of two, or else by name."""
     assert table.points is not None
     count = table.points.shape[1]
@@ -72,18 +82,18 @@ def points_of(table: CaseTable) -> Points:
         size = [value.size for value, _ in axes]
         if np.prod(size) == count == np.unique(places, axis=1).shape[1]:
             ticks = tuple(_ticks(table, axis, value) for axis, (value, _) in enumerate(axes))
-            labels = tuple(map(axis_label, table.swept, table.swept_units))
+            labels = tuple(map(quantity_axis, table.swept, table.swept_units))
             values = tuple(
                 value if unit else np.arange(float(value.size))
                 for unit, (value, _) in zip(table.swept_units, axes, strict=True)
             )
-            return Points(labels, ticks, values, places)
+            return PointLayout(labels, ticks, values, places)
     places = np.where(np.arange(count) < MOST_POINTS, np.arange(count), -1)[None]
     drawn = min(count, MOST_POINTS)
     names = table.point_labels[:drawn]
     if drawn > 8 or max(map(len, names)) > 16:
         names = tuple(map(str, range(drawn)))
-    return Points((), (names,), (np.arange(float(drawn)),), places)
+    return PointLayout((), (names,), (np.arange(float(drawn)),), places)
 
 
 def _ticks(table: CaseTable, axis: int, values: Array) -> tuple[str, ...]:
@@ -103,16 +113,14 @@ def _ticks(table: CaseTable, axis: int, values: Array) -> tuple[str, ...]:
     return tuple(ticks)
 
 
-def draw_sweep(
-    figure: Figure, points: Points, shown: Sequence[PointValues], band: str, lines: str
-) -> None:
-    """Draw quantities over the points of a sweep, a panel each.
+def sweep_panels(
+    layout: PointLayout, shown: Sequence[PointValues], band: str, lines: str
+) -> list[Panel]:
+    """Return quantities over the points of a sweep, a panel each; a row is a point.
 
     Parameters
     ----------
-    figure : Figure
-        Empty.
-    points : Points
+    layout : PointLayout
         Where the points lie.
     shown : sequence of PointValues
         What is drawn.
@@ -121,71 +129,51 @@ def draw_sweep(
     lines : str
         What the value is.
     """
-    for axes, one in zip(grid_of(figure, len(shown)), shown, strict=True):
-        if points.is_map:
-            _draw_map(figure, axes, points, one)
-        else:
-            _draw_line(axes, points, one, band, lines)
-    if not points.is_map:
-        handles, names = figure.axes[0].get_legend_handles_labels()
-        figure.legend(handles, names, loc="outside lower center", ncols=2, fontsize=8)
+    if layout.is_map:
+        return [_map(layout, one) for one in shown]
+    return [_line(layout, one, band, lines) for one in shown]
 
 
-def _draw_line(axes: Axes, points: Points, one: PointValues, band: str, lines: str) -> None:
-    rows = np.flatnonzero(points.places[0] >= 0)
-    rows = rows[np.argsort(points.places[0, rows], kind="stable")]
-    x = points.values[0]
-    value = one.value[rows]
-    by_number = bool(points.labels) and not _are_places(x, points.ticks[0])
+def _line(layout: PointLayout, one: PointValues, band: str, lines: str) -> Panel:
+    points = np.flatnonzero(layout.places[0] >= 0)
+    points = points[np.argsort(layout.places[0, points], kind="stable")]
+    rows = points.tolist()
+    x, value = layout.values[0], one.value[points]
+    by_number = bool(layout.axes) and not _are_places(x, layout.ticks[0])
+    marks: list[Mark] = []
     if one.low is not None and one.high is not None:
-        low, high = one.low[rows], one.high[rows]
+        low, high = one.low[points], one.high[points]
         if by_number and "interval" not in band:
-            axes.fill_between(x, low, high, color=PALETTE["sky"], alpha=0.45, lw=0, label=band)
+            marks.append(Band(x, low, high, band, opacity=0.45))
         else:
-            known = np.isfinite(low) & np.isfinite(high)
-            axes.vlines(x[known], low[known], high[known], color=PALETTE["blue"], lw=1.4,
-                        label=band)  # fmt: skip
-    axes.plot(x, value, "o-" if by_number else "o", ms=4, color=PALETTE["blue"], label=lines)
+            marks.append(Segments(x, low, high, "y", band, "blue", rows=rows))
     if by_number:
-        if x.min() > 0 and x.max() > 30.0 * x.min():
-            axes.set_xscale("log")
+        marks.append(Curve(x, value, lines, "blue", marker="circle", rows=rows))
+        is_wide = x.min() > 0 and x.max() > _WIDE * x.min()
+        axis = replace(layout.axes[0], scale="log" if is_wide else "linear")
     else:
-        step = -(-x.size // 15)
-        ticks = points.ticks[0][::step]
-        axes.set_xticks(x[::step], ticks, fontsize=8)
-        if sum(map(len, ticks)) > _ROOM:
-            axes.tick_params(axis="x", rotation=25)
-        axes.grid(axis="x", visible=False)
-    axes.set_xlabel(points.labels[0] if points.labels else "point of table sweep_failures")
-    axes.set_ylabel(one.label)
+        marks.append(Points(x, value, lines, "blue", size=4.0, rows=rows))
+        step = -(-x.size // _MOST_TICKS[0])
+        ticks = list(zip(x[::step].tolist(), layout.ticks[0][::step], strict=True))
+        own = layout.axes[0] if layout.axes else Axis("number of the point in the table")
+        axis = replace(own, ticks=ticks)
+    return Panel(axis, one.axis, marks)
 
 
 def _are_places(x: Array, ticks: Sequence[str]) -> bool:
     return any(tick != f"{value:.4g}" for value, tick in zip(x, ticks, strict=True))
 
 
-def _draw_map(figure: Figure, axes: Axes, points: Points, one: PointValues) -> None:
-    nx, ny = (value.size for value in points.values)
+def _map(layout: PointLayout, one: PointValues) -> Panel:
+    nx, ny = (value.size for value in layout.values)
     cells = np.full((ny, nx), np.nan)
-    cells[points.places[1], points.places[0]] = one.value
-    mesh = axes.pcolormesh(
-        np.arange(nx + 1) - 0.5, np.arange(ny + 1) - 0.5, np.ma.masked_invalid(cells),
-        cmap="viridis", edgecolors="white", linewidth=0.4,
-    )  # fmt: skip
-    figure.colorbar(mesh, ax=axes, label=one.label)
-    for set_ticks, ticks in (
-        (axes.set_xticks, points.ticks[0]),
-        (axes.set_yticks, points.ticks[1]),
-    ):
-        step = -(-len(ticks) // 10)
-        set_ticks(range(0, len(ticks), step), ticks[::step], fontsize=8)
-    if nx * ny <= 64:
-        finite = cells[np.isfinite(cells)]
-        middle = 0.5 * (finite.min() + finite.max()) if finite.size else 0.0
-        for (row, column), value in np.ndenumerate(cells):
-            if np.isfinite(value):
-                axes.text(column, row, f"{value:.3g}", ha="center", va="center", fontsize=7,
-                          color="white" if value < middle else "black")  # fmt: skip
-    axes.grid(visible=False)
-    axes.set_xlabel(points.labels[0])
-    axes.set_ylabel(points.labels[1])
+    cells[layout.places[1], layout.places[0]] = one.value
+    known = cells[np.isfinite(cells)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    scale = ColourScale(one.axis.label, one.axis.unit, low, high)
+    axes = []
+    for axis, ticks in zip(layout.axes, layout.ticks, strict=True):
+        step = -(-len(ticks) // _MOST_TICKS[1])
+        axes.append(replace(axis, ticks=list(enumerate(ticks))[::step]))
+    edges = [np.arange(count + 1) - 0.5 for count in (nx, ny)]
+    return Panel(*axes, [Map(edges[0], edges[1], cells, scale, has_numbers=nx * ny <= _NUMBERED)])

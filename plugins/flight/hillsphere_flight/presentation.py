@@ -7,14 +7,14 @@ import numpy as np
 from hillsphere.base.constants import HOUR_S
 from hillsphere.cases.case_classes import UNDECIDED, what_left_it_undecided
 from hillsphere.engine.flight_metrics import limit_shown
-from hillsphere.presentation import Figure, Metric, Presentation
+from hillsphere.presentation import Metric, Presentation
 from hillsphere.show.tables import FilledColumn, column, tabulate, text_column
 from hillsphere_flight.figures import (
-    draw_accelerations,
-    draw_command,
-    draw_errors,
-    draw_path,
+    acceleration_chart,
+    command_chart,
+    error_chart,
     has_accelerations,
+    path_chart,
 )
 from hillsphere_flight.metrics import LANDING_METRICS, METRICS
 from hillsphere_flight.products import ClosedLoopFlight
@@ -53,33 +53,13 @@ def present_flight(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> Presentat
         return f"{name}_{spec.label}" if spec.label else name
 
     figures = {
-        "closed_loop_errors": Figure(
-            "Distance and speed from the reference",
-            lambda canvas: draw_errors(canvas, product, spec),
-            "True deviations at the samples and at the end; dashed: limits and requirements.",
-        ),
-        "closed_loop_command": Figure(
-            "Command",
-            lambda canvas: draw_command(canvas, product),
-            "Command as the actuator executed it at each sample.",
-        ),
+        "closed_loop_errors": error_chart(product, spec),
+        "closed_loop_command": command_chart(product),
     }
     if len(product.position_rows) % 3 == 0:
-        figures["closed_loop_path"] = Figure(
-            "Path",
-            lambda canvas: draw_path(canvas, product),
-            f"In the frame {product.frame}; Δ: from where the reference begins. Dashed, or a "
-            "cross: the reference.",
-            size_in=(6.5, 5.5),
-        )
+        figures["closed_loop_path"] = path_chart(product)
     if has_accelerations(product):
-        figures["closed_loop_accelerations"] = Figure(
-            "Accelerations along the path",
-            lambda canvas: draw_accelerations(canvas, product),
-            f"In the frame {product.frame}: accelerations of the reference, of the law, and their "
-            "sum, to one scale, before errors of the actuator.",
-            size_in=(7.0, 6.0),
-        )
+        figures["closed_loop_accelerations"] = acceleration_chart(product)
     metrics = {
         f"closed_loop_{name}": Metric(float(value), unit)
         for name, unit, value in zip(product.metrics, product.units, product.values, strict=True)

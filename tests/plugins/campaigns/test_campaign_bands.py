@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure as Canvas
 from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 from tests.core.cases.toy_cases import Toy, ToyPlan, same
@@ -28,6 +27,7 @@ from hillsphere.interfaces.cases import CaseBatch, CaseResults, Histories, histo
 from hillsphere.interfaces.tasks import Task
 from hillsphere.mission.faults import faults_of
 from hillsphere.plugins import validate
+from hillsphere.presentation import Band, Curve, Panel
 from hillsphere.products import CaseTable, load_product, save_product
 from hillsphere.products.products import Bands, Lines, LinesToEnds
 from hillsphere.runs.rerun import _row
@@ -35,10 +35,10 @@ from hillsphere.show.drawing import draw
 from hillsphere.show.history import history_csv
 from hillsphere.spec import Spec
 from hillsphere.testing import check_product
-from hillsphere_campaigns.band_figures import MOST_PANELS, band_figure
+from hillsphere_campaigns.band_figures import MOST_PANELS, band_chart
 from hillsphere_campaigns.bands import Parts, bands_of, lines_of
 from hillsphere_campaigns.engine import run_campaign
-from hillsphere_campaigns.line_figures import line_figure
+from hillsphere_campaigns.line_figures import line_chart
 from hillsphere_campaigns.sweep import Sweep
 from hillsphere_flight.specs import ClosedLoopSpec
 
@@ -337,23 +337,33 @@ def many(quantities: int, levels: tuple[float, ...] = LEVELS, samples: int = 50)
 
 @pytest.mark.parametrize("levels", [LEVELS, (0.9,), (0.1, 0.9), (0.01, 0.05, 0.25, 0.75, 0.95)])
 def test_figure_of_bands(levels: tuple[float, ...]) -> None:
-    figure = band_figure(many(2, levels))
-    svg = draw(figure).svg
-    assert len(svg) > 10_000
-    assert "The first" not in figure.caption
+    bands = many(2, levels)
+    chart = band_chart(bands)
+    assert "The first" not in chart.caption
+    for quantity, panel in enumerate(chart.panels):
+        assert isinstance(panel, Panel)
+        drawn = [mark for mark in panel.marks if isinstance(mark, Band)]
+        lines = [mark for mark in panel.marks if isinstance(mark, Curve)]
+        for i, mark in enumerate(drawn):
+            assert_array_equal(mark.low, bands.values[i, quantity])
+            assert_array_equal(mark.high, bands.values[-1 - i, quantity])
+        assert len(drawn) == len(levels) // 2
+        assert len(lines) == len(levels) % 2
+    assert draw(chart).svg
 
 
 def test_a_page_of_many_quantities() -> None:
-    figure = band_figure(many(700, samples=3000))
-    assert f"The first {MOST_PANELS} of 700 quantities; the other 691" in figure.caption
-    assert "At most 1000 of 3000 samples" in figure.caption
-    assert figure.size_in[1] < 10.0
-    assert draw(figure).svg
+    chart = band_chart(many(700, samples=3000))
+    assert f"The first {MOST_PANELS} of 700 quantities; the other 691" in chart.caption
+    assert "At most 500 of 3000 samples" in chart.caption
+    assert chart.size[1] < 10.0
+    assert len(chart.panels) == MOST_PANELS
+    assert draw(chart).svg
 
 
 def test_bands_of_a_single_sample(tmp_path: Path) -> None:
     one = many(1, samples=1)
-    assert draw(band_figure(one)).svg
+    assert draw(band_chart(one)).svg
     save_product(tmp_path / "bands.npz", one)
     read: Array = load_product(tmp_path / "bands.npz").values
     assert_array_equal(read, one.values)
@@ -472,13 +482,16 @@ def test_a_line_is_drawn_to_its_end() -> None:
     end_s[2], end_values[0, 2] = 3.01e4, 5.0
     lines = LinesToEnds(**vars(table.lines), end_s=end_s, end_values=end_values)
     check_product(replace(table, lines=lines))
-    canvas = Canvas()
-    line_figure(table, lines, None).draw(canvas)
-    (failed,) = [line for line in canvas.axes[0].lines if line.get_label() == "failed case"]
-    time, values = (np.asarray(one, dtype=float) for one in failed.get_data())
+    (panel,) = line_chart(table, lines, None).panels
+    assert isinstance(panel, Panel)
+    failed = panel.marks[1]
+    assert isinstance(failed, Curve)
+    assert failed.label == "failed case"
+    time, values = (np.asarray(one, dtype=float)[:-1] for one in (failed.x, failed.y))
     assert values[-1] == 5.0
     assert np.isfinite(values).all()
     assert time[-1] == pytest.approx(3.01e4 / 3600.0)
+    assert failed.rows == [2] * (time.size + 1)  # of the table of the points
 
 
 def chosen(count: int = 6) -> CaseTable:
@@ -504,14 +517,15 @@ def test_figure_of_lines_before_bands(bands: Bands | None) -> None:
     table = chosen()
     assert table.lines is not None
     check_product(table)
-    figure = line_figure(table, table.lines, bands)
-    assert draw(figure).svg
-    canvas = Canvas()
-    figure.draw(canvas)
-    told = {text.get_text() for legend in canvas.legends for text in legend.get_texts()}
+    chart = line_chart(table, table.lines, bands)
+    assert draw(chart).svg
+    (panel,) = chart.panels
+    assert isinstance(panel, Panel)
+    told = {getattr(mark, "label", "") for mark in panel.marks}
     assert {"case", "failed case"} <= told
     assert ("median" in told) == (bands is not None)
-    assert ("Behind" in figure.caption) == (bands is not None)
+    assert ("Behind" in chart.caption) == (bands is not None)
+    assert chart.table == "sweep_failures"
 
 
 def test_what_stands_behind_needs_lines() -> None:

@@ -16,7 +16,7 @@ from hillsphere.products import CaseTable
 from hillsphere.products.products import Bands
 from hillsphere.testing import check_presentation, check_product
 from hillsphere_campaigns.presentation import present_campaign
-from hillsphere_campaigns.sweep_figures import points_of
+from hillsphere_campaigns.sweep_figures import layout_points
 
 METRICS = ("dv", "rms_error", "time")
 UNITS = ("m/s", "m", "s")
@@ -221,7 +221,7 @@ def test_sweep_with_one_case_at_each_point() -> None:
     assert "campaign_statistics" in found.tables
     names = sweep({PERIOD: np.arange(3.0)}, 20)
     laws = replace(names, swept_units=("",), point_labels=("law = pid", "law = lqr", "none"))
-    assert points_of(laws).ticks == (("pid", "lqr", "none"),)
+    assert layout_points(laws).ticks == (("pid", "lqr", "none"),)
     assert "sweep_metrics" in shown(laws).figures
 
 
@@ -229,7 +229,7 @@ def test_map_over_what_is_no_number() -> None:
     table = sweep({PERIOD: np.array([30.0, 60.0]), "law": np.arange(3.0)}, 20)
     names = tuple(f"{PERIOD} = {p} s, law = {w}" for p in (30, 60) for w in ("pid", "lqr", "lti"))
     table = replace(table, swept_units=("s", ""), point_labels=names)
-    points = points_of(table)
+    points = layout_points(table)
     assert points.is_map
     assert points.ticks == (("30", "60"), ("pid", "lqr", "lti"))
     assert "sweep_failures" in shown(table).figures
@@ -337,7 +337,7 @@ def test_many_metrics_and_inputs_make_no_more_figures() -> None:
     )
     found = shown(table)
     assert len(found.figures) == 5
-    assert all(figure.size_in[1] < 9.0 for figure in found.figures.values())
+    assert all(figure.size[1] < 9.0 for figure in found.figures.values())
     assert len(found.tables["campaign_correlations"].rows) == 500
     assert len(found.metrics) < 50
 

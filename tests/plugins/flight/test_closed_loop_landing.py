@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure as Canvas
 from numpy.testing import assert_allclose, assert_array_equal
 
 from hillsphere.engine.course import Rows, course_along
@@ -16,6 +15,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Parameter, Scales, Variable
 from hillsphere.interfaces.cases import LANES, CaseBatch, CaseResults
 from hillsphere.plugins import validate
+from hillsphere.presentation import Arrows, Surface
 from hillsphere.products import FlightSet, Trajectories
 from hillsphere.symbolic import Expr, Params
 from hillsphere.testing import RecordingContext, check_case_stage, check_presentation
@@ -384,7 +384,9 @@ def test_the_figure_of_a_descent_has_arrows() -> None:
     flown = made.run(RecordingContext(), reference=product)
     shown = made.present(flown, reference=product)
     check_presentation(shown)
-    assert "closed_loop_accelerations" in shown.figures
+    solids = shown.figures["closed_loop_accelerations"].panels[0].solids
+    assert sum(isinstance(solid, Arrows) for solid in solids) == 3
+    assert sum(isinstance(solid, Surface) for solid in solids) == 1
     assert "closed_loop_accelerations" not in stage(
         Solid(), needs={}, target={"position_m": [0, 0, 9]}, samples=1
     ).present(
@@ -464,22 +466,19 @@ def test_figures_of_a_flight_go_on_to_the_contact() -> None:
     assert np.nanmax(flown.time_s) == 660.0
     shown = made.present(flown, reference=product)
     check_presentation(shown)
-    canvas = Canvas()
-    shown.figures["closed_loop_errors"].draw(canvas)
-    drawn = [np.array(axes.lines[0].get_xydata(), dtype=float) for axes in canvas.axes]
-    for line, error in zip(drawn, ("position", "velocity"), strict=True):
-        here = line[np.isfinite(line).all(axis=1)]
+    for panel, error in zip(
+        shown.figures["closed_loop_errors"].panels, ("position", "velocity"), strict=True
+    ):
+        line = np.array([panel.marks[0].x, panel.marks[0].y])
+        here = line[:, np.isfinite(line).all(axis=0)]
         final = flown.values[flown.metrics.index(f"final_{error}_error")]
-        assert_allclose(here[-1], [670.0 / 3600.0, final], rtol=1e-9)
-    canvas = Canvas()
-    shown.figures["closed_loop_command"].draw(canvas)
-    times = np.array(canvas.axes[0].lines[0].get_xydata(), dtype=float)[:, 0]
+        assert_allclose(here[:, -1], [670.0 / 3600.0, final], rtol=1e-9)
+    times = np.asarray(shown.figures["closed_loop_command"].panels[0].marks[0].x)
     assert_allclose(times[np.isfinite(times)][-1], 670.0 / 3600.0)
-    canvas = Canvas()
-    shown.figures["closed_loop_path"].draw(canvas)
-    path = np.array(canvas.axes[0].lines[0].get_data_3d())  # type: ignore[attr-defined]
+    path = shown.figures["closed_loop_path"].panels[0].solids[0]
     wanted = flown.end_x[:3] - flown.goal[:3, 0]  # less than a kilometre: from the reference
-    assert_allclose(path[:, np.isfinite(path).all(axis=0)][:, -1], wanted, rtol=1e-12)
+    assert_allclose(path.points[:, -1], wanted, rtol=1e-12)
+    assert_allclose(path.times[-1], 670.0 / 3600.0)
 
 
 @pytest.mark.filterwarnings("error")

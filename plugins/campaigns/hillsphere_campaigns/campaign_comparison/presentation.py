@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
 
 from hillsphere.base.matching import match_names
-from hillsphere.presentation import PALETTE, Cell, Figure, Metric, Presentation
+from hillsphere.presentation import (
+    Axis,
+    Cell,
+    Chart,
+    Mark,
+    Metric,
+    Panel,
+    Points,
+    Presentation,
+    Rule,
+    Segments,
+)
 from hillsphere.show.tables import (
     FieldColumns,
     FilledColumn,
@@ -17,7 +28,13 @@ from hillsphere.show.tables import (
     text_column,
 )
 from hillsphere_campaigns.campaign_comparison.products import CampaignComparison, PairedMetrics
-from hillsphere_campaigns.figures import axis_label, grid_of, grid_size
+from hillsphere_campaigns.figures import (
+    format_name,
+    grid_chart,
+    histogram_bars,
+    name_axis,
+    quantity_axis,
+)
 from hillsphere_campaigns.result_tables import (
     MOST_ROWS,
     first_rows,
@@ -26,9 +43,6 @@ from hillsphere_campaigns.result_tables import (
     interval_columns,
     tabulate_first,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Canvas
 
 __all__ = ["present_comparison", "select_shown"]
 
@@ -84,27 +98,14 @@ def present_comparison(product: CampaignComparison, show: Sequence[str] = ()) ->
             ],
         ),
     }
-    shown = [one for one in metrics if one.pairs > 1 and np.ptp(one.differences) > 0.0]
-    some, rows = shown[:_PANELS], min(len(product.campaign), _BARS)
-    left = f" The first {_PANELS} of {len(shown)}." if len(shown) > _PANELS else ""
-    figures = {
-        "comparison_failures": Figure(
-            "Difference of the failure ratios",
-            lambda figure: _draw_failures(figure, product, rows),
-            f"Against {product.baseline}, with {level} intervals."
-            + (f" The first {rows} of {len(product.campaign)}." if rows < len(product.campaign)
-               else ""),
-            size_in=(8.0, 1.5 + 0.3 * max(rows, 3)),
-        )
-    }  # fmt: skip
-    if some:
-        figures["comparison_metrics"] = Figure(
-            "Differences of the metrics, case by case",
-            lambda figure: _draw_differences(figure, some),
-            f"Each pair's difference to {product.baseline}; the bar at the top is the {level} "
-            "interval of the mean." + left,
-            size_in=grid_size(len(some)),
-        )
+    figures = {"comparison_failures": _failure_chart(product)}
+    shown = [
+        (row, one)
+        for row, one in enumerate(metrics)
+        if one.pairs > 1 and np.ptp(one.differences) > 0.0
+    ]
+    if shown:
+        figures["comparison_metrics"] = _difference_chart(shown, product.baseline, level)
     return Presentation(
         metrics={"comparison_pairs": Metric(int(product.pairs.sum()))},
         tables=tables,
@@ -231,38 +232,53 @@ def _undecided_pairs(product: CampaignComparison, r: int) -> str:
     )
 
 
-def _draw_failures(figure: Canvas, product: CampaignComparison, rows: int) -> None:
-    axes = figure.add_subplot()
-    places = np.arange(rows)
-    low, high = 100.0 * product.difference_interval[:, :rows]
-    axes.hlines(places, low, high, color=PALETTE["blue"], lw=2.0,
-                label=f"{100 * product.level:g} % interval")  # fmt: skip
-    axes.plot(100.0 * product.difference[:rows], places, "o", color=PALETTE["blue"],
-              label="difference")  # fmt: skip
-    axes.axvline(0.0, color=PALETTE["black"], lw=0.8)
-    names = [
-        axis_label(f"{campaign}, {point}" if point else campaign, "")
-        for campaign, point in zip(product.campaign[:rows], product.point[:rows], strict=True)
+def _failure_chart(product: CampaignComparison) -> Chart:
+    """Return the differences of the failure ratios with their intervals."""
+    total, level = len(product.campaign), f"{100 * product.level:g} %"
+    rows = range(min(total, _BARS))
+    low, high = 100.0 * product.difference_interval[:, rows]
+    marks: list[Mark] = [
+        Segments(rows, low, high, "x", f"{level} interval", "blue", 2.0, rows=rows),
+        Points(100.0 * product.difference[rows], rows, "difference", "blue", rows=rows),
+        Rule("x", 0.0, "", "black", "solid", 0.8),
     ]
-    axes.set_yticks(places, names, fontsize=8)
-    axes.set_ylim(rows - 0.4, -0.6)
-    axes.set_xlabel(f"failure ratio less that of {product.baseline} (percentage points)")
-    figure.legend(loc="outside lower center", ncols=2, fontsize=8)
+    names = [
+        format_name(f"{campaign}, {point}" if point else campaign)
+        for campaign, point in zip(product.campaign, product.point, strict=True)
+    ]
+    label = f"failure ratio less that of {format_name(product.baseline)}"
+    return Chart(
+        "Difference of the failure ratios",
+        [Panel(Axis(label, "percentage points"), name_axis([names[row] for row in rows]), marks)],
+        f"Against {product.baseline}, with {level} intervals."
+        + (f" The first {len(rows)} of {total}." if len(rows) < total else ""),
+        shared_legend=True, size_in=(8.0, 1.5 + 0.3 * max(len(rows), 3)),
+        table="comparison_failures",
+    )  # fmt: skip
 
 
-def _draw_differences(figure: Canvas, shown: Sequence[PairedMetrics]) -> None:
-    for axes, one in zip(grid_of(figure, len(shown)), shown, strict=True):
-        bins = np.histogram_bin_edges(one.differences, bins="auto")
-        if bins.size > 61:
-            bins = np.linspace(bins[0], bins[-1], 61)
-        count, edges = np.histogram(one.differences, bins=bins)
-        axes.stairs(count, edges, fill=True, color=PALETTE["sky"], label="pairs")
-        axes.axvline(0.0, color=PALETTE["black"], lw=0.8)
-        top = 1.06 * float(count.max())
-        axes.plot(one.mean_interval, [top, top], color=PALETTE["vermillion"], lw=3.0)
-        axes.plot([one.mean], [top], "o", color=PALETTE["vermillion"], label="mean")
-        axes.set_title(f"{one.campaign}{f', {one.point}' if one.point else ''}"[:44], fontsize=9)
-        axes.set_xlabel(f"difference of {axis_label(one.metric, one.unit)}")
-        axes.set_ylabel("pairs")
-    handles, names = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=2, fontsize=8)
+def _difference_chart(
+    shown: Sequence[tuple[int, PairedMetrics]], baseline: str, level: str
+) -> Chart:
+    """Return histograms of the differences of metrics, each with its row in the table."""
+    panels = []
+    for row, one in shown[:_PANELS]:
+        bars = histogram_bars(one.differences, "pairs", row)
+        top = 1.06 * float(np.max(bars.values))
+        marks: list[Mark] = [
+            bars,
+            Rule("x", 0.0, "", "black", "solid", 0.8),
+            Segments([top], *np.reshape(one.mean_interval, (2, 1)), "x", colour="vermillion",
+                     width=3.0),
+            Points([one.mean], [top], "mean", "vermillion"),
+        ]  # fmt: skip
+        axis = quantity_axis(one.metric, one.unit)
+        axis = replace(axis, label=f"difference of {axis.label}")
+        title = f"{one.campaign}{f', {one.point}' if one.point else ''}"[:44]
+        panels.append(Panel(axis, Axis("pairs"), marks, title))
+    left = f" The first {_PANELS} of {len(shown)}." if len(shown) > _PANELS else ""
+    return grid_chart(
+        "Differences of the metrics, case by case", panels,
+        f"Each pair's difference to {baseline}; the bar at the top is the {level} interval of the "
+        "mean." + left, "comparison_metrics",
+    )  # fmt: skip

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from scipy.stats import chi2, kstest
 
-from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
+from hillsphere.presentation import Axis, Chart, Curve, Metric, Panel, Presentation
 from hillsphere.show.tables import column, tabulate
 from hillsphere_estimators.consistency import chi_square_band
 from hillsphere_estimators.initialisation.products import StartingBelief
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as MatplotlibFigure
 
 __all__ = ["judge_consistency", "present_beginning"]
 
@@ -70,14 +65,7 @@ def present_beginning(product: StartingBelief) -> Presentation:
             "initialisation_settled": Metric(float(product.settled.mean())),
         },
         tables={"initialisation": tabulate("First beliefs, from sensors alone", columns)},
-        figures={
-            "initialisation": Figure(
-                "Consistency of the first beliefs",
-                lambda figure: _draw(figure, product),
-                "Normalised errors squared of all cases, sorted, beside the χ² distribution.",
-                size_in=(6.5, 4.0),
-            )
-        },
+        figures={"initialisation": _chart(product)},
         verdict=lines,
     )
 
@@ -97,15 +85,19 @@ def judge_consistency(mean: float, low: float, high: float, probability: float) 
     return "cautious: errors are smaller than stated" if mean < low else "overconfident"
 
 
-def _draw(figure: MatplotlibFigure, product: StartingBelief) -> None:
-    axes = figure.subplots()
+def _chart(product: StartingBelief) -> Chart:
     n, cases = product.means.shape
     share = (np.arange(cases) + 0.5) / cases
-    axes.step(np.sort(product.nees), share, where="mid", color=PALETTE["blue"], label="cases")
-    axes.plot(chi2(n).ppf(share), share, "--", color=PALETTE["vermillion"], label=f"χ², {n} states")
-    axes.set_xlabel("normalised error squared [-]")
-    axes.set_ylabel("share of cases below [-]")
-    axes.legend(loc="lower right")
+    marks = [
+        Curve(np.sort(product.nees), share, "cases", "blue", steps=True),
+        Curve(chi2(n).ppf(share), share, f"χ², {n} states", "vermillion", "dashed"),
+    ]
+    return Chart(
+        "Consistency of the first beliefs",
+        [Panel(Axis("normalised error squared"), Axis("share of cases below"), marks)],
+        "Normalised errors squared of all cases, sorted, beside the χ² distribution.",
+        size_in=(6.5, 4.0),
+    )
 
 
 def _root(squares: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> float:

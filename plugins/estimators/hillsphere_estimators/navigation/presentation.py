@@ -7,7 +7,7 @@ from collections import Counter
 import numpy as np
 
 from hillsphere.interfaces import Array, Integers
-from hillsphere.presentation import Figure, Metric, Presentation
+from hillsphere.presentation import Metric, Presentation
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate
 from hillsphere_estimators.consistency import chi_square_band
 from hillsphere_estimators.navigation.divergence import (
@@ -15,7 +15,7 @@ from hillsphere_estimators.navigation.divergence import (
     DIVERGED_WITHOUT_ALARM,
     detect_divergence,
 )
-from hillsphere_estimators.navigation.figures import draw_control, draw_errors, draw_nees
+from hillsphere_estimators.navigation.figures import control_chart, error_chart, nees_chart
 from hillsphere_estimators.navigation.metrics import ratio_to_bound
 from hillsphere_estimators.navigation.products import NavigationFlight
 from hillsphere_estimators.navigation.specs import NavigationSpec
@@ -122,23 +122,9 @@ def present_navigation(product: NavigationFlight, spec: NavigationSpec) -> Prese
             ),
         },
         figures={
-            named("navigation_errors"): Figure(
-                f"Errors of the estimated positions{called}",
-                lambda figure: draw_errors(figure, product),
-                "Thick: the first flight; dashed: three standard deviations by its filter; band: 5 "
-                "to 95 % of all flights; thin: their rms error; dotted: the Cramér-Rao bound.",
-                (7.5, 2.4 + 2.0 * len(product.spacecraft)),
-            ),
-            named("navigation_control"): Figure(
-                f"Distance from the reference{called}",
-                lambda figure: draw_control(figure, product),
-                "Of the first flight at its measurements: true and estimated.",
-            ),
-            named("navigation_nees"): Figure(
-                f"Normalised errors squared{called}",
-                lambda figure: draw_nees(figure, product),
-                f"Mean over {count} flights; grey: its 99.9 % band for a consistent filter.",
-            ),
+            named("navigation_errors"): error_chart(product, called, named("navigation")),
+            named("navigation_control"): control_chart(product, called, named("navigation")),
+            named("navigation_nees"): nees_chart(product, called),
         },
         verdict=[
             *_verdict(product, called, (answer, mean, low, high), ratios, blind, unknown),

@@ -4,21 +4,32 @@ from __future__ import annotations
 
 import re
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from hillsphere.presentation import PALETTE, Figure, Metric, Presentation, Table
+from hillsphere.presentation import (
+    LINE_COLOURS,
+    Axis,
+    Chart,
+    Curve,
+    Dash,
+    Mark,
+    Metric,
+    Panel,
+    Points,
+    Presentation,
+    Rule,
+    Segments,
+    Span,
+    Table,
+)
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_estimators.consistency import chi_square_band
-from hillsphere_estimators.navigation.figures import COLOURS, hours_or_days
+from hillsphere_estimators.navigation.figures import hours_or_days, nees_axis
 from hillsphere_estimators.navigation.presentation import judge_consistency
 from hillsphere_estimators.navigation_comparison.products import NavigationComparison
 from hillsphere_estimators.navigation_comparison.specs import NavigationComparisonSpec
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as MatplotlibFigure
 
 __all__ = ["present_comparison"]
 
@@ -27,9 +38,8 @@ _OVER_SETS = ("sets", "points", "spacecraft")
 _LEAST, _MOST = 0.85, 1.2
 """Range of an rms error over its bound for a filter that is as good as possible. The statistical
 error of 64 to 200 flights is 0.03 to 0.05, so that a ratio below 0.85 means a wrong bound."""
-_MARKS = "osD^v"
-_INSIDE = 6
-"""Entries of a legend that fits inside the axes without covering curves."""
+_DASHES: tuple[Dash, ...] = ("solid", "dotted", "dashdot")
+"""Kinds of lines, one after the other once all colours are taken; dashed ones have a meaning."""
 
 
 def present_comparison(
@@ -56,7 +66,7 @@ def present_comparison(
         return f"{name}_{spec.label}" if spec.label else name
 
     tables: dict[str, Table] = {}
-    figures: dict[str, Figure] = {}
+    figures: dict[str, Chart] = {}
     metrics: dict[str, Metric] = {}
     verdict: list[str] = []
     if product.cases.size:
@@ -71,12 +81,8 @@ def present_comparison(
         tables[named("navigation_comparison")] = tabulate(
             "Errors at the end of the flights", _set_columns(product, published), notes
         )
-        figures[named("navigation_comparison")] = Figure(
-            "Position errors at the end",
-            lambda figure: _draw_sets(figure, product, spec.required_position_m),
-            "Dots: median and 5 to 95 %; squares: rms; bars: its Cramér-Rao bound"
-            + ("; crosses: published." if published else "."),
-            (8.0, max(4.2, 1.5 + 0.3 * len(product.labels))),
+        figures[named("navigation_comparison")] = _set_chart(
+            product, spec.required_position_m, named("navigation_comparison")
         )
         inside = _consistent(product)
         verdict += _criteria(product, inside)
@@ -100,18 +106,8 @@ def present_comparison(
         tables[named("navigation_flights")] = tabulate(
             "Flights of the stages", _flight_columns(product)
         )
-        figures[named("navigation_courses")] = Figure(
-            "Errors of the estimated positions",
-            lambda figure: _draw_histories(figure, product),
-            "The first flight of each; dashed: three standard deviations by its filter.",
-            (8.0, 2.6 + 2.2 * len(product.spacecraft)),
-        )
-        figures[named("navigation_consistency")] = Figure(
-            "Normalised errors squared",
-            lambda figure: _draw_nees(figure, product),
-            "Mean over the flights of each stage; grey: 99.9 % band of this mean for a consistent "
-            "filter.",
-        )
+        figures[named("navigation_courses")] = _history_chart(product, named("navigation_flights"))
+        figures[named("navigation_consistency")] = _nees_chart(product)
     return Presentation(metrics=metrics, tables=tables, figures=figures, verdict=verdict)
 
 
@@ -231,34 +227,42 @@ def _judge_order(product: NavigationComparison, confidence: float) -> tuple[str,
     return summary, sentence
 
 
-def _draw_sets(
-    figure: MatplotlibFigure, product: NavigationComparison, required_m: float | None
-) -> None:
-    every = np.atleast_1d(figure.subplots(1, len(product.spacecraft), sharey=True))
-    total = len(product.points)
-    for s, (axes, craft) in enumerate(zip(every, product.spacecraft, strict=True)):
+def _set_chart(
+    product: NavigationComparison, required_m: float | None, table: str
+) -> Chart:  # fmt: skip
+    """Return the errors at the end of each set and point, a panel per spacecraft."""
+    sets, points, crafts = len(product.labels), len(product.points), len(product.spacecraft)
+    published = bool(np.isfinite(product.paper_position_m).any())
+    panels = []
+    for s, craft in enumerate(product.spacecraft):
+        marks: list[Mark] = []
         for p, point in enumerate(product.points):
-            place = np.arange(len(product.labels)) + 0.7 * ((p + 0.5) / total - 0.5)
+            place = np.arange(sets) + 0.7 * ((p + 0.5) / points - 0.5)
+            rows = ((np.arange(sets) * points + p) * crafts + s).tolist()
             low, median, high = product.position_m[:, :, p, s]
-            colour = PALETTE[COLOURS[p % len(COLOURS)]]
-            axes.errorbar(median, place, xerr=[median - low, high - median], fmt="o", color=colour,
-                          capsize=3, label=_format_point(point) or "median")  # fmt: skip
-            axes.plot(product.bound_m[:, p, s], place, "|", color=colour, markersize=14)
-            axes.plot(product.rms_m[:, p, s], place, "s", color=colour, markersize=5,
-                      fillstyle="none")  # fmt: skip
+            colour = LINE_COLOURS[p % len(LINE_COLOURS)]
+            name = _format_point(point) or "median"
+            marks += [
+                Segments(place, low, high, "x", "", colour, has_caps=True, rows=rows),
+                Points(median, place, name, colour, rows=rows),
+                Points(product.bound_m[:, p, s], place, "", colour, "bar", 14.0, rows=rows),
+                Points(product.rms_m[:, p, s], place, "", colour, "square", is_filled=False,
+                       rows=rows),
+            ]  # fmt: skip
         paper = product.paper_position_m[:, s]
         if np.isfinite(paper).any():
-            axes.plot(paper, np.arange(len(paper)), "x", color=PALETTE["black"], markersize=8,
-                      label="published")  # fmt: skip
+            marks.append(Points(paper, np.arange(sets), "published", "black", "cross", 8.0))
         if required_m is not None:
-            axes.axvline(required_m, color=PALETTE["black"], linestyle="--", label="rms allowed")
-        axes.set_xscale("log")
-        axes.set_xlabel("position error [m]")
-        axes.set_title(craft)
-    every[0].set_yticks(np.arange(len(product.labels)), product.labels)
-    every[0].invert_yaxis()  # shared: the first set on top
-    handles, names = every[-1].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=5)
+            marks.append(Rule("x", required_m, "rms allowed", "black", "dashed"))
+        names = Axis(ticks=list(enumerate(product.labels)), is_reversed=True)
+        panels.append(Panel(Axis("position error", "m", "log"), names, marks, craft))
+    return Chart(
+        "Position errors at the end", panels,
+        "Dots: median and 5 to 95 %; squares: rms; bars: its Cramér-Rao bound"
+        + ("; crosses: published." if published else "."),
+        columns=crafts, share_y=True, shared_legend=True,
+        size_in=(8.0, max(4.2, 1.5 + 0.3 * sets)), table=table,
+    )  # fmt: skip
 
 
 def _format_point(point: str) -> str:
@@ -270,60 +274,50 @@ def _format_point(point: str) -> str:
     )
 
 
-def _draw_histories(figure: MatplotlibFigure, product: NavigationComparison) -> None:
-    every = np.atleast_1d(figure.subplots(len(product.spacecraft), 1, sharex=True))
-    label = ""
-    for c, name in enumerate(product.labels):
-        there = np.isfinite(product.time_s[c])
-        time, label = hours_or_days(product.time_s[c, there])
-        colour, marks = _curve_style(c, time.size)
-        for s, axes in enumerate(every):
-            axes.plot(time, product.error_m[c, s, there], color=colour, label=name, **marks)
-            axes.plot(time, 3.0 * product.sigma_m[c, s, there], "--", color=colour, linewidth=1.0)
-    for axes, craft in zip(every, product.spacecraft, strict=True):
-        axes.set_yscale("log")
-        axes.set_ylabel(f"{craft}\nposition error [m]")
-    every[-1].set_xlabel(label)
-    _legend(figure, every[0])
+def _history_chart(product: NavigationComparison, table: str) -> Chart:
+    """Return the errors over time, a panel per spacecraft; `table` lists sets and spacecraft."""
+    panels, crafts = [], len(product.spacecraft)
+    for s, craft in enumerate(product.spacecraft):
+        marks, axis = [], Axis("time", "h")
+        for c, name in enumerate(product.labels):
+            there = np.isfinite(product.time_s[c])
+            time, axis = hours_or_days(product.time_s[c, there])
+            style = _style(c) | {"rows": c * crafts + s}
+            marks.append(Curve(time, product.error_m[c, s, there], name, **style))
+            style |= {"dash": "dashed", "width": 1.0}
+            marks.append(Curve(time, 3.0 * product.sigma_m[c, s, there], "", **style))
+        panels.append(Panel(axis, Axis("position error", "m", "log"), marks, craft))
+    return Chart(
+        "Errors of the estimated positions", panels,
+        "The first flight of each; dashed: three standard deviations by its filter.",
+        share_x=True, shared_legend=True, size_in=(8.0, 2.6 + 2.2 * crafts), table=table,
+    )  # fmt: skip
 
 
-def _draw_nees(figure: MatplotlibFigure, product: NavigationComparison) -> None:
-    axes = figure.subplots()
+def _nees_chart(product: NavigationComparison) -> Chart:
+    """Return the mean normalised errors squared with their band."""
     flown = np.maximum(product.flight_runs - product.flight_lost, 1.0)
     band = np.array(chi_square_band(product.flight_states, flown))
     high = float(band[1].max())
     # one band if all stages have as many flights, else the widest, that of the fewest
     label = "99.9 % band" + ("" if np.ptp(flown) == 0 else ", fewest flights")
-    axes.axhspan(band[0].min(), high, color="#999999", alpha=0.4, linewidth=0, label=label)
-    label = ""
+    marks: list[Mark] = [Span("y", float(band[0].min()), high, label, "body")]
+    axis = Axis("time", "h")
     for c, name in enumerate(product.labels):
         there = np.isfinite(product.time_s[c])
-        time, label = hours_or_days(product.time_s[c, there])
-        colour, marks = _curve_style(c, time.size)
-        axes.plot(time, product.mean_nees[c, there], color=colour, label=name, **marks)
-    if np.nanmax(product.mean_nees) > 5.0 * high:
-        axes.set_yscale("log")
-    axes.set_ylabel(f"mean NEES of {int(product.flight_states[0])} states [-]")
-    axes.set_xlabel(label)
-    _legend(figure, axes)
+        time, axis = hours_or_days(product.time_s[c, there])
+        marks.append(Curve(time, product.mean_nees[c, there], name, **_style(c)))
+    label = f"mean NEES of {int(product.flight_states[0])} states"
+    return Chart(
+        "Normalised errors squared",
+        [Panel(axis, nees_axis(label, product.mean_nees, high), marks)],
+        "Mean over the flights of each stage; grey: 99.9 % band of this mean for a consistent "
+        "filter.",
+        shared_legend=True,
+    )
 
 
-def _curve_style(number: int, points: int) -> tuple[str, dict[str, Any]]:
-    """Return colour and marks of a curve; marks only once all colours are taken."""
-    colour, lap = PALETTE[COLOURS[number % len(COLOURS)]], number // len(COLOURS)
-    if not lap:
-        return colour, {}
-    every = max(points // 8, 1)
-    # a step later for each, so that marks of curves that coincide stand side by side
-    start = number % len(COLOURS) * every // len(COLOURS)
-    mark = _MARKS[(lap - 1) % len(_MARKS)]
-    return colour, {"marker": mark, "markevery": (start, every), "markersize": 5}
-
-
-def _legend(figure: MatplotlibFigure, axes: Axes) -> None:
-    """Place the legend inside the axes, or below them if it would cover curves."""
-    handles, names = axes.get_legend_handles_labels()
-    if len(names) <= _INSIDE:
-        axes.legend(loc="best")
-    else:
-        figure.legend(handles, names, loc="outside lower center", ncols=3)
+def _style(number: int) -> dict[str, Any]:
+    """Return the style of a set: a colour, and another kind of line once all are taken."""
+    lap, colour = divmod(number, len(LINE_COLOURS))
+    return {"colour": LINE_COLOURS[colour], "dash": _DASHES[lap % len(_DASHES)]}

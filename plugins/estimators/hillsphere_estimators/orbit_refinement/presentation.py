@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from hillsphere.interfaces import Array
-from hillsphere.presentation import Figure, Metric, Presentation, Table
+from hillsphere.presentation import Metric, Presentation, Table
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_estimators.consistency import chi_square_band
 from hillsphere_estimators.orbit_refinement.figures import (
-    draw_consistency,
-    draw_optical,
-    draw_tracked,
+    consistency_chart,
+    optical_chart,
+    tracking_chart,
 )
 from hillsphere_estimators.orbit_refinement.gains import (
     gain_ranges,
@@ -75,29 +75,9 @@ def present_refinement(product: OrbitRefinement, spec: OrbitRefinementSpec) -> P
         "refinement_tracking_settled": Metric(float(np.mean(product.tracked_settled))),
     }
     figures = {
-        "refinement_optical": Figure(
-            "The asteroid's orbit by angles from the Earth",
-            lambda figure: draw_optical(figure, product),
-            "Errors of position and velocity while it is observed: medians of the cases of each "
-            "geometry (solid) and the standard deviation of the fit (dashed).",
-            size_in=(8.0, 6.4),
-        ),
-        "refinement_tracking": Figure(
-            "The asteroid's orbit with spacecraft near it",
-            lambda figure: draw_tracked(figure, product),
-            "For the geometries nearest to the Earth and farthest from it: rms error of the cases "
-            "(thin) and standard deviation (thick). Dotted: the standard deviation of the velocity "
-            "of the worst known spacecraft. Shaded: less than all of the first set's sensors "
-            "measure.",
-            size_in=(9.0, 6.6),
-        ),
-        "refinement_consistency": Figure(
-            "Consistency of the asteroid's state",
-            lambda figure: draw_consistency(figure, product),
-            "Mean normalised error squared of the asteroid's six states over all cases, with the "
-            "band that holds 99.9 % of such means of a consistent filter.",
-            size_in=(8.0, 3.8),
-        ),
+        "refinement_optical": optical_chart(product),
+        "refinement_tracking": tracking_chart(product),
+        "refinement_consistency": consistency_chart(product),
     }
     return Presentation(metrics, tables, figures, verdict=refinement_verdict(product, spec))
 

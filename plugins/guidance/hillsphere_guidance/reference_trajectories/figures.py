@@ -2,84 +2,110 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hillsphere.interfaces import Array
-from hillsphere.presentation import PALETTE
+from hillsphere.presentation import (
+    LINE_COLOURS,
+    Axis,
+    Chart,
+    Cloud,
+    Curve,
+    Dash,
+    Panel,
+    Path,
+    Solid,
+    Space,
+    Surface,
+)
 from hillsphere_guidance.reference_trajectories.products import ReferenceTrajectories
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+__all__ = ["descent_chart", "difference_chart", "history_chart"]
 
-__all__ = ["draw_descents", "draw_differences", "draw_over_time"]
-
-_COLOURS = ("blue", "vermillion", "green", "purple", "orange", "sky", "black")
-_LINES = ("-", "--", ":", "-.")
-_MANY = 8
-"""Entries above which a legend takes two columns, and twice as many above which it stops naming."""
+_LINES: tuple[Dash, ...] = ("solid", "dashed", "dotted", "dashdot")
+_NAMED = 16
+"""Descents that the legend names at most: more names would take more room than the figure."""
 _LEVEL, _ASIDE = 25.0, 65.0
 """Where the view is from, degrees: above, and from the line through most of the starts."""
 
 
-def draw_descents(figure: Figure, product: ReferenceTrajectories) -> None:
-    """Draw the paths over the body."""
-    axes: Any = figure.add_subplot(projection="3d")
-    r = product.flights.x[:3] / 1e3
+def descent_chart(product: ReferenceTrajectories, table: str) -> Chart:
+    """Return the paths over the body; `table` lists the descents."""
+    r, hours = product.flights.x[:3] / 1e3, product.flights.t_s / 3600.0
+    solids: list[Solid] = []
     # behind the paths a solid body would hide what lies beyond it
     if product.surface_m is not None:
-        axes.plot_surface(
-            *(product.surface_m / 1e3), color="#bbbbbb", edgecolor="#999999", linewidth=0.2,
-            alpha=0.35, rstride=2, cstride=2,
-        )  # fmt: skip
+        solids.append(Surface(product.surface_m / 1e3, product.body, "light", 0.35))
+    ends = []
     for i in range(len(product.flights.labels)):
-        path = r[:, np.isfinite(r[:, :, i]).all(axis=0), i]
+        known = np.isfinite(r[:, :, i]).all(axis=0)
         style = _style(product, i)
-        colour = style["color"]
-        style["label"] += f" ({product.dv_m_s[i]:.2f} m/s)"
-        axes.plot(*path, **style)
-        axes.plot(*path[:, :1], "o", color=colour, markerfacecolor="white")
-        axes.plot(*path[:, -1:], "v", color=colour)
-    for name in "xyz":
-        getattr(axes, f"set_{name}label")(f"{name} [km]", labelpad=8)
-        axes.locator_params(axis=name, nbins=5)
-    axes.set_aspect("equal")
-    axes.view_init(_LEVEL, _along(r[:2, 0]) + _ASIDE)
-    axes.legend(loc="upper left")
+        if style["label"]:
+            style["label"] += f" ({product.dv_m_s[i]:.2f} m/s)"
+        solids.append(Path(r[:, known, i], times=hours[known, i], **style))
+        ends.append(r[:, known, i][:, -1])
+    rows = range(len(ends))
+    solids += [
+        Cloud(r[:, 0], "starts", "black", size=3.0, rows=rows),
+        Cloud(np.transpose(ends), "ends", "black", "diamond", 3.0, rows=rows),
+    ]
+    return Chart(
+        "Reference trajectories",
+        [Space(solids, azimuth_deg=_along(r[:2, 0]) + _ASIDE, elevation_deg=_LEVEL,
+               time=Axis("time", "h"))],
+        "In the frame of the motion, with ΔV.",
+        size_in=(8.0, 7.0), table=table,
+    )  # fmt: skip
 
 
-def draw_over_time(figure: Figure, product: ReferenceTrajectories) -> None:
-    """Draw heights and sizes of the commands."""
-    top, bottom = figure.subplots(2, 1, sharex=True)
-    hours = product.flights.t_s / 3600.0
-    size = 1e3 * np.linalg.norm(product.command, axis=0)
+def history_chart(product: ReferenceTrajectories, table: str) -> Chart:
+    """Return heights and sizes of the commands; `table` lists the descents."""
     known = bool(np.isfinite(product.height_m).any())
     x = product.flights.x[: len(product.command)]
     height = product.height_m if known else np.linalg.norm(x, axis=0)
-    for i in range(len(product.flights.labels)):
-        style = _style(product, i)
-        top.plot(hours[:, i], height[:, i] / 1e3, **style)
-        bottom.plot(hours[:, i], size[:, i], **style)
-    top.set_ylabel("height [km]" if known else "distance [km]")
-    bottom.set_ylabel("command [mm/s²]")
-    bottom.set_xlabel("time [h]")
-    top.legend(loc="upper right", ncols=1 + (len(product.flights.labels) > _MANY))
+    size = 1e3 * np.linalg.norm(product.command, axis=0)
+    height_axis = Axis("height" if known else "distance", "km")
+    return Chart(
+        "Reference trajectories over time",
+        [_over_time(product, height / 1e3, height_axis),
+         _over_time(product, size, Axis("command", "mm/s²"))],
+        "Height above the surface along the radius, and the size of the command as planned.",
+        share_x=True, shared_legend=True, size_in=(8.0, 6.0), table=table,
+    )  # fmt: skip
 
 
-def draw_differences(figure: Figure, product: ReferenceTrajectories) -> None:
-    """Draw how much other plants accelerate otherwise along the paths."""
+def difference_chart(product: ReferenceTrajectories, table: str) -> Chart:
+    """Return by how much other plants accelerate otherwise along the paths."""
+    panels = [
+        _over_time(
+            product, 1e3 * sizes,
+            Axis("difference", "mm/s²", "log" if np.nanmin(sizes) > 0.0 else "linear"), name,
+            first=c * sizes.shape[1],
+        )
+        for c, (name, sizes) in enumerate(
+            zip(product.compared, product.difference_m_s2, strict=True)
+        )
+    ]  # fmt: skip
+    return Chart(
+        "Accelerations by other plants", panels,
+        "Size of the difference from the plant's own acceleration along each path, without a "
+        "command.",
+        share_x=True, shared_legend=True, size_in=(8.0, 1.0 + 2.6 * len(panels)), table=table,
+    )  # fmt: skip
+
+
+def _over_time(
+    product: ReferenceTrajectories, values: Array, axis: Axis, title: str = "", first: int = 0
+) -> Panel:
+    """Return values (times, descents) over time; `first` is the row of the first descent."""
     hours = product.flights.t_s / 3600.0
-    axes: Any = figure.subplots(len(product.compared), 1, sharex=True, squeeze=False)[:, 0]
-    for one, name, sizes in zip(axes, product.compared, product.difference_m_s2, strict=True):
-        for i in range(len(product.flights.labels)):
-            one.plot(hours[:, i], 1e3 * sizes[:, i], **_style(product, i))
-        if np.nanmin(sizes) > 0.0:
-            one.set_yscale("log")
-        one.set_ylabel("difference [mm/s²]")
-        one.set_title(name)
-    axes[-1].set_xlabel("time [h]")
-    axes[0].legend(loc="upper left", ncols=1 + (len(product.flights.labels) > _MANY))
+    marks = [
+        Curve(hours[:, i], values[:, i], **_style(product, i) | {"rows": first + i})
+        for i in range(hours.shape[1])
+    ]
+    return Panel(Axis("time", "h"), axis, marks, title)
 
 
 def _style(product: ReferenceTrajectories, i: int) -> dict[str, Any]:
@@ -88,9 +114,10 @@ def _style(product: ReferenceTrajectories, i: int) -> dict[str, Any]:
     label, of = product.flights.labels[i], product.descents[i]
     start = product.descents[:i].count(of)
     return {
-        "color": PALETTE[_COLOURS[names.index(of) % len(_COLOURS)]],
-        "linestyle": _LINES[start % len(_LINES)],
-        "label": label if i < 2 * _MANY else f"_{label}",
+        "label": label if i < _NAMED else "",
+        "colour": LINE_COLOURS[names.index(of) % len(LINE_COLOURS)],
+        "dash": _LINES[start % len(_LINES)],
+        "rows": i,
     }
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hillsphere.interfaces import Array
-from hillsphere.presentation import Figure, Metric, Presentation, Table
+from hillsphere.presentation import Metric, Presentation, Table
 from hillsphere.show.reference import ReferenceTable
 from hillsphere.show.tables import (
     FieldColumns,
@@ -18,9 +18,9 @@ from hillsphere.show.tables import (
     text_column,
 )
 from hillsphere_guidance.reference_trajectories.figures import (
-    draw_descents,
-    draw_differences,
-    draw_over_time,
+    descent_chart,
+    difference_chart,
+    history_chart,
 )
 from hillsphere_guidance.reference_trajectories.products import ReferenceTrajectories
 from hillsphere_guidance.reference_trajectories.specs import ReferenceTrajectoriesSpec
@@ -64,40 +64,24 @@ def present_references(
     costs = tabulate("Reference trajectories", _cost_columns(product), notes)
     costs = set_beside(costs, published, on="descent", label="descent")
     tail = f"_{spec.label}" if spec.label else ""
-    figures = {
-        f"reference_histories{tail}": Figure(
-            "Reference trajectories over time",
-            lambda figure: draw_over_time(figure, product),
-            "Height above the surface along the radius, and the size of the command as planned.",
-            size_in=(8.0, 6.0),
-        )
-    }
+    own = f"reference_trajectories{tail}"
+    figures = {f"reference_histories{tail}": history_chart(product, own)}
     if len(product.command) == 3:
-        figures[f"reference_trajectories{tail}"] = Figure(
-            "Reference trajectories",
-            lambda figure: draw_descents(figure, product),
-            "In the frame of the motion, with ΔV. Circles: starts; triangles: ends.",
-            size_in=(8.0, 7.0),
-        )
+        figures[own] = descent_chart(product, own)
     tables = {
-        f"reference_trajectories{tail}": costs,
+        own: costs,
         f"reference_ends{tail}": tabulate(
             "Ends of the reference trajectories", _end_columns(product)
         ),
     }
     if product.compared:
         tables[f"reference_differences{tail}"] = _differences(product)
-        figures[f"reference_differences{tail}"] = Figure(
-            "Accelerations by other plants",
-            lambda figure: draw_differences(figure, product),
-            "Size of the difference from the plant's own acceleration along each path, without a "
-            "command.",
-            size_in=(8.0, 1.0 + 2.6 * len(product.compared)),
-        )
+        beside = f"reference_differences{tail}"
+        figures[beside] = difference_chart(product, beside)
     worst = product.replay_m[0].max(), product.replay_held_m[0].max()
     return Presentation(
         metrics={
-            f"reference_trajectories{tail}": Metric(len(product.flights.labels)),
+            own: Metric(len(product.flights.labels)),
             f"replay_error{tail}": Metric(float(worst[0]), "m"),
             f"replay_error_held{tail}": Metric(float(worst[1]), "m"),
         },

@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 from itertools import combinations
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hillsphere.interfaces import Array
-from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
+from hillsphere.presentation import (
+    LINE_COLOURS,
+    Axis,
+    Chart,
+    Cloud,
+    Metric,
+    Path,
+    Presentation,
+    Solid,
+    Space,
+    Surface,
+)
 from hillsphere.products import Trajectories
+from hillsphere.show.bodies import ellipsoid_points
+from hillsphere.show.charts import even_indices
+from hillsphere.show.history import time_unit
 from hillsphere.show.tables import column, tabulate, text_column
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as MatplotlibFigure
-
 __all__ = ["present_formation"]
-
-_COLOURS = ("blue", "vermillion", "green", "purple", "orange", "sky", "black")
 
 
 def present_formation(
@@ -56,38 +64,32 @@ def present_formation(
     return Presentation(
         metrics={"least_distance": Metric(least, "m")},
         tables={"formation_distances": tabulate("Distances in the formation", columns)},
-        figures={
-            "formation_reference": Figure(
-                "Reference trajectories of the formation",
-                lambda figure: _draw(figure, places, spacecraft, semi_axes_m),
-                "In the Hill frame of the asteroid: x away from the Sun, z its orbit normal. "
-                "Circles: the start; grey: what the asteroid sweeps as it turns.",
-                size_in=(8.0, 4.8),
-            )
-        },
+        figures={"formation_reference": _chart(places, flights.t_s[:, 0], spacecraft, semi_axes_m)},
     )
 
 
-def _draw(
-    figure: MatplotlibFigure,
-    places: list[Array],
-    spacecraft: tuple[str, ...],
-    semi_axes_m: Array | None,
-) -> None:
-    from matplotlib.patches import Ellipse
-
-    across, along = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-    for axes, (name, row) in ((across, ("z", 2)), (along, ("x", 0))):
-        if semi_axes_m is not None:
-            # what the body sweeps as it turns about z
-            wide = 2e-3 * float(max(semi_axes_m[:2]))
-            high = 2e-3 * float(semi_axes_m[2]) if name == "z" else wide
-            axes.add_patch(Ellipse((0.0, 0.0), wide, high, color="#999999", label="asteroid"))
-        for i, (craft, r) in enumerate(zip(spacecraft, places, strict=True)):
-            colour = PALETTE[_COLOURS[i % len(_COLOURS)]]
-            axes.plot(r[1] / 1e3, r[row] / 1e3, color=colour, label=craft)
-            axes.plot(r[1, :1] / 1e3, r[row, :1] / 1e3, "o", color=colour, markerfacecolor="white")
-        axes.set_ylabel(f"{name} [km]")
-        axes.set_aspect("equal", adjustable="box")
-    along.set_xlabel("y [km]")
-    across.legend(loc="best")
+def _chart(
+    places: list[Array], t_s: Array, spacecraft: tuple[str, ...], semi_axes_m: Array | None
+) -> Chart:
+    """Return the paths about the asteroid; rows are distances from it."""
+    unit, scale = time_unit(float(t_s[-1]))
+    at = even_indices(t_s.size)
+    solids: list[Solid] = []
+    if semi_axes_m is not None:
+        a, b, c = semi_axes_m / 1e3
+        body = ellipsoid_points(max(a, b), max(a, b), c)  # it turns about z
+        solids.append(Surface(body, "asteroid"))
+    for i, (craft, r) in enumerate(zip(spacecraft, places, strict=True)):
+        colour = LINE_COLOURS[i % len(LINE_COLOURS)]
+        solids += [
+            Path(r[:, at] / 1e3, craft, colour, times=t_s[at] / scale, rows=i),
+            Cloud(r[:, :1] / 1e3, "", colour, rows=i),
+        ]
+    axes = [Axis(name, "km") for name in ("x, away from the Sun", "y", "z, along the normal")]
+    return Chart(
+        "Reference trajectories of the formation",
+        [Space(solids, *axes, time=Axis("time", unit))],
+        "In the Hill frame of the asteroid: x away from the Sun, z its orbit normal. Circles: the "
+        "start; grey: what the asteroid sweeps as it turns.",
+        table="formation_distances",
+    )
