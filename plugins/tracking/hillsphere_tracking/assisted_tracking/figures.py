@@ -38,6 +38,8 @@ AFTER_ACQUISITION = Axis("after acquisition", "min")
 _DASHES: tuple[Dash, ...] = ("solid", "dashed", "dotted")
 _COLUMNS = 4
 """Outages of a pass side by side at most."""
+_SAMPLES = 100
+"""Points of a standard deviation over time, about: it has no corners."""
 _MEASURED = 60
 """Measurements of a pass that are drawn in the sky, about: more dots merge into a line."""
 
@@ -109,8 +111,9 @@ def spread_chart(product: AssistedTracking, outage: int, chosen: Integers, table
     panels = []
     for t in chosen.tolist():
         spread = np.degrees(product.spread_rad[t, outage])
-        there = np.isfinite(spread)
-        floor = np.full(int(there.sum()), FLOOR_DEG)
+        there = np.flatnonzero(np.isfinite(spread))
+        there = there[:: max(1, there.size // _SAMPLES)]
+        floor = np.full(there.size, FLOOR_DEG)
         error = np.maximum(np.degrees(product.sky_error_rad[t, outage]), FLOOR_DEG)
         marks = lock_marks(float(product.outage_s[outage]))
         marks += [
