@@ -81,7 +81,7 @@ def response_chart(product: FittedModels, models: LinearModels) -> Chart:
     known = np.flatnonzero(np.isfinite(product.response_error))
     chosen = known[np.unique(np.linspace(0, known.size - 1, min(known.size, _DRAWN)).astype(int))]
     omega = frequencies([models.systems[int(k)] for k in chosen])
-    marks = []
+    curves, fits = [], []
     for place, k in enumerate(chosen.tolist()):
         model = product.models[int(product.group[k])]
         lft = to_lft(model)
@@ -92,16 +92,16 @@ def response_chart(product: FittedModels, models: LinearModels) -> Chart:
         }
         system = _drop_closed_channels(models.systems[k], lft.nominal)
         fitted = largest_gains(lft.response(omega, values)[0])
-        marks += [
+        curves.append(
             Curve(omega, largest_gains(system.response(omega)), models.labels[k],
-                  LINE_COLOURS[place], width=3.0, opacity=0.7),
-            Curve(omega, fitted, "uncertain model", "black", "dashed", 1.0),
-        ]  # fmt: skip
+                  LINE_COLOURS[place], width=3.0, opacity=0.7)
+        )  # fmt: skip
+        fits.append(Curve(omega, fitted, "uncertain model", "black", "dashed", 1.0))
     return Chart(
         "Models and the uncertain model at their parameters",
         [Panel(
             Axis("frequency", "rad/s", scale="log"), Axis("largest singular value", scale="log"),
-            marks,
+            [*curves, *fits],
         )],
         "Largest singular value over frequency of models (coloured), and of the uncertain model at "
         "the same values of the parameters (black, dashed).",
