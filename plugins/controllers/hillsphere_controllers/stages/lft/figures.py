@@ -59,12 +59,12 @@ def size_chart(product: FittedModels, table: str) -> Chart:
     along = product.known_values[0] if is_alone else np.arange(1.0, count + 1)
     lines = list(zip((f"{s:g} σ" for s in product.size_sigmas), product.sizes, strict=True))
     lines = lines or [("as declared", product.after.sum(axis=1))]
+    step = whole_step(float(np.max(along))) if np.array_equal(along, np.round(along)) else None
     most = max(float(np.max(sizes)) for _, sizes in lines)
     return Chart(
         "Size of the uncertain models",
         [Panel(
-            Axis(product.known[0].replace("_", " ")) if is_alone
-            else Axis("uncertain model", step=whole_step(count)),
+            Axis(product.known[0].replace("_", " ") if is_alone else "uncertain model", step=step),
             Axis("copies of uncertain parameters", low=0.0, step=whole_step(most)),
             [
                 Curve(along, sizes, label, marker=_MARKERS[k % len(_MARKERS)], rows=range(count))
