@@ -199,9 +199,9 @@ def _stack(chart: Chart) -> Chart:
 
 
 def _most_lines(panels: Sequence[Panel | Sky | Space]) -> int:
-    """Return the number of lines of the longest title; a sky has its north below them."""
+    """Return the number of lines of the longest title; a sky has letters above and below."""
     return max(
-        sum(map(bool, (panel.title, panel.note))) + 1
+        sum(map(bool, (panel.title, panel.note))) + 2
         if isinstance(panel, Sky)
         else len(panel.title.splitlines())
         for panel in panels
@@ -584,7 +584,7 @@ def _sky(made: _Builder, panel: Sky, domain: tuple[list[float], list[float]]) ->
         },
     }  # fmt: skip
     text = "<br>".join(line for line in (panel.title, panel.note) if line)
-    _title(made, text, domain, _LINE_PX)
+    _title(made, text, domain, 1.3 * _LINE_PX)  # above the letter N
 
 
 def _space(made: _Builder, panel: Space, domain: tuple[list[float], list[float]]) -> None:

@@ -206,12 +206,13 @@ def test_models_are_chosen_and_drawn_with_shares_over_frequency(spring: Uncertai
     )
     assert isinstance(spec, MuAnalysisSpec)
     shown = MuAnalysisStage(spec).present(made, several, ())
-    (above, below) = (panel for panel in _curves(shown).panels if isinstance(panel, Panel))
-    drawn = {mark.label: mark.y for mark in below.marks if isinstance(mark, Curve)}
+    # Two columns, one a controller: bounds above, shares of the blocks below.
+    _, above, _, below = (panel for panel in _curves(shown).panels if isinstance(panel, Panel))
+    drawn = {mark.label: np.asarray(mark.y) for mark in below.marks if isinstance(mark, Curve)}
     assert len(drawn) == 2
-    assert_allclose(np.sum(list(drawn.values()), axis=0), 1.0, rtol=0.0, atol=1e-9)
+    assert_allclose(sum(drawn.values()), 1.0, rtol=0.0, atol=1e-9)
     upper = next(mark for mark in above.marks if isinstance(mark, Curve))
-    assert_allclose(upper.y, one.curve_upper)
+    assert_allclose(np.asarray(upper.y), made.results[3].curve_upper)
     rows = shown.tables["mu_models_robust_performance"].rows
     assert [row["model"] for row in rows] == ["point=1", "point=10"]
     needs = {"uncertain": "u", "controllers": list(given), "beside": ["before"]}

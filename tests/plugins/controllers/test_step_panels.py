@@ -37,7 +37,7 @@ def test_few_measurements_have_a_panel_for_each_response() -> None:
     assert [panel.title for panel in shown[:3]] == [f"step of y[{j}]" for j in range(3)]
     assert len(shown) == 9
     (curve,) = curves(shown[6])
-    np.testing.assert_allclose(curve.y, 0.4 * (1.0 - np.exp(-TIMES)))
+    np.testing.assert_allclose(np.asarray(curve.y), 0.4 * (1.0 - np.exp(-TIMES)))
 
 
 def test_many_measurements_have_a_panel_for_each_step() -> None:

@@ -201,9 +201,9 @@ def test_a_plan_follows_what_a_naive_antenna_loses(
     for label, column in (("dish, naive", "error_max_naive_deg"), ("xy, planned", "error_max_deg")):
         points = drawn[label]
         assert isinstance(points.rows, range)
-        for y, row in zip(np.asarray(points.y).tolist(), points.rows, strict=True):
-            assert table[row]["mount"] == label.partition(",")[0]
-            assert y == max(table[row][column], 1e-4)  # the least error drawn
+        for y, k in zip(np.asarray(points.y).tolist(), points.rows, strict=True):
+            assert table[k]["mount"] == label.partition(",")[0]
+            assert y == max(float(str(table[k][column])), 1e-4)  # the least error drawn
     worst = shown.metrics
     assert worst["dish_error_max"].value == rows["dish", 14]["error_max_deg"]
     assert worst["dish_outside_max_naive"].value == rows["dish", 14]["outside_naive_s"]

@@ -38,6 +38,8 @@ AFTER_ACQUISITION = Axis("after acquisition", "min")
 _DASHES: tuple[Dash, ...] = ("solid", "dashed", "dotted")
 _COLUMNS = 4
 """Outages of a pass side by side at most."""
+_SAMPLES = 100
+"""Points of a standard deviation over time, about: it has no corners."""
 _MEASURED = 60
 """Measurements of a pass that are drawn in the sky, about: more dots merge into a line."""
 
@@ -64,11 +66,10 @@ def error_chart(product: AssistedTracking, chosen: Integers, title: str, table: 
     The rows of `table` are outages, each with all trackers.
     """
     columns = min(int(np.bincount(product.outage_pass)[chosen].max()), _COLUMNS)
-    panels = [
-        _error_panel(product, k)
-        for p in chosen
-        for k in np.flatnonzero(product.outage_pass == p).tolist()
-    ]
+    outages = [k for p in chosen for k in np.flatnonzero(product.outage_pass == p).tolist()]
+    largest = float(np.degrees(np.nanmax(product.error_rad[:, outages], initial=0.0)))
+    axis = _angle_axis("error √(ΔA² + Δh²)", largest)
+    panels = [_error_panel(product, k, axis) for k in outages]
     lock_deg = np.degrees(product.lock_angle_rad)
     return Chart(
         f"Errors over time{title}",
@@ -83,13 +84,18 @@ def error_chart(product: AssistedTracking, chosen: Integers, title: str, table: 
     )
 
 
-def _error_panel(product: AssistedTracking, outage: int) -> Panel:
+def _angle_axis(label: str, largest_deg: float) -> Axis:
+    """Return the logarithmic axis of all panels of a figure."""
+    return Axis(label, "deg", "log", 0.7 * FLOOR_DEG, max(1.5 * largest_deg, 10.0 * FLOOR_DEG))
+
+
+def _error_panel(product: AssistedTracking, outage: int, axis: Axis) -> Panel:
     p, count = int(product.outage_pass[outage]), len(product.trackers)
     minutes = product.t_s[:, p] / 60.0
     errors = np.maximum(np.degrees(product.error_rad[:, outage]), FLOOR_DEG)
     loss_s = float(product.outage_s[outage])
     return Panel(
-        AFTER_ACQUISITION, Axis("error √(ΔA² + Δh²)", "deg", scale="log"),
+        AFTER_ACQUISITION, axis,
         [
             *lock_marks(loss_s, product.lock_angle_rad),
             *(Curve(minutes, errors[t], name, *tracker_style(t), 1.2, rows=outage * count + t)
@@ -106,11 +112,15 @@ def spread_chart(product: AssistedTracking, outage: int, chosen: Integers, table
     """
     p, count = int(product.outage_pass[outage]), len(product.trackers)
     minutes = product.t_s[:, p] / 60.0
+    drawn = (3.0 * product.spread_rad[chosen, outage], product.sky_error_rad[chosen, outage])
+    largest = max(float(np.degrees(np.nanmax(values, initial=0.0))) for values in drawn)
+    angle = _angle_axis("angle", largest)
     panels = []
     for t in chosen.tolist():
         spread = np.degrees(product.spread_rad[t, outage])
-        there = np.isfinite(spread)
-        floor = np.full(int(there.sum()), FLOOR_DEG)
+        there = np.flatnonzero(np.isfinite(spread))
+        there = there[:: max(1, there.size // _SAMPLES)]
+        floor = np.full(there.size, FLOOR_DEG)
         error = np.maximum(np.degrees(product.sky_error_rad[t, outage]), FLOOR_DEG)
         marks = lock_marks(float(product.outage_s[outage]))
         marks += [
@@ -120,7 +130,6 @@ def spread_chart(product: AssistedTracking, outage: int, chosen: Integers, table
         ]  # fmt: skip
         row = outage * count + t
         marks.append(Curve(minutes, error, "error on the sky", "blue", width=1.2, rows=row))
-        angle = Axis("angle", "deg", scale="log")
         panels.append(Panel(AFTER_ACQUISITION, angle, marks, product.trackers[t]))
     columns = min(3, len(panels))
     return Chart(

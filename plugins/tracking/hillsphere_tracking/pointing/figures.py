@@ -110,7 +110,7 @@ def error_chart(product: Pointing, table: str) -> Chart:
         marks: list[Mark] = [
             Curve(
                 product.period_s * first,
-                _floored(np.maximum.reduceat(error[:n, chosen, mount], first)),
+                _limit_below(np.maximum.reduceat(error[:n, chosen, mount], first)),
                 label, colour, dash, 1.3, rows=row,
             )
             for error, (label, colour, dash) in zip(_errors(product), _KINDS, strict=True)
@@ -139,7 +139,7 @@ def culmination_chart(product: Pointing, table: str) -> Chart:
     marks: list[Mark] = [
         Points(
             np.degrees(product.elevation_max_rad),
-            _floored(np.nanmax(error[:, :, mount], axis=0)),
+            _limit_below(np.nanmax(error[:, :, mount], axis=0)),
             f"{name}, {kind}", LINE_COLOURS[mount], _MARKERS[mount], size, is_filled,
             rows=range(mount * count, (mount + 1) * count),
         )
@@ -251,7 +251,7 @@ def _errors(product: Pointing) -> tuple[Array, Array]:
     return product.naive_error_rad, product.error_rad
 
 
-def _floored(error_rad: Array) -> NDArray[np.float64]:
+def _limit_below(error_rad: Array) -> NDArray[np.float64]:
     return np.maximum(np.degrees(error_rad), _FLOOR_DEG)
 
 

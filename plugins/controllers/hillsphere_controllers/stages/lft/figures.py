@@ -59,12 +59,12 @@ def size_chart(product: FittedModels, table: str) -> Chart:
     along = product.known_values[0] if is_alone else np.arange(1.0, count + 1)
     lines = list(zip((f"{s:g} σ" for s in product.size_sigmas), product.sizes, strict=True))
     lines = lines or [("as declared", product.after.sum(axis=1))]
+    step = whole_step(float(np.max(along))) if np.array_equal(along, np.round(along)) else None
     most = max(float(np.max(sizes)) for _, sizes in lines)
     return Chart(
         "Size of the uncertain models",
         [Panel(
-            Axis(product.known[0].replace("_", " ")) if is_alone
-            else Axis("uncertain model", step=whole_step(count)),
+            Axis(product.known[0].replace("_", " ") if is_alone else "uncertain model", step=step),
             Axis("copies of uncertain parameters", low=0.0, step=whole_step(most)),
             [
                 Curve(along, sizes, label, marker=_MARKERS[k % len(_MARKERS)], rows=range(count))
@@ -81,7 +81,7 @@ def response_chart(product: FittedModels, models: LinearModels) -> Chart:
     known = np.flatnonzero(np.isfinite(product.response_error))
     chosen = known[np.unique(np.linspace(0, known.size - 1, min(known.size, _DRAWN)).astype(int))]
     omega = frequencies([models.systems[int(k)] for k in chosen])
-    marks = []
+    curves, fits = [], []
     for place, k in enumerate(chosen.tolist()):
         model = product.models[int(product.group[k])]
         lft = to_lft(model)
@@ -92,16 +92,16 @@ def response_chart(product: FittedModels, models: LinearModels) -> Chart:
         }
         system = _drop_closed_channels(models.systems[k], lft.nominal)
         fitted = largest_gains(lft.response(omega, values)[0])
-        marks += [
+        curves.append(
             Curve(omega, largest_gains(system.response(omega)), models.labels[k],
-                  LINE_COLOURS[place], width=3.0, opacity=0.7),
-            Curve(omega, fitted, "uncertain model", "black", "dashed", 1.0),
-        ]  # fmt: skip
+                  LINE_COLOURS[place], width=3.0, opacity=0.7)
+        )  # fmt: skip
+        fits.append(Curve(omega, fitted, "uncertain model", "black", "dashed", 1.0))
     return Chart(
         "Models and the uncertain model at their parameters",
         [Panel(
             Axis("frequency", "rad/s", scale="log"), Axis("largest singular value", scale="log"),
-            marks,
+            [*curves, *fits],
         )],
         "Largest singular value over frequency of models (coloured), and of the uncertain model at "
         "the same values of the parameters (black, dashed).",

@@ -109,7 +109,8 @@ def _gain_chart(product: LinearModels, table: str) -> Chart:
     count = len(product.systems)
     chosen = np.unique(np.linspace(0, count - 1, min(count, _DRAWN)).astype(int)).tolist()
     inner = [_inner(product, product.systems[k]) for k in chosen]
-    omega = frequencies(inner)
+    # Each at frequencies of its own: those around the poles of all models would be thousands.
+    grids = [frequencies([system]) for system in inner]
     return Chart(
         "Gains of the models",
         [Panel(
@@ -117,7 +118,7 @@ def _gain_chart(product: LinearModels, table: str) -> Chart:
             [
                 Curve(omega, largest_gains(system.response(omega)), product.labels[k],
                       width=1.6 if count <= _NAMED else 0.8, rows=k)
-                for system, k in zip(inner, chosen, strict=True)
+                for system, omega, k in zip(inner, grids, chosen, strict=True)
             ],
             legend="best" if 1 < count <= _NAMED else "none",
         )],
