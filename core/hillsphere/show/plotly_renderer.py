@@ -467,11 +467,12 @@ def _map(made: _Builder, mark: Map) -> None:
         "type": "heatmap", "x": _pack(mark.x), "y": _pack(mark.y), "zmin": 0.0, "zmax": 1.0,
         "z": _pack(_to_scale(values, mark.scale)), "colorscale": _colour_stops(mark.scale),
         "showscale": False, "xgap": 1, "ygap": 1, "hoverongaps": False,
-        "customdata": _pack(values),
-        "hovertemplate": "%{customdata:.5g}<extra></extra>",
+        # A heat map takes no packed array of other values than z.
+        "text": [[f"{value:.4g}" for value in row] for row in values.tolist()],
+        "hovertemplate": "%{text}<extra></extra>",
     }  # fmt: skip
     if mark.has_numbers:
-        trace |= {"texttemplate": "%{customdata:.3g}", "textfont": {"size": 10}}
+        trace |= {"texttemplate": "%{text}", "textfont": {"size": 10}}
     made.add(trace)
 
 
