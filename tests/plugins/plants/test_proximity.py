@@ -15,10 +15,13 @@ from hillsphere.dynamics import Derivatives, StepMap, Taylor, system
 from hillsphere.errors import InputError
 from hillsphere.gravity import GravityField
 from hillsphere.interfaces import Array
-from hillsphere.products import FlightSet
 from hillsphere.testing import check_plant, check_stage
 from hillsphere_plants.formation_reference.presentation import present_formation
-from hillsphere_plants.formation_reference.stage import reference_states, relative_orbit
+from hillsphere_plants.formation_reference.stage import (
+    FormationReference,
+    reference_states,
+    relative_orbit,
+)
 from hillsphere_plants.proximity_specs import RelativeElementsSpec
 
 AU = 1.495978707e11
@@ -308,7 +311,7 @@ def test_reference_stage() -> None:
         "formation_reference",
         {"plant": plant(2), "relative": list(TABLE_2), "duration_d": 323.6, "interval_d": 1},
     )
-    assert isinstance(product, FlightSet)
+    assert isinstance(product, FormationReference)
     assert product.flights.states[:2] == ("x1", "y1")
     x = product.flights.x[:, :, 0]
     first, second = np.linalg.norm(x[:3], axis=0), np.linalg.norm(x[6:9], axis=0)
