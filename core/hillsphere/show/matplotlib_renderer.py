@@ -54,6 +54,9 @@ _CORNERS = {
 }  # fmt: skip
 _MOST_LEGEND_ENTRIES = 14
 """Entries beyond which a legend is set in smaller type and two columns."""
+_PLAIN = (5e-5, 2e5)
+"""Ends of a logarithmic axis between which its numbers are written in full, with six digits at
+most."""
 _CELLS_WITH_LINES = 2500
 """Cells of a map up to which white lines separate them; of more the lines would be all one sees."""
 
@@ -87,11 +90,13 @@ def draw_chart(figure: MatplotlibFigure, chart: Chart) -> None:
         drawn.append(axes)
         _PANELS[type(panel)](axes, panel, not chart.shared_legend)
         if chart.share_x and index + chart.columns < len(chart.panels):
-            axes.tick_params(axis="x", labelbottom=False)
+            axes.tick_params(axis="x", which="both", labelbottom=False)
             axes.set_xlabel("")
         if chart.share_y and column:
-            axes.tick_params(axis="y", labelleft=False)
+            axes.tick_params(axis="y", which="both", labelleft=False)
             axes.set_ylabel("")
+    for axes in drawn:
+        _set_log_ticks(axes)
     _colour_bars(figure, chart, drawn)
     if chart.shared_legend:
         _legend_below(figure, drawn)
@@ -390,6 +395,27 @@ def _axis(axes: Any, name: str, axis: Axis) -> None:
         getattr(axes, f"set_{name}lim")(axis.low, axis.high)
     if axis.is_reversed:
         getattr(axes, f"{name}axis").set_inverted(True)
+
+
+def _set_log_ticks(axes: Any) -> None:
+    """Set ticks of logarithmic axes, whose ranges are known when all panels are drawn.
+
+    Up to two decades and a half have more ticks than the powers of ten, and numbers near one are
+    written in full.
+    """
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    for name in "xy":
+        if getattr(axes, f"get_{name}scale")() != "log":
+            continue
+        low, high = sorted(getattr(axes, f"get_{name}lim")())
+        line = getattr(axes, f"{name}axis")
+        if high < 300.0 * low:
+            steps = (1.0, 2.0, 5.0) if high > 6.0 * low else tuple(range(1, 10))
+            line.set_major_locator(LogLocator(subs=steps))
+        if low >= _PLAIN[0] and high <= _PLAIN[1]:
+            line.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        line.set_minor_formatter(NullFormatter())
 
 
 def _legend(axes: Any, place: str) -> None:
