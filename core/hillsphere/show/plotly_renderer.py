@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from base64 import b64encode
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import cycle
 from typing import Any, TypeAlias
@@ -61,10 +61,18 @@ _PIXELS = 96.0 / 72.0
 """CSS pixels per point."""
 _PIXELS_PER_INCH = 75.0
 """Height of a figure on the page per inch of the printed one: a page is read from farther away."""
-_GAP_PX = (80.0, 74.0)
-"""Gaps between panels, horizontally and vertically, in pixels: room for the labels of the axes."""
-_WIDTH_PX = 1000.0
-"""Width of a figure in the report at 1280 pixels, for the gaps."""
+_GAP_PX = 80.0
+"""Gap between panels side by side, in pixels: room for the labels of the axes."""
+_LABELS_PX = (18.0, 56.0)
+"""Room below a panel without and with labels of its horizontal axis, in pixels."""
+_LINE_PX = 16.0
+"""Height of a line of a panel's title, in pixels."""
+_MARGINS_PX = (18.0, 52.0)
+"""Margins above and below the panels and their titles, in pixels."""
+_WIDTH_PX = (1000.0, 380.0)
+"""Width of a figure in the report at 1280 pixels and on a telephone, for gaps and legends."""
+_ENTRY_PX = (44.0, 6.6)
+"""Width of a legend's entry in pixels without its text, and per character of that."""
 _EXACT_PART = 1e-4
 """Smallest ratio of the range of an array to its largest value at which single precision, with a
 relative error of 6e-8, shows no steps on a screen of 2000 pixels."""
@@ -85,6 +93,7 @@ class _Builder:
     traces: list[Trace] = field(default_factory=list)
     layout: dict[str, Any] = field(default_factory=dict)
     named: set[str] = field(default_factory=set)
+    hidden: dict[str, dict[str, Any]] = field(default_factory=dict)
     x: str = "x"
     y: str = "y"
     subplot: str = ""
@@ -146,6 +155,7 @@ def plotly_figure(chart: Chart) -> dict[str, Any]:
             made.x, made.y, made.subplot = f"x{number}", f"y{number}", ""
             shared = _axes_to_follow(chart, axes, index)
             _panel(made, panel, number, domains[index], *shared)
+            _hide_labels(made, number, index)
         elif isinstance(panel, Sky):
             made.subplot = f"polar{number}"
             _sky(made, panel, domains[index])
@@ -154,24 +164,70 @@ def plotly_figure(chart: Chart) -> dict[str, Any]:
             _space(made, panel, domains[index])
         _place_narrow(narrow, made, panel, number, stacked[index])
     _colour_bars(made)
-    legend_px = 19 * math.ceil(len(made.named) / 4)
+    legends_px = [_legend_px(made.named, width) for width in _WIDTH_PX]
+    titles_px = _LINE_PX * _most_lines(chart.panels[: chart.columns])
     layout = made.layout | {
         "showlegend": any(getattr(panel, "legend", "") != "none" for panel in chart.panels),
-        "legend": {"orientation": "h", "x": 0.0, "xanchor": "left", "y": 1.02, "yanchor": "bottom"},
-        "margin": {"l": 64, "r": 16, "t": 34 + legend_px, "b": 52},
+        # The legend begins at the upper edge, and the titles of the first panels are below it.
+        "legend": {
+            "orientation": "h", "x": 0.0, "xanchor": "left",
+            "yref": "container", "y": 1.0, "yanchor": "top",
+        },
+        "margin": {
+            "l": 64, "r": 16, "t": _MARGINS_PX[0] + legends_px[0] + titles_px, "b": _MARGINS_PX[1],
+        },
         "hovermode": "closest",
-    }
-    height = round(_PIXELS_PER_INCH * chart.size[1]) + legend_px
+    }  # fmt: skip
+    height = round(_PIXELS_PER_INCH * chart.size[1] + legends_px[0] + titles_px)
     figure = {"data": made.traces, "layout": layout, "height": height}
     if chart.columns > 1:
-        rows = _stack(chart).rows
-        figure["narrow"] = narrow | {"height": round(height * rows / chart.rows)}
+        titles_px = _LINE_PX * _most_lines(chart.panels[:1])
+        narrow["layout"]["margin"] = {"t": _MARGINS_PX[0] + legends_px[1] + titles_px}
+        height = round(_PIXELS_PER_INCH * _stack(chart).size[1] + legends_px[1] + titles_px)
+        figure["narrow"] = narrow | {"height": height}
     return figure
 
 
 def _stack(chart: Chart) -> Chart:
     """Return the chart with its panels below one another, for a narrow page."""
-    return replace(chart, columns=1, heights=(), widths=(), size_in=None)
+    height = chart.size[1] * len(chart.panels) / chart.rows
+    return replace(
+        chart, columns=1, heights=(), widths=(), size_in=(chart.size[0], height), share_x=False,
+        share_y=False,
+    )  # fmt: skip
+
+
+def _most_lines(panels: Sequence[Panel | Sky | Space]) -> int:
+    """Return the number of lines of the longest title; a sky has its north below them."""
+    return max(
+        sum(map(bool, (panel.title, panel.note))) + 1
+        if isinstance(panel, Sky)
+        else len(panel.title.splitlines())
+        for panel in panels
+    )
+
+
+def _legend_px(labels: Collection[str], width_px: float) -> float:
+    """Return the height of a legend of these entries."""
+    own, per_character = _ENTRY_PX
+    whole = sum(own + per_character * len(label) for label in labels)
+    return 19.0 * math.ceil(whole / width_px)
+
+
+def _hide_labels(made: _Builder, number: str, index: int) -> None:
+    """Remove the labels of an axis that has the same below it, or to the left of it.
+
+    They are kept for a narrow page, where the panels stand below one another.
+    """
+    chart = made.chart
+    for name, is_hidden in (
+        (f"xaxis{number}", chart.share_x and index + chart.columns < len(chart.panels)),
+        (f"yaxis{number}", chart.share_y and index % chart.columns > 0),
+    ):
+        if is_hidden:
+            axis = made.layout[name]
+            made.hidden[name] = {"title": axis.pop("title", {}), "showticklabels": True}
+            axis["showticklabels"] = False
 
 
 def _place_narrow(
@@ -180,9 +236,8 @@ def _place_narrow(
 ) -> None:  # fmt: skip
     """Add the place of a panel, and of its title, on a narrow page."""
     if isinstance(panel, Panel):
-        narrow["layout"] |= {
-            f"xaxis{number}": {"domain": domain[0]}, f"yaxis{number}": {"domain": domain[1]},
-        }  # fmt: skip
+        for name, span in zip((f"xaxis{number}", f"yaxis{number}"), domain, strict=True):
+            narrow["layout"][name] = {"domain": span, **made.hidden.get(name, {})}
     else:
         narrow["layout"][made.subplot] = {"domain": {"x": domain[0], "y": domain[1]}}
     if panel.title or getattr(panel, "note", ""):
@@ -201,10 +256,13 @@ def _axes_to_follow(chart: Chart, axes: Sequence[str], index: int) -> tuple[str 
 def _domains(chart: Chart) -> list[tuple[list[float], list[float]]]:
     """Return the part of the figure's width and height that each panel takes."""
     spans = []
-    height = _PIXELS_PER_INCH * chart.size[1]
+    height = max(_PIXELS_PER_INCH * chart.size[1] - sum(_MARGINS_PX), 1.0)
+    titles = _most_lines(chart.panels[chart.columns :]) if chart.rows > 1 else 0
+    has_labels = not chart.share_x and any(isinstance(panel, Panel) for panel in chart.panels)
+    gap_px = _LABELS_PX[has_labels] + _LINE_PX * titles
     for count, ratios, gap in (
-        (chart.columns, chart.widths, _GAP_PX[0] / _WIDTH_PX),
-        (chart.rows, chart.heights, _GAP_PX[1] / height),
+        (chart.columns, chart.widths, _GAP_PX / _WIDTH_PX[0]),
+        (chart.rows, chart.heights, gap_px / height),
     ):
         sizes = np.array(ratios or np.ones(count), dtype=float)
         # Panels keep a tenth of the figure's width or height among them, however many there are.
@@ -227,6 +285,8 @@ def _panel(
     for mark in panel.marks:
         _MARKS[type(mark)](made, mark)
     x, y = _axis(panel.x, domain[0], f"y{number}"), _axis(panel.y, domain[1], f"x{number}")
+    if panel.y.scale == "log":
+        y["nticks"] = 4  # more would crowd low panels with small digits between the powers
     if share_x:
         x["matches"] = share_x
     if share_y:
@@ -239,10 +299,12 @@ def _panel(
         _title(made, panel.title, domain)
 
 
-def _title(made: _Builder, text: str, domain: tuple[list[float], list[float]]) -> None:
+def _title(
+    made: _Builder, text: str, domain: tuple[list[float], list[float]], shift_px: float = 0.0
+) -> None:
     made.annotate(
         text.replace("\n", "<br>"), sum(domain[0]) / 2.0, domain[1][1], xref="paper", yref="paper",
-        yanchor="bottom", font={"size": 12},
+        xanchor="center", yanchor="bottom", yshift=shift_px, font={"size": 12},
     )  # fmt: skip
 
 
@@ -512,10 +574,11 @@ def _sky(made: _Builder, panel: Sky, domain: tuple[list[float], list[float]]) ->
         },
         "radialaxis": {
             "range": [0, 90], "tickvals": [30, 60, 90], "ticktext": ["60°", "30°", ""], "angle": 90,
+            "tickangle": 90,
         },
     }  # fmt: skip
     text = "<br>".join(line for line in (panel.title, panel.note) if line)
-    _title(made, text, domain)
+    _title(made, text, domain, _LINE_PX)
 
 
 def _space(made: _Builder, panel: Space, domain: tuple[list[float], list[float]]) -> None:
