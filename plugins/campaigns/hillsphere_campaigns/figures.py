@@ -83,7 +83,7 @@ def format_name(name: str) -> str:
 
 def quantity_axis(name: str, unit: str) -> Axis:
     """Return the axis of a quantity of this name and unit."""
-    return Axis(format_name(without_unit(Column(name, unit))), unit)
+    return Axis(format_name(without_unit(Column(name, unit))), unit.replace("s2", "s²"))
 
 
 def name_axis(names: Sequence[str]) -> Axis:
