@@ -47,6 +47,8 @@ from hillsphere.show.colours import LINE_COLOURS, ColourScale, hex_colour
 __all__ = ["plotly_figure"]
 
 Trace: TypeAlias = dict[str, Any]
+_Domain: TypeAlias = tuple[list[float], list[float]]
+"""Part of the figure's width, and of its height, that a panel takes."""
 
 _DASHES = {"solid": "solid", "dashed": "dash", "dotted": "dot", "dashdot": "dashdot"}
 _MARKERS = {
@@ -81,6 +83,8 @@ _CORNERS = {
     "bottom right": (0.98, 0.04, "right", "bottom"), "bottom left": (0.02, 0.04, "left", "bottom"),
     "centre": (0.5, 0.5, "center", "middle"),
 }  # fmt: skip
+_BAR_PARTS = 0.06, 0.2
+"""Parts of the width of a figure, and of a narrow one, that the colour bar of a panel takes."""
 _SCALE_STEPS = 5
 """Ticks of a colour bar whose scale is not linear."""
 
@@ -143,6 +147,9 @@ def plotly_figure(chart: Chart) -> dict[str, Any]:
     """
     made = _Builder(chart)
     domains, stacked = _domains(chart), _domains(_stack(chart))
+    for index in _own_scales(chart).values():
+        for places, part in ((domains, _BAR_PARTS[0]), (stacked, _BAR_PARTS[1])):
+            places[index][0][1] -= part
     counts = {"": 0, "scene": 0, "polar": 0}
     axes: list[str] = []
     narrow: dict[str, Any] = {"layout": {}, "annotations": {}}
@@ -164,7 +171,7 @@ def plotly_figure(chart: Chart) -> dict[str, Any]:
             made.subplot = f"scene{number}"
             _space(made, panel, domains[index])
         _place_narrow(narrow, made, panel, number, stacked[index])
-    _colour_bars(made)
+    _colour_bars(made, domains, stacked, narrow["layout"])
     legends_px = [_legend_px(made.named, width) for width in _WIDTH_PX]
     titles_px = _LINE_PX * _most_lines(chart.panels[: chart.columns])
     layout = made.layout | {
@@ -233,7 +240,7 @@ def _hide_labels(made: _Builder, number: str, index: int) -> None:
 
 def _place_narrow(
     narrow: dict[str, Any], made: _Builder, panel: Panel | Sky | Space, number: str,
-    domain: tuple[list[float], list[float]],
+    domain: _Domain,
 ) -> None:  # fmt: skip
     """Add the place of a panel, and of its title, on a narrow page."""
     if isinstance(panel, Panel):
@@ -254,7 +261,7 @@ def _axes_to_follow(chart: Chart, axes: Sequence[str], index: int) -> tuple[str 
     return x, y
 
 
-def _domains(chart: Chart) -> list[tuple[list[float], list[float]]]:
+def _domains(chart: Chart) -> list[_Domain]:
     """Return the part of the figure's width and height that each panel takes."""
     spans = []
     height = max(_PIXELS_PER_INCH * chart.size[1] - sum(_MARGINS_PX), 1.0)
@@ -280,7 +287,7 @@ def _domains(chart: Chart) -> list[tuple[list[float], list[float]]]:
 
 
 def _panel(
-    made: _Builder, panel: Panel, number: str, domain: tuple[list[float], list[float]],
+    made: _Builder, panel: Panel, number: str, domain: _Domain,
     share_x: str | None, share_y: str | None,
 ) -> None:  # fmt: skip
     made.scales = (panel.x.scale, panel.y.scale)
@@ -301,9 +308,7 @@ def _panel(
         _title(made, panel.title, domain)
 
 
-def _title(
-    made: _Builder, text: str, domain: tuple[list[float], list[float]], shift_px: float = 0.0
-) -> None:
+def _title(made: _Builder, text: str, domain: _Domain, shift_px: float = 0.0) -> None:
     made.annotate(
         text.replace("\n", "<br>"), sum(domain[0]) / 2.0, domain[1][1], xref="paper", yref="paper",
         xanchor="center", yanchor="bottom", yshift=shift_px, font={"size": 12},
@@ -531,11 +536,12 @@ def _map(made: _Builder, mark: Map) -> None:
         "type": "heatmap", "x": _pack(mark.x), "y": _pack(mark.y), "zmin": 0.0, "zmax": 1.0,
         "z": _pack(_to_scale(values, mark.scale)), "colorscale": _colour_stops(mark.scale),
         "showscale": False, "xgap": 1, "ygap": 1, "hoverongaps": False,
-        "customdata": _pack(values),
-        "hovertemplate": "%{customdata:.5g}<extra></extra>",
+        # A heat map takes no packed array of other values than z.
+        "text": [[f"{value:.4g}" for value in row] for row in values.tolist()],
+        "hovertemplate": "%{text}<extra></extra>",
     }  # fmt: skip
     if mark.has_numbers:
-        trace |= {"texttemplate": "%{customdata:.3g}", "textfont": {"size": 10}}
+        trace |= {"texttemplate": "%{text}", "textfont": {"size": 10}}
     made.add(trace)
 
 
@@ -569,7 +575,7 @@ _MARKS: dict[type, Callable[..., None]] = {
 }  # fmt: skip
 
 
-def _sky(made: _Builder, panel: Sky, domain: tuple[list[float], list[float]]) -> None:
+def _sky(made: _Builder, panel: Sky, domain: _Domain) -> None:
     for mark in panel.marks:
         _MARKS[type(mark)](made, mark)
     made.layout[made.subplot] = {
@@ -587,7 +593,7 @@ def _sky(made: _Builder, panel: Sky, domain: tuple[list[float], list[float]]) ->
     _title(made, text, domain, 1.3 * _LINE_PX)  # above the letter N
 
 
-def _space(made: _Builder, panel: Space, domain: tuple[list[float], list[float]]) -> None:
+def _space(made: _Builder, panel: Space, domain: _Domain) -> None:
     for solid in panel.solids:
         _SOLIDS[type(solid)](made, solid)
     azimuth, elevation = math.radians(panel.azimuth_deg), math.radians(panel.elevation_deg)
@@ -694,23 +700,40 @@ _SOLIDS: dict[type, Callable[..., None]] = {
 }  # fmt: skip
 
 
-def _colour_bars(made: _Builder) -> None:
-    """Add one colour bar per scale, side by side at the right of the figure."""
+def _own_scales(chart: Chart) -> dict[ColourScale, int]:
+    """Return the colour scales of single panels, if there are several, and the panels' indices."""
+    users: dict[ColourScale, list[int]] = {}
+    for index, panel in enumerate(chart.panels):
+        for scale in scales_of(panel)[:1]:
+            users.setdefault(scale, []).append(index)
+    if len(users) < 2:
+        return {}
+    return {scale: panels[0] for scale, panels in users.items() if len(panels) == 1}
+
+
+def _colour_bars(
+    made: _Builder, domains: Sequence[_Domain], stacked: Sequence[_Domain], narrow: dict[str, Any]
+) -> None:
+    """Add one colour bar per scale: beside its panel, or of several at the right of the figure."""
     scales = dict.fromkeys(scale for panel in made.chart.panels for scale in scales_of(panel))
+    own, count = _own_scales(made.chart), 0
     for place, scale in enumerate(scales, 1):
         name = f"coloraxis{place if place > 1 else ''}"
         steps = [i / (_SCALE_STEPS - 1) for i in range(_SCALE_STEPS)]
         width = scale.high - scale.low
         values = [scale.low + width * step ** (1.0 / scale.power) for step in steps]
         text = f"{scale.label} ({scale.unit})" if scale.unit else scale.label
-        made.layout[name] = {
-            "cmin": 0.0, "cmax": 1.0, "colorscale": _colour_stops(scale),
-            "colorbar": {
-                "title": {"text": text, "side": "right"}, "x": 1.0 + 0.12 * (place - 1),
-                "tickvals": steps, "ticktext": [f"{value:.3g}" for value in values],
-                "thickness": 14, "outlinewidth": 0,
-            },
+        bar: dict[str, Any] = {
+            "title": {"text": text, "side": "right"}, "tickvals": steps,
+            "ticktext": [f"{value:.4g}" for value in values], "thickness": 14, "outlinewidth": 0,
         }  # fmt: skip
+        axis = {"cmin": 0.0, "cmax": 1.0, "colorscale": _colour_stops(scale)}
+        if scale in own:
+            for layout, places in ((made.layout, domains), (narrow, stacked)):
+                layout[name] = axis | {"colorbar": bar | _beside(places[own[scale]])}
+        else:
+            made.layout[name] = axis | {"colorbar": bar | {"x": 1.0 + 0.12 * count}}
+            count += 1
         # A trace without points carries the bar.
         made.traces.append(
             {
@@ -721,3 +744,9 @@ def _colour_bars(made: _Builder) -> None:
                    if made.subplot.startswith("scene") else {}),
             }
         )  # fmt: skip
+
+
+def _beside(domain: _Domain) -> dict[str, Any]:
+    """Return the place of a colour bar at the right of a panel."""
+    (_, right), (low, high) = domain
+    return {"x": right, "xanchor": "left", "y": 0.5 * (low + high), "len": high - low, "ypad": 0}

@@ -83,7 +83,7 @@ def format_name(name: str) -> str:
 
 def quantity_axis(name: str, unit: str) -> Axis:
     """Return the axis of a quantity of this name and unit."""
-    return Axis(format_name(without_unit(Column(name, unit))), unit)
+    return Axis(format_name(without_unit(Column(name, unit))), unit.replace("s2", "s²"))
 
 
 def name_axis(names: Sequence[str]) -> Axis:
@@ -91,10 +91,17 @@ def name_axis(names: Sequence[str]) -> Axis:
     return Axis(ticks=list(enumerate(names)), low=-0.6, high=len(names) - 0.4, is_reversed=True)
 
 
-def grid_chart(title: str, panels: Sequence[Panel], caption: str, table: str = "") -> Chart:
-    """Return a chart of panels that show the same things, at most three side by side."""
-    columns = min(len(panels), 3)
-    return Chart(title, panels, caption, columns=columns, shared_legend=True, table=table)
+def grid_chart(
+    title: str, panels: Sequence[Panel], caption: str, table: str = "", *, is_map: bool = False
+) -> Chart:
+    """Return a chart of panels that show the same things, at most three side by side.
+
+    The panels of maps share the axis at the left too.
+    """
+    return Chart(
+        title, panels, caption, columns=min(len(panels), 3), share_y=is_map,
+        shared_legend=True, table=table,
+    )  # fmt: skip
 
 
 def _within(values: Array) -> tuple[Array, list[Mark]]:

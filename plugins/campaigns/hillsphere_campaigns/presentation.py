@@ -263,6 +263,7 @@ def _over_points(table: CaseTable, level: float, repeated: bool) -> dict[str, Ch
             "Over decided cases. Clopper–Pearson intervals, each by itself, from where none of the "
             "undecided cases had failed to where all had." + left,
             "sweep_failures",
+            is_map=layout.is_map,
         )
     medians = _medians(table, count, repeated)
     if medians:
@@ -276,6 +277,7 @@ def _over_points(table: CaseTable, level: float, repeated: bool) -> dict[str, Ch
             ),
             f"{what} over the cases that came to their end.{left}",
             "sweep_failures",
+            is_map=layout.is_map,
         )
     return made
 

@@ -40,7 +40,7 @@ press the errors to the bottom of the figure."""
 _ARROWS, _ARROW = 14, 0.35
 """Number of accelerations drawn along a path, and the length of the longest of them as a part of
 the extent of the path: more or longer arrows cross each other."""
-_FINER = 2
+_FINER = 4
 """Factor by which the mesh of a surface is refined where only a part of it is shown; the coarse
 mesh would show its facets there."""
 _FAR_KM = 1.0

@@ -100,6 +100,13 @@ def test_what_is_shown(references: tuple[Any, Any]) -> None:
     assert shown.metrics["replay_error"].value < 1e-7
     assert any("closer than 13.03 km" in sentence for sentence in shown.verdict)
     assert not any("below the surface" in sentence for sentence in shown.verdict)
+    (space,) = shown.figures["reference_trajectories"].panels
+    paths = [solid for solid in space.solids if getattr(solid, "times", None) is not None]
+    for i, path in enumerate(paths):
+        here = np.isfinite(product.flights.t_s[:, i])
+        np.testing.assert_array_equal(path.points, product.flights.x[:3, here, i] / 1e3)
+        np.testing.assert_array_equal(path.times, product.flights.t_s[here, i] / 3600.0)
+    assert len(paths) == len(product.flights.labels)
 
 
 def test_starts_from_other_distances_and_published_costs(phobos: Any, tmp_path: Path) -> None:
@@ -279,6 +286,10 @@ def test_other_plants_are_compared_along_the_paths(uniform: Any) -> None:
     rows = shown.tables["reference_differences"].rows
     assert [row["descent"] for row in rows] == ["hop", "long"] * 2
     assert rows[0]["at_50_percent_mm_s2"] == pytest.approx(5.0, rel=1e-12)
+    chart = shown.figures["reference_differences"]
+    marks = [mark for panel in chart.panels for mark in panel.marks]
+    assert [mark.rows for mark in marks] == list(range(len(rows)))
+    assert [rows[mark.rows]["descent"] for mark in marks] == [mark.label for mark in marks]
     with pytest.raises(InputError, match=r"compare: '\(given\)' is the plant itself"):
         stage(uniform, hop, compare=[others[0], uniform])
     with pytest.raises(InputError, match=r"compare: '\(given\)' is listed twice; leave it out"):

@@ -15,9 +15,13 @@ from hillsphere.dynamics import Derivatives, StepMap, Taylor, system
 from hillsphere.errors import InputError
 from hillsphere.gravity import GravityField
 from hillsphere.interfaces import Array
-from hillsphere.products import FlightSet
 from hillsphere.testing import check_plant, check_stage
-from hillsphere_plants.formation_reference.stage import reference_states, relative_orbit
+from hillsphere_plants.formation_reference.presentation import present_formation
+from hillsphere_plants.formation_reference.stage import (
+    FormationReference,
+    reference_states,
+    relative_orbit,
+)
 from hillsphere_plants.proximity_specs import RelativeElementsSpec
 
 AU = 1.495978707e11
@@ -307,7 +311,7 @@ def test_reference_stage() -> None:
         "formation_reference",
         {"plant": plant(2), "relative": list(TABLE_2), "duration_d": 323.6, "interval_d": 1},
     )
-    assert isinstance(product, FlightSet)
+    assert isinstance(product, FormationReference)
     assert product.flights.states[:2] == ("x1", "y1")
     x = product.flights.x[:, :, 0]
     first, second = np.linalg.norm(x[:3], axis=0), np.linalg.norm(x[6:9], axis=0)
@@ -315,6 +319,9 @@ def test_reference_stage() -> None:
     np.testing.assert_allclose([first.min(), first.max()], [1.55e3, 2.30e3], rtol=5e-3)
     np.testing.assert_allclose([second.min(), second.max()], [2.20e3, 3.24e3], rtol=5e-3)
     np.testing.assert_allclose([apart.min(), apart.max()], [0.63e3, 0.96e3], rtol=1e-2)
+    (chart,) = present_formation(product.flights, product.spacecraft, None).figures.values()
+    paths = chart.panels[0].solids[::2]
+    np.testing.assert_array_equal([path.points for path in paths], [x[:3] / 1e3, x[6:9] / 1e3])
     # the velocities are the rates of the positions
     t = product.flights.t_s[:, 0]
     middle = (x[:3, 2:] - x[:3, :-2]) / (t[2:] - t[:-2])

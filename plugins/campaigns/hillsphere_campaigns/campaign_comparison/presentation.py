@@ -274,7 +274,7 @@ def _difference_chart(
         ]  # fmt: skip
         axis = quantity_axis(one.metric, one.unit)
         axis = replace(axis, label=f"difference of {axis.label}")
-        title = f"{one.campaign}{f', {one.point}' if one.point else ''}"[:44]
+        title = format_name(f"{one.campaign}{f', {one.point}' if one.point else ''}")
         panels.append(Panel(axis, Axis("pairs"), marks, title))
     left = f" The first {_PANELS} of {len(shown)}." if len(shown) > _PANELS else ""
     return grid_chart(

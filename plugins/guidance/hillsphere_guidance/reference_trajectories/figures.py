@@ -81,8 +81,8 @@ def difference_chart(product: ReferenceTrajectories, table: str) -> Chart:
     panels = [
         _over_time(
             product, 1e3 * sizes,
-            Axis("difference", "mm/s²", "log" if np.nanmin(sizes) > 0.0 else "linear"), name,
-            first=c * sizes.shape[1],
+            Axis("difference", "mm/s²", "log" if np.nanmin(sizes) > 0.0 else "linear"),
+            name.replace("_", " "), first=c * sizes.shape[1],
         )
         for c, (name, sizes) in enumerate(
             zip(product.compared, product.difference_m_s2, strict=True)
