@@ -169,7 +169,8 @@ def test_everything_is_escaped() -> None:
 
 def test_first_screen_answers_with_numbers() -> None:
     spec = ReportSpec(
-        question="Is it small?", answer="It is {requirement.small}, and {one.mass} heavy.",
+        question="Is it small?",
+        answer="It is {requirement.small}, and {one.mass} heavy: {requirement.light.state}.",
         numbers=("small", "one.mass"), figure="one.f",
         section=(SectionSpec(title="How", text="By care. And luck.", show=("one.t", "one.f")),),
     )  # fmt: skip
@@ -183,7 +184,7 @@ def test_first_screen_answers_with_numbers() -> None:
         "light": Judgement("undecided", "weight", reason="no scale"),
     }
     text, found = page(stage, spec=spec, requirements=outcomes)
-    assert "It is 1.5 m, and 2.5 kg heavy." in found.text
+    assert "It is 1.5 m, and 2.5 kg heavy: undecided." in found.text
     screen = text.partition("<details")[0]
     for part in ("Is it small?", "<span class=big>1.5 <span class=unit>m</span>", "asked ≤ 2 m",
                  "2.5 <span class=unit>kg</span>", "no scale", 'id="figure-f_one"'):  # fmt: skip

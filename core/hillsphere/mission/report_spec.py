@@ -17,7 +17,7 @@ class SectionSpec(Spec):
     title: str = option("heading of the section", min_length=1)
     text: str = option(
         "sentences for the reader; {requirement.NAME}, {claim.NAME} and {STAGE.METRIC} stand for "
-        "the value",
+        "the value, {requirement.NAME.state} for whether it is met",
         default="",
     )
     show: tuple[str, ...] = option(
@@ -42,7 +42,7 @@ class ReportSpec(Spec):
     )
     answer: str = option(
         "the answer in one sentence; {requirement.NAME}, {claim.NAME} and {STAGE.METRIC} stand "
-        "for the value. By default the verdict",
+        "for the value, {requirement.NAME.state} for whether it is met. By default the verdict",
         default="",
     )
     numbers: tuple[str, ...] = option(

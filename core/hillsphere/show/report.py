@@ -394,6 +394,7 @@ def _values(report: Report) -> Iterator[tuple[str, str]]:
     for kind, group in (("requirement", report.requirements), ("claim", report.claims)):
         for name, one in group.items():
             yield f"{kind}.{name}", one.got or one.state
+            yield f"{kind}.{name}.state", one.state
     for stage in report.stages:
         for own, metric in stage.own_metrics.items():
             unit = "" if metric.unit == "-" else metric.unit
