@@ -150,14 +150,14 @@ def scene_chart(
     sizes = [np.nanmax(np.abs(np.asarray(s.points)), axis=1, initial=0.0) for s in solids]
     x, y, z = np.max(sizes, axis=0)
     if z < NEARLY_PLANAR * max(x, y):
-        flat = [*map(_seen_from_above, solids), moon_outline(moon)]
+        flat = [*map(_top_view, solids), moon_outline(moon)]
         panel = Panel(*AXES[:2], flat, is_equal=True, legend="right")
         return Chart(title, [panel], caption, size_in=(6.0, 8.0), table=table)
     space = Space([*solids, moon_solid(moon)], *AXES, time=time)
     return Chart(title, [space], caption, size_in=(8.0, 7.5), table=table)
 
 
-def _seen_from_above(solid: Path | Cloud) -> Mark:
+def _top_view(solid: Path | Cloud) -> Mark:
     x, y, _ = np.asarray(solid.points)
     if isinstance(solid, Path):
         return Curve(x, y, solid.label, solid.colour, solid.dash, solid.width, solid.opacity,
