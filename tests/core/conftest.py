@@ -44,6 +44,7 @@ class PartSpec(Spec):
     examples = ({"model": "ball"},)
     model: Ref = reference("gravity", "the model")
     position_m: Vector3 = quantity("length", "where it is", default=(0.0, 0.0, 0.0))
+    name: str = option("name of the part", default="", max_length=8)
 
 
 class HeapSpec(Spec):

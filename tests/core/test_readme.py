@@ -41,15 +41,42 @@ def test_robust_control_example_runs(capsys: pytest.CaptureFixture[str]) -> None
 
 
 def test_mission_example_is_short_and_valid(tmp_path: Path) -> None:
-    example, _, _ = blocks("toml")
+    example, _, _, _ = blocks("toml")
     assert len(example.splitlines()) <= 30
     path = tmp_path / "deimos.toml"
     path.write_text(example, encoding="utf-8")
     assert load_mission(str(path)).order() == ["family"]
 
 
+def tables_of(mission: str, begins: tuple[str, ...]) -> str:
+    """Return the head of a packaged mission and those of its tables that begin so."""
+    text = (missions_directory() / f"{mission}.toml").read_text(encoding="utf-8")
+    head, *tables = re.split(r"^(?=\[)", text, flags=re.MULTILINE)
+    return head + "".join(table for table in tables if table.startswith(begins))
+
+
+def test_example_of_named_elements(tmp_path: Path) -> None:
+    _, elements, _, _ = blocks("toml")
+    begins = ("[body", "[gravity.phobos]", "[plant.descent]", "[guidance.energy]")
+    head = tables_of("phobos-landing", begins)
+    head = re.sub(r"^drop = .*\n", "", head, flags=re.MULTILINE)
+    path = tmp_path / "landing.toml"
+    path.write_text(head + elements, encoding="utf-8")
+    mission = load_mission(
+        str(path), sets=["stage.references.descents.rt1.duration_s=7200"], allow_path=True
+    )
+    descents = mission.resolved()["stage"]["references"]["descents"]
+    assert [descent["name"] for descent in descents] == ["rt1", "rt2"]
+    assert [descent["duration_s"] for descent in descents] == [7200, 7200]
+    longitudes = [descent["site"]["longitude_rad"] for descent in descents]
+    assert longitudes == [pytest.approx(np.radians(25)), pytest.approx(np.radians(15))]
+    sets = ["stage.references.descents.rt2=false"]
+    mission = load_mission(str(path), sets=sets, allow_path=True)
+    assert len(mission.resolved()["stage"]["references"]["descents"]) == 1
+
+
 def test_example_of_tables_that_stand_for_several(tmp_path: Path) -> None:
-    example, several, _ = blocks("toml")
+    example, _, several, _ = blocks("toml")
     path = tmp_path / "deimos.toml"
     path.write_text(example + several, encoding="utf-8")
     stages = load_mission(str(path), sets=["stage.orbit.curve_members=50"]).specs["stage"]
@@ -60,13 +87,10 @@ def test_example_of_tables_that_stand_for_several(tmp_path: Path) -> None:
 
 
 def test_campaign_example_repeats_the_stage_of_the_packaged_mission(tmp_path: Path) -> None:
-    _, _, campaign = blocks("toml")
-    text = (missions_directory() / "phobos-hover.toml").read_text(encoding="utf-8")
-    head, *tables = re.split(r"^(?=\[)", text, flags=re.MULTILINE)
+    _, _, _, campaign = blocks("toml")
     begins = ("[body", "[gravity", "[plant", "[compensator.integral]", "[stage.hover]")
-    kept = [table for table in tables if table.startswith(begins)]
     path = tmp_path / "hover.toml"
-    path.write_text(head + "".join(kept) + campaign, encoding="utf-8")
+    path.write_text(tables_of("phobos-hover", begins) + campaign, encoding="utf-8")
     assert load_mission(str(path), allow_path=True).order() == ["hover", "verify"]
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.missions.pages import check_page
 
 from hillsphere.mission import load_mission
 from hillsphere.products import CaseTable, load_product
@@ -168,3 +169,7 @@ def test_the_lightest_set_of_the_trade_is_as_precise_as_required(fast: Run) -> N
     assert said == "{1}, {0:g} kg".format(*min(meeting))
     first = [row["rms_m"] for row in fast.rows("navigation_comparison") if row["set"] == "case 1"]
     assert rms["cameras, ranges"] == first
+
+
+def test_its_page_works_in_a_browser(fast: Run) -> None:
+    check_page(fast.directory)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.missions.pages import check_page
 
 from hillsphere.products import load_product
 from hillsphere_tracking.tracking_comparison.products import FRAMES, TrackingComparison
@@ -246,3 +247,7 @@ def test_the_whole_mission(tmp_path: Path, mission_run: Callable[..., Run]) -> N
     inside = (known.interval[0] <= known.mean) & (known.mean <= known.interval[1])
     # One in twenty lies outside if all is right, and outages of a pass are not independent.
     assert np.count_nonzero(inside[default]) >= 15
+
+
+def test_its_page_works_in_a_browser(run: Run) -> None:
+    check_page(run.directory)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from tests.missions.pages import check_page
 
 from hillsphere_orbits.ephemeris.oem import read_oem
 
@@ -56,3 +57,7 @@ def test_the_ephemeris_is_about_mars(run: Run) -> None:
     distance = np.linalg.norm(segment.x[:3], axis=0) / 1e3
     # 30 km along the line from Mars, twice that and a little more along the orbit
     assert np.all(np.abs(distance - 23458.0) < 32.0)
+
+
+def test_its_page_works_in_a_browser(run: Run) -> None:
+    check_page(run.directory)

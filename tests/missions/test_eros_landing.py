@@ -10,6 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.special import sph_legendre_p_all
+from tests.missions.pages import check_page
 
 import hillsphere
 from hillsphere.base.paths import missions_directory
@@ -223,3 +224,7 @@ def test_no_case_fails(run: Path) -> None:
     assert_allclose(random.input_values[rows][:, :2], solid.input_values, rtol=1e-12)
     errors = metric(random, "final_position_error")
     assert metric(solid, "final_position_error").min() > np.median(errors)
+
+
+def test_its_page_works_in_a_browser(run: Path) -> None:
+    check_page(run)

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.missions.pages import check_page
 
 import hillsphere
 from hillsphere.base.paths import missions_directory
@@ -324,3 +325,7 @@ def test_the_ladder_and_what_is_flown(closer: Run) -> None:
     # stable, and so without an unstable component to null: no invented cost
     assert flown["QSO-M", "floquet_mode"]["cost_m_s"] is None
     assert flown["1:17, 70 km", "periodic_lqr"]["survival"] == 1.0
+
+
+def test_its_page_works_in_a_browser(closer: Run) -> None:
+    check_page(closer.directory)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.special import sph_legendre_p_all
+from tests.missions.pages import check_page
 
 from hillsphere.cases.case_classes import has_ended
 from hillsphere.cases.checkpoints import Checkpoints
@@ -213,3 +214,7 @@ def test_the_report_says_what_failed(run: Run) -> None:
     metrics: dict[str, Any] = run.summary["metrics"]
     assert metrics["campaign_failures"]["value"] == int(beyond.sum())
     assert json.loads((run.directory / "manifest.json").read_text("utf-8"))["seed"] == 1
+
+
+def test_its_page_works_in_a_browser(run: Run) -> None:
+    check_page(run.directory)

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.missions.pages import check_page
 
 import hillsphere
 from hillsphere.dynamics import StepMap, Taylor, system
@@ -465,3 +466,7 @@ curve_members = 41
     assert orbits.x0[4] / orbits.length_m * orbits.time_s == pytest.approx(
         [-8.398301051334], rel=1e-12
     )
+
+
+def test_its_page_works_in_a_browser(phobos_qso: Run) -> None:
+    check_page(phobos_qso.directory)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from tests.missions.pages import check_page
 
 from hillsphere.products import FlightSet, load_product
 
@@ -133,3 +134,7 @@ def test_reflown_on_truer_equations(run: Run) -> None:
     hill = [r for r in rows if r["rung"] == "hill"]
     assert hill
     assert {r["rung"] for r in rows} == {"hill", "circular", "elliptic"}
+
+
+def test_its_page_works_in_a_browser(run: Run) -> None:
+    check_page(run.directory)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.missions.pages import check_page
 
 from hillsphere.lti import LtiSystem
 from hillsphere.products import ControlDesign, load_product
@@ -104,3 +105,7 @@ def _with_loop(plant: LtiSystem) -> LtiSystem:
     return LtiSystem(
         plant.a, np.hstack([plant.b, plant.b]), np.vstack([plant.c, plant.c]), np.zeros((2, 2))
     )
+
+
+def test_its_page_works_in_a_browser(run: Run) -> None:
+    check_page(run.directory)

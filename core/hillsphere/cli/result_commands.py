@@ -1,7 +1,8 @@
-"""Commands that show results of runs: ``runs``, ``report``, ``compare``."""
+"""Commands that show results of runs: ``runs``, ``report``, ``compare``, ``papers``."""
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,6 +14,11 @@ from hillsphere.cli.output import number, write, write_json, write_table
 
 _MOST_LINES = 20
 """Differences that are listed without ``-v``; further ones are counted."""
+RECORD = "record.json"
+"""Outcomes of recorded runs of the packaged missions, beside these."""
+_MOST_BYTES = 4 << 20
+"""Largest size of the record; a mission's claims take some 20 kB."""
+_OUTCOMES = {"confirmed": "reproduced", "refuted": "deviates"}
 _Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show everything.")]
 
 
@@ -114,6 +120,45 @@ def compare(
         if html is not None:
             write(f"page: {html}")
     return ExitCode.NOT_MET if found.results else ExitCode.SUCCESS
+
+
+@app.command()
+def papers(
+    mission: Annotated[
+        str | None, typer.Argument(metavar="MISSION", help="A packaged mission; by default all.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Show every published claim that the packaged missions examine, ours beside the paper's.
+
+    The outcomes are those of recorded runs of the whole missions; each names its command, commit
+    and date. `hillsphere run` examines them again.
+    """
+    from hillsphere.base.errors import InputError
+    from hillsphere.base.json_files import read_json
+    from hillsphere.base.paths import missions_directory
+    from hillsphere.base.problems import did_you_mean
+
+    recorded = read_json(missions_directory() / RECORD, _MOST_BYTES)
+    if mission is not None:
+        if mission not in recorded:
+            hint = did_you_mean(mission, recorded, otherwise="recorded missions")
+            raise InputError(f"no recorded run of mission {mission!r}{hint}")
+        recorded = {mission: recorded[mission]}
+    if json:
+        write_json(recorded)
+        return
+    for name, run in recorded.items():
+        counts = Counter(_OUTCOMES.get(row["state"], row["state"]) for row in run["claims"])
+        told = ", ".join(f"{count} {word}" for word, count in counts.items())
+        write(f"{name}: {told}")
+        write(f"  {run['command']}, commit {run['commit']}, {run['date']}")
+        write_table(
+            [f"  {row['source'] or '–'}", row["text"], row["got"] or row["reason"], row["asked"],
+             _OUTCOMES.get(row["state"], row["state"])]
+            for row in run["claims"]
+        )  # fmt: skip
+        write("")
 
 
 def _text(value: Any) -> str:

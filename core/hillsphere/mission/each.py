@@ -20,7 +20,7 @@ from hillsphere.base.problems import Key, Problem, did_you_mean, format_value
 from hillsphere.mission.drop import find_dropped
 from hillsphere.mission.layers import Layers, Origin
 
-__all__ = ["EACH_NAME", "Expanded", "expand_tables"]
+__all__ = ["EACH_NAME", "Expanded", "expand_tables", "size_of"]
 
 EACH_NAME = r"[a-z][a-z0-9_-]{0,63}"
 """Pattern of a list's name in ``[each]``."""
@@ -83,6 +83,24 @@ class Expanded:
         """Return the values that a table was expanded with: ``controller = 'k0'``."""
         values = self.values.get((kind, name), {})
         return ", ".join(f"{variable} = {value!r}" for variable, value in values.items())
+
+    def with_values(self, node: _Node, place: str, key: Key, value: Any) -> Any:
+        """Return a value of the table `place` as it stands in a table that may be expanded from it.
+
+        Parameters
+        ----------
+        node : tuple of str
+            (kind, name) of the table.
+        place : str
+            Name of the table in the mission file that sets the value.
+        key : tuple
+            Path of the value there, for messages.
+        value : object
+            The value.
+        """
+        if self.sources.get(node) != place:
+            return value
+        return _substitute(value, key, self.values[node], self)
 
     def dropped_at(self, kind: str, name: str) -> str | None:
         """Return where a table was dropped, ``"file:line"`` or the setting; None if it was not."""
@@ -235,7 +253,7 @@ def _expand_kind(
     names: dict[str, list[str]] = {}
     for name, over in variables.items():
         count = prod(len(lists[variable]) for variable in over)
-        result.characters += count * _size(written[name])
+        result.characters += count * size_of(written[name])
         if count + len(result.sources) > _MOST_TABLES or result.characters > _MOST_CHARACTERS:
             message = f"stands for {count} tables; all tables with `for` together stand for at most"
             limits = f"{_MOST_TABLES} tables and {_MOST_CHARACTERS} characters"
@@ -338,12 +356,12 @@ def _substitute(
     return _PARTS.sub(text, value)
 
 
-def _size(value: Any) -> int:
+def size_of(value: Any) -> int:
     """Return the number of values plus the number of characters in strings."""
     if isinstance(value, dict):
-        return sum(1 + _size(item) for item in value.values())
+        return sum(1 + size_of(item) for item in value.values())
     if isinstance(value, list):
-        return sum(1 + _size(item) for item in value)
+        return sum(1 + size_of(item) for item in value)
     return len(value) if isinstance(value, str) else 1
 
 

@@ -89,6 +89,7 @@ class Layers:
     _switches: dict[Key, tuple[bool, Origin]] = field(default_factory=dict)
     _laid: dict[Key, Origin] = field(default_factory=dict)
     _drops: list[tuple[Origin, Any]] = field(default_factory=list)
+    _replaced: dict[Key, dict[str, Any]] = field(default_factory=dict)
     _layer: int = 0
 
     def __post_init__(self) -> None:
@@ -136,6 +137,8 @@ class Layers:
                 table[key] = self._merged(below.get(key), value, (*path, key), origin)
             return table
         self._origins[path] = origin
+        if isinstance(below, dict):
+            self._replaced[path] = below
         return dict(above) if isinstance(above, Mapping) else above
 
     def drops(self) -> list[tuple[Origin, Any]]:
@@ -149,6 +152,10 @@ class Layers:
     def last_origin(self, kind: str, name: str) -> Origin | None:
         """Return the last layer that changes a table; None if only the file defines it."""
         return self._laid.get((kind, name))
+
+    def replaced_table(self, key: Key) -> dict[str, Any] | None:
+        """Return the table in whose place a layer puts another value; None if there is none."""
+        return self._replaced.get(key)
 
     def layer(self, key: Key) -> int:
         """Return the layer of a key: 0 for the file, higher for later layers."""

@@ -15,7 +15,7 @@ from hillsphere.mission.each import Expanded
 from hillsphere.spec.annotations import inner
 from hillsphere.spec.base import Spec
 
-__all__ = ["Derived", "resolve_likes", "without_superseded_units"]
+__all__ = ["Derived", "nested_specs", "resolve_likes", "without_superseded_units"]
 
 _Node = tuple[str, str]
 
@@ -36,6 +36,9 @@ class Derived:
         Tables whose ``like`` is invalid; they are not checked further.
     problems : list of Problem
         Faults of every ``like``.
+    elements : dict
+        Path of an array that is written as named elements → for each of them its name and the names
+        of the elements that it is like, the nearest first.
     """
 
     layers: Expanded
@@ -43,9 +46,11 @@ class Derived:
     bases: dict[_Node, str] = field(default_factory=dict)
     unsound: set[_Node] = field(default_factory=set)
     problems: list[Problem] = field(default_factory=list)
+    elements: dict[Key, list[tuple[str, ...]]] = field(default_factory=dict)
 
     def problem(self, key: Key, message: str) -> Problem:
         """Return a problem where the value was written, which may be in a copied table."""
+        key = self._with_names(key)
         where, name, _ = self._written(key)
         problem = self.layers.layers.problem(where, message)
         if name is None:
@@ -65,6 +70,37 @@ class Derived:
         """
         where, _, depth = self._written(key)
         return -depth, self.layers.layers.layer(where)
+
+    def replaced_tables(self, key: Key) -> list[dict[str, Any]]:
+        """Return the tables of layers and ``like`` that a value replaces, the nearest first."""
+        kind, name, rest = str(key[0]), str(key[1]), key[2:]
+        written = self.layers.layers.tables[kind]
+        tables: list[dict[str, Any]] = []
+        while True:
+            for place in self.layers.written_as(kind, name):
+                table = _value_at(written.get(place), rest)
+                if not isinstance(table, dict):
+                    table = self.layers.layers.replaced_table((kind, place, *rest))
+                if table is not None:
+                    tables.append(self.layers.with_values((kind, name), place, key, table))
+            if (kind, name) not in self.bases:
+                return tables
+            name = self.bases[kind, name]
+
+    def _with_names(self, key: Key) -> Key:
+        """Return a key with names in place of the indices of named elements."""
+        named: Key = ()
+        for position, part in enumerate(key):
+            names = self.elements.get(named) if isinstance(part, int) else None
+            if names is None:
+                named = (*named, part)
+                continue
+            tables = _value_at(self.tables, named)
+            rest = key[position + 1 :]
+            chain = names[int(part)]
+            holder = next((name for name in chain if _holds(tables.get(name), rest)), chain[0])
+            named = (*named, holder)
+        return named
 
     def _written(self, key: Key) -> tuple[Key, str | None, int]:
         """Return the key as it is written, the table of the chain that holds it, and its depth.
@@ -219,6 +255,13 @@ def _holds(table: Any, rest: Key) -> bool:
     return True
 
 
+def _value_at(table: Any, path: Key) -> Any:
+    """Return the value at a path through tables; None if there is none."""
+    for part in path:
+        table = table.get(part) if isinstance(table, Mapping) else None
+    return table
+
+
 def without_superseded_units(
     spec: type[Spec], table: Mapping[str, Any], path: Key, tables: Derived
 ) -> dict[str, Any]:
@@ -248,13 +291,13 @@ def without_superseded_units(
             for key in given:
                 if tables.rank((*path, key)) < latest:
                     del kept[key]
-    for name, nested in _nested_specs(spec):
+    for name, nested in nested_specs(spec):
         if isinstance(value := kept.get(name), dict):
             kept[name] = without_superseded_units(nested, value, (*path, name), tables)
     return kept
 
 
-def _nested_specs(spec: type[Spec]) -> Iterator[tuple[str, type[Spec]]]:
+def nested_specs(spec: type[Spec]) -> Iterator[tuple[str, type[Spec]]]:
     """Yield the fields that hold one nested Spec (arrays are replaced as a whole)."""
     for name, info in spec.model_fields.items():
         annotation = inner(info.annotation)

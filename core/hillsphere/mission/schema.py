@@ -2,8 +2,9 @@
 
 The schema lists the keys of every table, with each quantity in all units. It accepts more than
 `load_mission`, which alone checks rules between keys, references, needs, files, the keys of a table
-with `like` and the values in a table with `for`. With `[each]`, a table may have neither `type` nor
-`like`: it changes one of the tables that a table with `for` expands to.
+with `like`, missing keys of named elements and the values in a table with `for`. With `[each]`, a
+table may have neither `type` nor `like`: it changes one of the tables that a table with `for`
+expands to.
 """
 
 from __future__ import annotations
@@ -126,6 +127,8 @@ _FOR = {
     ],
 }
 _BEGUN = {"anyOf": [{"required": ["type"]}, {"required": ["like"]}]}
+_NAMED = ".named"
+"""Suffix of the definition of a named element, which may lack keys, beside that of an item."""
 _PATTERN_NAME = r"^[a-z0-9_{}-]*\{[a-z0-9_{}-]*$"
 
 
@@ -145,7 +148,8 @@ def _kind(
             broken[name] = str(error)
             continue
         for inner, definition in made.pop("$defs", {}).items():
-            definitions[f"{name}.{inner}"] = _object(definition)
+            definitions[f"{name}.{inner}"] = element = _object(definition)
+            definitions[f"{name}.{inner}{_NAMED}"] = _named_element(element)
         table = _object(made)
         table["title"] = type_
         table["description"] = record.component.summary
@@ -205,7 +209,7 @@ def _object(schema: dict[str, Any]) -> dict[str, Any]:
         bounds = declared.pop("x-bounds", {})
         is_required = key in schema.get("required", [])
         if dimension is None:
-            properties[key] = _with_bounds(declared, bounds, 1.0)
+            properties[key] = _or_named(_with_bounds(declared, bounds, 1.0))
             if is_required:
                 required.append(key)
             continue
@@ -225,6 +229,33 @@ def _object(schema: dict[str, Any]) -> dict[str, Any]:
     if rules:
         made["allOf"] = rules
     return made
+
+
+def _named_element(element: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the schema of a named element, which may lack keys that it has from another one."""
+    like = {"type": "string", "description": "the element that this one begins as a copy of"}
+    kept = {key: element[key] for key in ("title", "description") if key in element}
+    return {
+        **kept,
+        "type": "object",
+        "properties": {"like": like, **element["properties"]},
+        "additionalProperties": False,
+    }
+
+
+def _or_named(schema: dict[str, Any]) -> dict[str, Any]:
+    """Allow a table of named elements in place of an array of tables."""
+    item = schema.get("items", {}).get("$ref") if schema.get("type") == "array" else None
+    if item is None:
+        return schema
+    outside = ("description", "title", "default")
+    array = {key: value for key, value in schema.items() if key not in outside}
+    elements = {
+        "type": "object",
+        "additionalProperties": {"anyOf": [{"const": False}, {"$ref": item + _NAMED}]},
+    }
+    around = {key: schema[key] for key in outside if key in schema}
+    return {**around, "anyOf": [array, elements]}
 
 
 def _without_null(schema: Mapping[str, Any]) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from hillsphere.base.errors import PluginError, UnknownComponentError
 from hillsphere.base.problems import Problem, did_you_mean, format_value
+from hillsphere.mission.elements import arrange_elements
 from hillsphere.mission.faults import faults_of
 from hillsphere.mission.likes import Derived, without_superseded_units
 from hillsphere.mission.report_spec import ReportSpec
@@ -224,6 +225,10 @@ def _table(
     tables.components.setdefault(kind, {})[name] = record
     keys = {key: value for key, value in table.items() if key != "type"}
     keys = without_superseded_units(spec_class, keys, (kind, name), layers)
+    known = len(layers.problems)
+    keys = arrange_elements(spec_class, keys, (kind, name), layers)
+    if len(layers.problems) > known:
+        return
     spec, faults = faults_of(spec_class, keys)
     for fault in faults:
         problem = layers.problem((kind, name, *fault.key), fault.message)

@@ -136,13 +136,15 @@ def declared_fields(cls: type) -> Mapping[str, DeclaredField]:
     return {field.name: _declaration_of(field.name, hints.get(field.name)) for field in fields(cls)}
 
 
-def dimension_sizes(product: Any) -> dict[str, int]:
+def dimension_sizes(product: Any, **known: int) -> dict[str, int]:
     """Return the sizes of a product's named dimensions; check all its fields on the way.
 
     Parameters
     ----------
     product : object
         An instance of a dataclass.
+    **known : int
+        Sizes that dimensions must have.
 
     Returns
     -------
@@ -156,8 +158,7 @@ def dimension_sizes(product: Any) -> dict[str, int]:
         shapes.
     """
     cls: type = type(product)
-    sizes: dict[str, int] = {}
-    origins: dict[str, str] = {}
+    sizes, origins = dict(known), dict.fromkeys(known, "")
     for name, declared in declared_fields(cls).items():
         value = getattr(product, name)
         if declared.shape is None or value is None:
@@ -169,14 +170,14 @@ def dimension_sizes(product: Any) -> dict[str, int]:
         for dimension, size in zip(wanted, shape, strict=False):
             stem, more = _split(dimension)
             if fits and stem and stem not in sizes and size >= more:
-                sizes[stem], origins[stem] = size - more, name
+                sizes[stem], origins[stem] = size - more, f" by {name}"
             fits = fits and size == (sizes.get(stem, -1 - more) if stem else 0) + more
         if not fits:
             stems = dict.fromkeys(stem for stem, _ in map(_split, wanted) if stem in sizes)
-            known = ", ".join(f"{stem} = {sizes[stem]} by {origins[stem]}" for stem in stems)
+            given = ", ".join(f"{stem} = {sizes[stem]}{origins[stem]}" for stem in stems)
             raise InputError(
                 f"{cls.__name__}.{name} must have the shape {declared.shape}"
-                f"{f' with {known}' if known else ''}, got {shape}"
+                f"{f' with {given}' if given else ''}, got {shape}"
             )
     return sizes
 

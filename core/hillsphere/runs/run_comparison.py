@@ -192,7 +192,7 @@ def _cells(
     """Yield the cells of two tables whose rows are joined by their first column."""
     columns = [{c["name"]: c.get("digits", _METRIC_DIGITS) for c in t["columns"]}
                for t in (first, second)]  # fmt: skip
-    keyed = [_keyed(table) for table in (first, second)]
+    keyed = [_rows_by_key(table) for table in (first, second)]
     for key in dict.fromkeys((*keyed[0], *keyed[1])):
         rows = [rows.get(key) for rows in keyed]
         if None in rows:
@@ -207,7 +207,7 @@ def _cells(
             yield name, f"{key}, {column}", cells[0], cells[1], digits
 
 
-def _keyed(table: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+def _rows_by_key(table: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     """Return rows by their first cell; a cell that occurs again gets its number."""
     first = table["columns"][0]["name"] if table["columns"] else ""
     keyed: dict[str, Mapping[str, Any]] = {}

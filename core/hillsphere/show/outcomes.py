@@ -24,7 +24,7 @@ from hillsphere.show.outcome_specs import (
 )
 from hillsphere.show.presentation import Cell, Column, Printed, Table
 from hillsphere.show.reference import PAPER_SUFFIX, ReferenceTable, beside, computed_columns
-from hillsphere.spec.units import UNITS, unit_text
+from hillsphere.spec.units import UNITS
 
 __all__ = ["Answer", "Comparison", "NotDerivable", "Statement", "Value", "format_value"]
 
@@ -36,6 +36,8 @@ _RELATIONS: Mapping[str, Callable[[Any, Any], bool]] = {
 _SIGNS = {"<=": "≤", "<": "<", ">=": "≥", ">": ">", "==": "", "!=": "not"}
 _SHOWN_DEVIATIONS = 3
 """Number of deviating cells that a comparison names; the table shows all."""
+_PLAIN_DIGITS = str.maketrans("²³", "23")
+"""Powers of units as they are typed: a mission may write m/s2 or m/s²."""
 _KEY_TOLERANCE = 1e-9
 """Relative difference up to which a number in `row` selects a cell: far below printed digits, far
 above the rounding of a unit's conversion."""
@@ -76,13 +78,14 @@ class _Compared:
             return
         table = evidence.table(spec.stage.name, spec.table)
         column = _column(table, spec.column)
-        for row in _rows(table, spec.row):
+        rows = _rows(table, spec.row)
+        for row in rows:
             cell = row.get(column.name)
             if cell is None:
                 where = f" in the row {_row_name(table, row)}"
                 raise MissingResultError(f"column {column.name!r} has no value{where}")
             unit = "" if column.unit == "-" else column.unit
-            name = "" if len(table.rows) == 1 else _row_name(table, row)
+            name = "" if len(rows) == 1 else _row_name(table, row)
             yield _Candidate(_plain(cell), unit, _interval(column, row), column.confidence, name)
 
     def _judge_one(self, one: _Candidate) -> Judgement:
@@ -328,12 +331,13 @@ def _margin(op: str, value: _Plain, limit: _Plain) -> float | None:
 
 def _in_unit(value: _Plain, unit: str, wanted: str) -> _Plain:
     """Convert a value to the unit of the result."""
-    if not unit or unit == wanted or isinstance(value, bool | str):
+    given, own = unit.translate(_PLAIN_DIGITS), wanted.translate(_PLAIN_DIGITS)
+    if not unit or given == own or isinstance(value, bool | str):
         return value
     for units in UNITS.values():
-        factors = {unit_text(suffix): factor for suffix, factor in units.items()}
-        if unit in factors and wanted in factors:
-            return float(value) * factors[unit] / factors[wanted]
+        factors = {suffix.replace("_", "/"): factor for suffix, factor in units.items()}
+        if given in factors and own in factors:
+            return float(value) * factors[given] / factors[own]
     raise MissingResultError(f"the result is in {wanted or 'no unit'}, and the value in {unit}")
 
 

@@ -101,6 +101,7 @@ class _Builder:
     x: str = "x"
     y: str = "y"
     subplot: str = ""
+    scales: tuple[str, str] = ("linear", "linear")
     colours: Iterator[str] = field(default_factory=lambda: cycle(""))
 
     def colour(self, name: str) -> str:
@@ -205,9 +206,9 @@ def _stack(chart: Chart) -> Chart:
 
 
 def _most_lines(panels: Sequence[Panel | Sky | Space]) -> int:
-    """Return the number of lines of the longest title; a sky has its north below them."""
+    """Return the number of lines of the longest title; a sky has letters above and below."""
     return max(
-        sum(map(bool, (panel.title, panel.note))) + 1
+        sum(map(bool, (panel.title, panel.note))) + 2
         if isinstance(panel, Sky)
         else len(panel.title.splitlines())
         for panel in panels
@@ -289,6 +290,7 @@ def _panel(
     made: _Builder, panel: Panel, number: str, domain: _Domain,
     share_x: str | None, share_y: str | None,
 ) -> None:  # fmt: skip
+    made.scales = (panel.x.scale, panel.y.scale)
     for mark in panel.marks:
         _MARKS[type(mark)](made, mark)
     x, y = _axis(panel.x, domain[0], f"y{number}"), _axis(panel.y, domain[1], f"x{number}")
@@ -548,16 +550,21 @@ def _note(made: _Builder, mark: Note) -> None:
     if mark.x is not None and mark.y is not None:
         is_right, is_above = "left" not in mark.corner, "bottom" not in mark.corner
         is_centred = mark.corner == "centre"
+        # Of all things on a logarithmic axis, plotly.js takes texts alone by their logarithm.
+        x, y = (
+            math.log10(value) if scale == "log" else value
+            for value, scale in zip((mark.x, mark.y), made.scales, strict=True)
+        )
         made.annotate(
-            mark.text, mark.x, mark.y, xref=made.x, yref=made.y, font=font,
+            mark.text, x, y, xref=made.x, yref=made.y, font=font,
             xanchor="center" if is_centred else "left" if is_right else "right",
             yanchor="bottom" if is_above else "top", yshift=3 if is_above else -3,
             xshift=0 if is_centred else 4 if is_right else -4,
         )  # fmt: skip
         return
-    x, y, xanchor, yanchor = _CORNERS[mark.corner]
+    at_x, at_y, xanchor, yanchor = _CORNERS[mark.corner]
     made.annotate(
-        mark.text, x, y, xref=f"{made.x} domain", yref=f"{made.y} domain", xanchor=xanchor,
+        mark.text, at_x, at_y, xref=f"{made.x} domain", yref=f"{made.y} domain", xanchor=xanchor,
         yanchor=yanchor, align=xanchor, font=font,
     )  # fmt: skip
 
@@ -583,7 +590,7 @@ def _sky(made: _Builder, panel: Sky, domain: _Domain) -> None:
         },
     }  # fmt: skip
     text = "<br>".join(line for line in (panel.title, panel.note) if line)
-    _title(made, text, domain, _LINE_PX)
+    _title(made, text, domain, 1.3 * _LINE_PX)  # above the letter N
 
 
 def _space(made: _Builder, panel: Space, domain: _Domain) -> None:

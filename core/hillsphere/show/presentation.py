@@ -10,7 +10,7 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, TypeAlias
 
 from hillsphere.base.errors import StageError
-from hillsphere.show.charts import Chart
+from hillsphere.show.charts import Chart, Space
 from hillsphere.show.colours import PALETTE
 
 if TYPE_CHECKING:
@@ -232,7 +232,8 @@ def presentation_faults(presentation: Presentation) -> list[str]:
     -------
     list of str
         Faults: an identifier that cannot name a file, a column that occurs twice, a cell without a
-        column, or a value that is not a number, a text or ``None``. Empty without any.
+        column, a value that is not a number, a text or ``None``, or a mark of a figure that stands
+        for a row that no table has. Empty without any.
     """
     faults = []
     for what, group in (
@@ -250,6 +251,9 @@ def presentation_faults(presentation: Presentation) -> list[str]:
         for name in presentation.files
         if not _FILE.fullmatch(name)
     ]
+    for name, figure in presentation.figures.items():
+        if isinstance(figure, Chart):
+            faults += _chart_faults(name, figure, presentation.tables)
     for name, metric in presentation.metrics.items():
         if not _is_cell(metric.value):
             faults.append(f"metric {name!r}: its value is a {type(metric.value).__name__}")
@@ -272,6 +276,23 @@ def presentation_faults(presentation: Presentation) -> list[str]:
                 for key, value in row.items()
                 if not _is_cell(value)
             ]
+    return faults
+
+
+def _chart_faults(name: str, chart: Chart, tables: Mapping[str, Table]) -> list[str]:
+    if chart.table and chart.table not in tables:
+        return [f"figure {name!r}: its table {chart.table!r} is not one of {sorted(tables)}"]
+    count = len(tables[chart.table].rows) if chart.table else 0
+    faults = []
+    for panel in chart.panels:
+        for mark in panel.solids if isinstance(panel, Space) else panel.marks:
+            given = getattr(mark, "rows", None)
+            rows = [] if given is None else [given] if isinstance(given, int) else list(given)
+            if rows and not 0 <= min(rows) <= max(rows) < count:
+                faults.append(
+                    f"figure {name!r}: a {type(mark).__name__} stands for rows {min(rows)} to "
+                    f"{max(rows)} of its table {chart.table!r}, which has {count}"
+                )
     return faults
 
 

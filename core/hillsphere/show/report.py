@@ -11,6 +11,7 @@ import json
 import re
 import zlib
 from base64 import b64encode
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -19,7 +20,7 @@ from html import escape
 from importlib.resources import files
 from typing import Any
 
-from hillsphere.interfaces.outcomes import Judgement
+from hillsphere.interfaces.outcomes import CLAIM_STATES, REQUIREMENT_STATES, Judgement
 from hillsphere.mission.report_spec import ReportSpec, SectionSpec
 from hillsphere.show.charts import Chart
 from hillsphere.show.drawing import Drawing
@@ -30,6 +31,8 @@ from hillsphere.show.presentation import AnyFigure, Metric, Table
 __all__ = ["Report", "ShownFigure", "StageResult", "render"]
 
 _STATES = {"failed": "failed", "interrupted": "was interrupted", "not run": "was not run"}
+_FIRST_OUTCOMES = 6
+"""Requirements, and claims, on the first screen; the others are folded."""
 _DEFAULT_NUMBERS = 4
 """Large numbers on the first screen: one row at 1280 pixels."""
 _PLACEHOLDER = re.compile(r"\{([a-z][a-z0-9_.-]*)\}")
@@ -117,7 +120,7 @@ class Report:
     spec : ReportSpec
         What the mission says about its report.
     requirements, claims : mapping
-        Outcomes by name, in the order in which they are shown.
+        Outcomes by name, in the order of the mission.
     stages : sequence of StageResult
         In order.
     started : str
@@ -349,7 +352,7 @@ class _Page:
                 table = f' data-table="table-{escape(stage.own_names[figure.table])}"'
             plot = (
                 f'<div class=plot data-plot="{escape(name)}"{table} style="height:{height}px" '
-                f'role=img aria-label="{escape(alt)}"></div>'
+                f'role=group aria-label="{escape(alt)}"></div>'
             )
         command = (
             "" if picture else f"<noscript><p class=soft>To draw it: <code>hillsphere figures RUN "
@@ -423,24 +426,42 @@ def _badge(state: str) -> str:
 
 
 def _outcomes(what: str, asked: str, outcomes: Mapping[str, Judgement]) -> str:
-    """Return the table of requirements or claims."""
+    """Return the table of requirements or claims: those that need attention first, many folded."""
     if not outcomes:
         return ""
-    rows = "".join(
-        f"<tr><th scope=row class=text>{escape(one.text)}"
-        f"{f' <span class=soft>{escape(one.source)}</span>' if one.source else ''}</th>"
-        f"<td class=text>{escape(one.asked)}</td><td class=text>{escape(one.got)}"
-        f"{f'<br><span class=soft>{escape(one.reason)}</span>' if one.reason else ''}</td>"
-        f"<td>{_badge(one.state)}</td></tr>"
-        for one in outcomes.values()
-    )
+    states = REQUIREMENT_STATES if what == "requirement" else CLAIM_STATES
+    ordered = sorted(outcomes.values(), key=lambda one: states.index(one.state))
     title = {"requirement": "Requirements", "claim": "Published claims"}[what]
-    return (
-        f"<h2>{title}</h2><table class=outcomes>"
+    head = (
         f"<thead><tr><th scope=col class=text>{what}</th><th scope=col class=text>{asked}</th>"
         "<th scope=col class=text>got</th><th scope=col>state</th></tr></thead>"
-        f"<tbody>{rows}</tbody></table>"
-    )  # fmt: skip
+    )
+    first, rest = ordered[:_FIRST_OUTCOMES], ordered[_FIRST_OUTCOMES:]
+    if len(rest) == 1:
+        first, rest = ordered, []  # a fold would take the room of the row
+    more = ""
+    if rest:
+        counts = Counter(one.state for one in rest)
+        told = ", ".join(f"{count} {state}" for state, count in counts.items())
+        more = f"<details class=more-rows><summary>{len(rest)} more: {told}</summary>"
+        more += (
+            f"<table class=outcomes>{head}<tbody>{_outcome_rows(rest)}</tbody></table></details>"
+        )
+    return (
+        f"<h2>{title}</h2><table class=outcomes>{head}<tbody>{_outcome_rows(first)}</tbody></table>"
+        + more
+    )
+
+
+def _outcome_rows(outcomes: Iterable[Judgement]) -> str:
+    return "".join(
+        f"<tr><th scope=row class=text>{escape(one.text)}"
+        f"{f' <span class=soft>{escape(one.source)}</span>' if one.source else ''}"
+        f"{f'<br><span class=soft>{escape(one.reason)}</span>' if one.reason else ''}</th>"
+        f"<td class=text>{escape(one.asked)}</td><td class=text>{escape(one.got)}</td>"
+        f"<td>{_badge(one.state)}</td></tr>"
+        for one in outcomes
+    )
 
 
 def _metrics(metrics: Mapping[str, Metric]) -> str:

@@ -136,7 +136,7 @@ def present_campaign(
         found = metric_statistics(table, usable, level=level, levels=levels)
         caveat = _CAVEATS.get(table.design, "")
         tables["campaign_statistics"] = statistics_table(found, levels, level, caveat)
-        metrics |= _metric_values(found)
+        metrics |= _metric_values(found, level)
         if table.design != "list":  # worst cases, say: they were chosen, not drawn
             figures |= _distributions(table, found, level)
     if sets:
@@ -185,6 +185,9 @@ def _counts(table: CaseTable, level: float, drawn: bool) -> dict[str, Metric]:
         "campaign_failure_ratio": Metric(float(found.value)),
     }
     if drawn:
+        low, high = map(float, found.interval)
+        ratio = Metric(float(found.value), interval=(low, high), confidence=level)
+        made["campaign_failure_ratio"] = ratio
         made["campaign_failure_ratio_low"] = Metric(float(found.interval[0]))
         made["campaign_failure_ratio_high"] = Metric(float(found.interval[1]))
     if found.undecided:
@@ -193,18 +196,20 @@ def _counts(table: CaseTable, level: float, drawn: bool) -> dict[str, Metric]:
     return made
 
 
-def _metric_values(found: Sequence[MetricStatistics]) -> dict[str, Metric]:
+def _metric_values(found: Sequence[MetricStatistics], level: float) -> dict[str, Metric]:
     made: dict[str, Metric] = {}
     for one in found[:_METRICS]:
         stem = "campaign_" + re.sub(r"[^a-z0-9]+", "_", one.name.lower()).strip("_")[:60]
         while f"{stem}_mean" in made:
             stem += "_"
         unit = one.unit or "-"
-        made[f"{stem}_mean"] = Metric(one.mean, unit)
+        low, high = map(float, one.mean_interval)
+        made[f"{stem}_mean"] = Metric(one.mean, unit, (low, high), level)
         if one.levels:
-            q = max(one.levels)
-            made[f"{stem}_{percentile(q)}"] = Metric(
-                float(one.quantiles[one.levels.index(q)]), unit
+            i = one.levels.index(max(one.levels))
+            low, high = map(float, one.quantile_intervals[:, i])
+            made[f"{stem}_{percentile(one.levels[i])}"] = Metric(
+                float(one.quantiles[i]), unit, (low, high), level
             )
     return made
 

@@ -89,7 +89,7 @@ def percentile(q: float) -> str:
 
 def interval_columns(
     stem: str, label: str, values: ArrayLike, interval: ArrayLike, digits: int = 5,
-    before: str | None = None,
+    before: str | None = None, level: float | None = None,
 ) -> list[FilledColumn]:  # fmt: skip
     """Return columns of numbers (K,) and of the ends of their intervals (2, K).
 
@@ -103,11 +103,16 @@ def interval_columns(
         Significant digits.
     before : str, optional
         Words before “at least” and “at most” in the headings; by default the label and a comma.
+    level : float, optional
+        Confidence level of the intervals, so that requirements can be judged by them.
     """
     before = f"{label}, " if before is None else before
     low, high = np.asarray(interval)
+    first = column(stem, finite_or_blank(values), label, digits, unit="-")
+    if level is not None:
+        first = replace(first, interval=(f"{stem}_low", f"{stem}_high"), confidence=level)
     return [
-        column(stem, finite_or_blank(values), label, digits, unit="-"),
+        first,
         column(f"{stem}_low", finite_or_blank(low), f"{before}at least", digits, unit="-"),
         column(f"{stem}_high", finite_or_blank(high), f"{before}at most", digits, unit="-"),
     ]
@@ -120,7 +125,7 @@ def tabulate_first(title: str, columns: Sequence[FilledColumn], notes: Sequence[
 
 
 def _statistics_columns(
-    found: Sequence[MetricStatistics], levels: Sequence[float]
+    found: Sequence[MetricStatistics], levels: Sequence[float], level: float
 ) -> list[FilledColumn]:
     names, units, count, mean, deviation, least, largest, note = gather(
         found, "name", "unit", "count", "mean", "deviation", "least", "largest", "note"
@@ -132,17 +137,19 @@ def _statistics_columns(
         text_column("metric", names, "metric"),
         text_column("unit", units, "unit"),
         column("cases", count, "cases that came to their end"),
-        *interval_columns("mean", "mean", mean, gather_intervals(found, "mean_interval")),
+        *interval_columns(
+            "mean", "mean", mean, gather_intervals(found, "mean_interval"), level=level
+        ),
         *interval_columns(
             "deviation", "standard deviation", deviation,
-            gather_intervals(found, "deviation_interval"),
+            gather_intervals(found, "deviation_interval"), level=level,
         ),
         column("least", least, "least", 5),
         *(
             one
             for i, q in enumerate(levels)
             for one in interval_columns(
-                percentile(q), f"{100 * q:g} %", quantiles[:, i], ends[:, i].T
+                percentile(q), f"{100 * q:g} %", quantiles[:, i], ends[:, i].T, level=level
             )
         ),
         column("largest", largest, "largest", 5),
@@ -162,7 +169,7 @@ def statistics_table(
         "Intervals: Student's for the mean, Bonett's (2006) for the standard deviation, two of the "
         "values themselves for a quantile.",
     ]
-    columns = _statistics_columns(found[:MOST_ROWS], levels)
+    columns = _statistics_columns(found[:MOST_ROWS], levels, level)
     return tabulate("Statistics", columns, [*notes, *([caveat] if caveat else [])])
 
 
@@ -354,7 +361,9 @@ def point_table(table: CaseTable, level: float) -> Table:
         *_swept_columns(table, some),
         column("cases", np.bincount(table.point, minlength=count)[some], "cases"),
         column("failures", found.failures[some], "failures"),
-        *interval_columns("ratio", "failure ratio", found.value[some], found.interval[:, some], 4),
+        *interval_columns(
+            "ratio", "failure ratio", found.value[some], found.interval[:, some], 4, level=level
+        ),
     ]
     if found.undecided.any():
         least, most = found.range[:, some]
@@ -388,5 +397,5 @@ def point_statistics_table(table: CaseTable, levels: Sequence[float], level: flo
         more + "Over the cases that came to their end; each number in the unit of its row. "
         + _INTERVALS.format(level=100 * level) + first_rows(metrics, "metrics")
     ]  # fmt: skip
-    columns = [text_column("point", labels, "point"), *_statistics_columns(found, levels)]
+    columns = [text_column("point", labels, "point"), *_statistics_columns(found, levels, level)]
     return tabulate("Statistics over the sweep", columns, notes)

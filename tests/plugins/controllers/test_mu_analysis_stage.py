@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose
 from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
 from hillsphere.plugins import validate
+from hillsphere.presentation import Chart, Curve, Panel, Presentation
 from hillsphere.products import ControlDesign
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_controllers.linear_products import LinearModels, UncertainModels
@@ -175,6 +176,12 @@ def test_controllers_are_compared_and_unstable_ones_said(spring: UncertainModels
     assert made.results[0].lower == pytest.approx(0.5, rel=1e-6)
 
 
+def _curves(shown: Presentation) -> Chart:
+    chart = shown.figures["mu_sensitivity_curves"]
+    assert isinstance(chart, Chart)
+    return chart
+
+
 def test_models_are_chosen_and_drawn_with_shares_over_frequency(spring: UncertainModels) -> None:
     (model,) = spring.models
     stiffer = replace(model, upper=np.array([1.3]))
@@ -199,7 +206,13 @@ def test_models_are_chosen_and_drawn_with_shares_over_frequency(spring: Uncertai
     )
     assert isinstance(spec, MuAnalysisSpec)
     shown = MuAnalysisStage(spec).present(made, several, ())
-    assert "mu_sensitivity_curves" in shown.figures
+    # Two columns, one a controller: bounds above, shares of the blocks below.
+    _, above, _, below = (panel for panel in _curves(shown).panels if isinstance(panel, Panel))
+    drawn = {mark.label: np.asarray(mark.y) for mark in below.marks if isinstance(mark, Curve)}
+    assert len(drawn) == 2
+    assert_allclose(sum(drawn.values()), 1.0, rtol=0.0, atol=1e-9)
+    upper = next(mark for mark in above.marks if isinstance(mark, Curve))
+    assert_allclose(np.asarray(upper.y), made.results[3].curve_upper)
     rows = shown.tables["mu_models_robust_performance"].rows
     assert [row["model"] for row in rows] == ["point=1", "point=10"]
     needs = {"uncertain": "u", "controllers": list(given), "beside": ["before"]}
@@ -208,7 +221,7 @@ def test_models_are_chosen_and_drawn_with_shares_over_frequency(spring: Uncertai
     columns = MuAnalysisStage(whole).present(made, several, (), (made,))
     check_presentation(columns)
     # Two columns of the analysis beside, and of its own that of one controller.
-    wide, narrow = (one.figures["mu_sensitivity_curves"].size_in[0] for one in (columns, shown))
+    wide, narrow = (_curves(one).size[0] for one in (columns, shown))
     assert wide - narrow == pytest.approx(3.2)
     soft, _ = shown.verdict
     assert soft.startswith("soft, uncertain: robust performance proved for 0 of 2 uncertain models")

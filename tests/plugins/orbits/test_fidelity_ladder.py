@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 from hillsphere import create
 from hillsphere.dynamics import Taylor
 from hillsphere.errors import InputError, StageError
+from hillsphere.presentation import Area
 from hillsphere.products import OrbitSet, PeriodicOrbits, load_product, save_product
 from hillsphere.testing import RecordingContext
 from hillsphere_orbits.fidelity_ladder.presentation import present_ladder
@@ -196,15 +196,19 @@ def test_periodic_orbits_of_autonomous_rungs(ladder: FidelityLadder) -> None:
 
 
 def test_flights_are_drawn_with_the_body(ladder: FidelityLadder) -> None:
-    """The semi-axes 13.03 km along x, drawn upwards, and 11.4 km along y."""
-    canvas = Figure()
-    present_ladder(ladder, "").figures["fidelity_flights"].draw(canvas)
-    (axes,) = canvas.axes
-    (body_drawn,) = axes.patches
-    reach = np.max(np.abs(body_drawn.get_path().vertices), axis=0)
-    np.testing.assert_allclose(reach, [11.4, 13.03], rtol=1e-3)
-    assert body_drawn.get_label() == "Phobos"
-    assert axes.get_xlabel() == "y, along the moon's motion (km)"
+    """The semi-axes 13.03 km along x and 11.4 km along y."""
+    shown = present_ladder(ladder, "")
+    chart = shown.figures["fidelity_flights"]
+    (panel,) = chart.panels
+    (outline,) = (mark for mark in panel.marks if isinstance(mark, Area))
+    np.testing.assert_allclose([outline.x.max(), outline.y.max()], [13.03, 11.4], rtol=1e-3)
+    assert outline.label == "Phobos"
+    assert panel.y.text == "y, along the orbital velocity (km)"
+    rows = [
+        shown.tables[chart.table].rows[mark.rows] for mark in panel.marks if mark is not outline
+    ]
+    assert [row["member"] for row in rows] == [*ladder.members] * 2
+    assert {row["rung"] for row in rows} == {ladder.rungs[-1]}
 
 
 def test_product_is_written_and_read(ladder: FidelityLadder, tmp_path: Path) -> None:

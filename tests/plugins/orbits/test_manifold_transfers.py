@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 from hillsphere import create
 from hillsphere.cases.executors.pool import Pool
@@ -31,7 +30,7 @@ from hillsphere.runs import workers
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_orbits.flow import flow_of
 from hillsphere_orbits.invariant_manifolds.sampling import LocalManifold
-from hillsphere_orbits.manifold_transfers.figures import draw_front
+from hillsphere_orbits.manifold_transfers.figures import front_chart
 from hillsphere_orbits.manifold_transfers.mesh import partners
 from hillsphere_orbits.manifold_transfers.products import ManifoldTransfers
 from hillsphere_orbits.manifold_transfers.search import Legs, ladder
@@ -360,9 +359,9 @@ def test_table_beside_published_values(
 
 
 def test_front_tells_amplitudes(low: ManifoldTransfers) -> None:
-    canvas = Figure()
-    draw_front(canvas, replace(low, revolutions=np.array([17]), z_m=np.array([70e3])), None)
-    assert canvas.axes[0].get_legend_handles_labels()[1] == ["n = 17", "Az = 70 km"]
+    known = replace(low, revolutions=np.array([17]), z_m=np.array([70e3]))
+    (panel,) = front_chart(known, None, "").panels
+    assert [mark.label for mark in panel.marks if mark.label] == ["n = 17", "Az = 70 km"]
 
 
 def test_revolutions_and_amplitudes(plant: Any, family: QsoFamily, low: ManifoldTransfers) -> None:

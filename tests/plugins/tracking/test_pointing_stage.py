@@ -12,7 +12,7 @@ from hillsphere.base.geodetic import Station
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.plugins import validate
-from hillsphere.presentation import Presentation
+from hillsphere.presentation import Chart, Panel, Points, Presentation
 from hillsphere.spec import Ref
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_tracking.ground_track import EarthTrack, ground_points
@@ -192,6 +192,18 @@ def test_a_plan_follows_what_a_naive_antenna_loses(
     assert motion["dish", 14]["pre_slew_s"] > 10.0
     assert motion["dish", 8]["ramp_s"] == 0.0
     assert product.telling_pass(0) == product.telling_pass(1) == 1
+    chart = shown.figures["pointing_errors_by_culmination"]
+    assert isinstance(chart, Chart)
+    panel = chart.panels[0]
+    assert isinstance(panel, Panel)
+    drawn = {mark.label: mark for mark in panel.marks if isinstance(mark, Points)}
+    table = shown.tables[chart.table].rows
+    for label, column in (("dish, naive", "error_max_naive_deg"), ("xy, planned", "error_max_deg")):
+        points = drawn[label]
+        assert isinstance(points.rows, range)
+        for y, k in zip(np.asarray(points.y).tolist(), points.rows, strict=True):
+            assert table[k]["mount"] == label.partition(",")[0]
+            assert y == max(float(str(table[k][column])), 1e-4)  # the least error drawn
     worst = shown.metrics
     assert worst["dish_error_max"].value == rows["dish", 14]["error_max_deg"]
     assert worst["dish_outside_max_naive"].value == rows["dish", 14]["outside_naive_s"]

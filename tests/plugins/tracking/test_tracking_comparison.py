@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,19 @@ from scipy.stats import chi2
 
 from hillsphere.errors import InputError
 from hillsphere.plugins import default_registry, validate
-from hillsphere.presentation import Presentation, presentation_faults
+from hillsphere.presentation import (
+    Band,
+    Chart,
+    Curve,
+    Mark,
+    Panel,
+    Points,
+    Presentation,
+    Sky,
+    presentation_faults,
+)
 from hillsphere.products import CaseTable
 from hillsphere.products.products import Bands
-from hillsphere.show.drawing import draw
 from hillsphere.testing import check_stage
 from hillsphere_tracking.assisted_tracking.measures import MEASURES, MetricName
 from hillsphere_tracking.assisted_tracking.presentation import present_case
@@ -40,6 +50,31 @@ class Given:
 
     def rng(self, stream: str = "") -> np.random.Generator:
         return np.random.default_rng(5)
+
+
+def marks(chart: object, index: int) -> Sequence[Mark]:
+    """Return the marks of a panel of a chart."""
+    assert isinstance(chart, Chart)
+    panel = chart.panels[index]
+    assert isinstance(panel, Panel | Sky)
+    return panel.marks
+
+
+def check_rows(
+    shown: Presentation, figure: str, column: str, kind: type[Curve] | type[Points]
+) -> None:
+    """Check that the labelled points of a figure are those of the rows that they refer to."""
+    chart = shown.figures[figure]
+    assert isinstance(chart, Chart)
+    rows = shown.tables[chart.table].rows
+    labelled = [mark for mark in marks(chart, 0) if isinstance(mark, kind) and mark.label]
+    assert labelled
+    for mark in labelled:
+        assert mark.rows is not None
+        assert not isinstance(mark.rows, int)
+        for y, row in zip(np.asarray(mark.y).tolist(), mark.rows, strict=True):
+            assert rows[row]["tracker"] == mark.label.partition(",")[0]
+            assert rows[row][column] == pytest.approx(y)
 
 
 def tracking(trackers: tuple[str, ...] = tuple(SCALE)) -> AssistedTracking:
@@ -418,6 +453,9 @@ def test_ages_and_consistency() -> None:
     assert f"({' '.join(OUTAGES[k])})" in over
     assert not presentation_faults(shown)
     assert {"tracking_ages", "tracking_consistency", "tracking_outages"} == set(shown.figures)
+    check_rows(shown, "tracking_ages", "mean_deg", Curve)
+    check_rows(shown, "tracking_consistency", "nees", Points)
+    check_rows(shown, "tracking_outages", "error_max_deg", Points)
 
 
 def test_bands_are_drawn() -> None:
@@ -426,8 +464,15 @@ def test_bands_are_drawn() -> None:
     values = np.array([np.full((3, 301), q) for q in (0.001, 0.005, 0.02)])
     bands = Bands(names, ("rad",) * 3, (0.05, 0.5, 0.95), t, values, np.full((3, 301), CASES))
     _, shown = compared(replace(campaign(errors()), bands=bands))
-    assert len(draw(shown.figures["tracking_bands"]).svg) > 10_000
     assert not presentation_faults(shown)
+    chart = shown.figures["tracking_bands"]
+    assert isinstance(chart, Chart)
+    assert len(chart.panels) == len(OUTAGES)
+    (band,) = (mark for mark in marks(chart, 0) if isinstance(mark, Band))
+    (curve,) = (mark for mark in marks(chart, 0) if isinstance(mark, Curve))
+    assert (curve.label, np.size(curve.x)) == ("table", 301)
+    for drawn, value in ((band.low, 0.001), (curve.y, 0.005), (band.high, 0.02)):
+        np.testing.assert_allclose(np.asarray(drawn), np.degrees(value))
 
 
 def test_case_beside_published_values(tmp_path: Path) -> None:
@@ -463,8 +508,20 @@ def test_case_beside_published_values(tmp_path: Path) -> None:
     assert rows[0]["error_max_deg"] == pytest.approx(np.degrees(0.001))
     assert shown.verdict[-1] == "Beware."
     assert set(shown.figures) == {"tracking_errors", "tracking_spread", "tracking_sky"}
-    for figure in shown.figures.values():
-        assert len(draw(figure).svg) > 10_000
+    errors_over_time = shown.figures["tracking_errors"]
+    assert isinstance(errors_over_time, Chart)
+    assert len(errors_over_time.panels) == len(OUTAGES)
+    curves = [mark for mark in marks(errors_over_time, 1) if isinstance(mark, Curve)]
+    assert [curve.label for curve in curves] == list(SCALE)
+    for curve in curves:
+        np.testing.assert_allclose(np.asarray(curve.y), np.degrees(0.005))
+        assert isinstance(curve.rows, int)
+        assert (rows[curve.rows]["tracker"], rows[curve.rows]["pass"]) == (curve.label, "P1")
+    # Azimuth and distance from the zenith of the true path.
+    true = marks(shown.figures["tracking_sky"], 0)[0]
+    assert isinstance(true, Curve)
+    np.testing.assert_allclose(np.asarray(true.x), np.degrees(np.linspace(1.0, 2.0, 301)))
+    assert np.asarray(true.y).min() == pytest.approx(90.0 - np.degrees(0.6))
 
 
 def test_frames_are_measures() -> None:

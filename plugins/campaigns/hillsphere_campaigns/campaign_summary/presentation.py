@@ -132,11 +132,11 @@ def _columns(
         column("cases", rows(product.count, failures.decided, worst.decided), "cases"),
         *interval_columns(
             "mean", "mean", scale * rows(product.mean, failures.value, worst.value),
-            [scale * rows(*ends) for ends in means], 8, "",
+            [scale * rows(*ends) for ends in means], 8, "", product.level,
         ),
         *interval_columns(
             "deviation", "standard deviation", scale * rows(product.deviation),
-            [scale * rows(ends) for ends in product.deviation_interval], 8, "",
+            [scale * rows(ends) for ends in product.deviation_interval], 8, "", product.level,
         ),
     ]  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Fields and rows of the stages' tables: infinite values are blank, long tables are cut."""
+"""Fields and rows of tables, ticks of counts: infinite values are blank, long tables are cut."""
 
 from __future__ import annotations
 
@@ -8,9 +8,12 @@ from typing import Any, TypeVar, cast
 from hillsphere.presentation import Table
 from hillsphere.show.tables import finite_or_blank
 
-__all__ = ["finite_fields", "first_rows"]
+__all__ = ["finite_fields", "first_rows", "whole_step"]
 
 Product = TypeVar("Product")
+
+_TICKS = 10
+"""Ticks of an axis of counts at most: their numbers do not touch on a narrow page."""
 
 
 def finite_fields(product: Product, *names: str) -> Product:
@@ -36,3 +39,8 @@ def first_rows(table: Table, count: int, what: str = "") -> Table:
         return table
     notes = [*table.notes, f"The first {count} of {total} {what}."] if what else table.notes
     return replace(table, rows=table.rows[:count], notes=notes)
+
+
+def whole_step(count: float) -> float:
+    """Return the distance of ticks at whole numbers, for an axis of counts up to `count`."""
+    return max(1.0, -(-count // _TICKS))

@@ -123,7 +123,7 @@ def from_control(system: Any) -> LtiSystem:
 
 
 def _control() -> Any:
-    # imported here: it takes a second, and brings matplotlib
+    # Imported here: python-control takes a second to import.
     try:
         return import_module("control")
     except ImportError as error:

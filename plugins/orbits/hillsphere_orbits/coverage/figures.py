@@ -2,64 +2,75 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from hillsphere.presentation import PALETTE
+from hillsphere.presentation import (
+    LINE_COLOURS,
+    Axis,
+    Chart,
+    ColourScale,
+    Curve,
+    Map,
+    Mark,
+    Panel,
+    Points,
+    Segments,
+)
 from hillsphere_orbits.coverage.products import Coverage
+from hillsphere_orbits.scenes import about_moon, name_axis
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+__all__ = ["coverage_chart", "track_chart"]
 
-__all__ = ["draw_coverage", "draw_tracks"]
-
-_COLOURS = ("blue", "vermillion", "green")
-
-
-def draw_coverage(figure: Figure, product: Coverage) -> None:
-    """Draw the time over each latitude and the range of altitudes, a row per orbit."""
-    from matplotlib.colors import PowerNorm
-
-    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
-    rows = np.arange(len(product.labels))
-    edges = np.degrees(product.band_rad)
-    # bands that are never met stay white
-    time = np.ma.masked_equal(product.band_time.T, 0.0)
-    # a planar orbit spends all its time in a band, one in space a tenth: the root shows both
-    mesh = left.pcolormesh(edges, np.arange(rows.size + 1) - 0.5, time, cmap="viridis_r",
-                           norm=PowerNorm(0.5, vmin=0.0, vmax=1.0), edgecolors="white",
-                           linewidth=0.4)  # fmt: skip
-    figure.colorbar(
-        mesh, ax=left, label="part of the time", location="top", shrink=0.8, aspect=30, pad=0.01
-    )
-    left.set_xlim(-90.0, 90.0)
-    left.set_xticks(range(-90, 91, 30))
-    left.set_xlabel("latitude of the ground point (deg)")
-    left.set_yticks(rows, product.labels)
-    left.set_ylim(rows.size - 0.5, -0.5)
-    known = bool(np.isfinite(product.altitude_m).all())
-    least, mean, largest = (product.altitude_m if known else product.distance_m) / 1e3
-    right.hlines(rows, least, largest, color=PALETTE["blue"], lw=3.0, label="least to largest")
-    right.plot(mean, rows, "o", color=PALETTE["black"], ms=4, label="mean")
-    right.set_xlim(left=0.0)
-    right.set_xlabel("altitude above the surface (km)" if known else "distance (km)")
-    right.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize=8)
+# A planar orbit spends all its time in a band, one in space a tenth: the root shows both.
+_TIME = ColourScale("part of the time", power=0.5, reversed=True)
 
 
-def draw_tracks(figure: Figure, product: Coverage) -> None:
-    """Draw the ground tracks of at most three orbits."""
-    axes = figure.add_subplot()
+def coverage_chart(product: Coverage, table: str) -> Chart:
+    """Return the time over each latitude and the range of altitudes, a row per orbit."""
+    count = len(product.labels)
+    rows, orbits = np.arange(count), name_axis(product.labels, 0.5)
+    # Bands that are never met stay empty.
+    time = np.where(product.band_time.T == 0.0, np.nan, product.band_time.T)
+    bands = Map(np.degrees(product.band_rad), np.arange(count + 1) - 0.5, time, _TIME)
+    is_known = bool(np.isfinite(product.altitude_m).all())
+    least, mean, largest = (product.altitude_m if is_known else product.distance_m) / 1e3
+    height = Axis("altitude above the surface" if is_known else "distance", "km", low=0.0,
+                  high=1.05 * float(largest.max()))  # fmt: skip
+    heights: list[Mark] = [
+        Segments(rows, least, largest, "x", "least to largest", "blue", 3.0, rows=rows.tolist()),
+        Points(mean, rows, "mean", "black", size=4.0, rows=rows.tolist()),
+    ]
+    latitude = Axis("latitude of the ground point", "deg", low=-90.0, high=90.0, step=30.0)
+    return Chart(
+        f"Latitudes{about_moon(product.body, 'of')} and altitudes",
+        [Panel(latitude, orbits, [bands]), Panel(height, orbits, heights, legend="above")],
+        "Left: part of the time over each band of latitude. Right: altitude, from the least to the "
+        "largest, with its mean.",
+        columns=2, share_y=True, widths=(3, 2), size_in=(9.0, 1.8 + 0.3 * max(4, count)),
+        table=table,
+    )  # fmt: skip
+
+
+def track_chart(product: Coverage, table: str) -> Chart:
+    """Return the ground tracks of at most three orbits."""
     order = np.argsort(product.latitude_rad[1], kind="stable")
-    chosen = dict.fromkeys(int(order[k]) for k in (-1, order.size // 2, 0))
-    for colour, i in zip(_COLOURS, chosen, strict=False):
+    marks = []
+    for colour, i in zip(
+        LINE_COLOURS, dict.fromkeys(int(order[k]) for k in (-1, order.size // 2, 0)), strict=False
+    ):
         longitude, latitude = np.degrees(product.track_rad[:, :, i])
-        axes.plot(longitude, latitude, ".", ms=1.6, color=PALETTE[colour], label=product.labels[i])
-    axes.set_xlim(-180.0, 180.0)
-    axes.set_ylim(-90.0, 90.0)
-    axes.set_xticks(range(-180, 181, 60))
-    axes.set_yticks(range(-90, 91, 30))
-    axes.set_aspect("equal")
-    axes.set_xlabel("longitude, eastwards (deg)")
-    axes.set_ylabel("latitude (deg)")
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, markerscale=6)
+        # A line must not cross the map where the longitude turns from 180° to −180°.
+        turns = np.flatnonzero(np.abs(np.diff(longitude)) > 180.0) + 1
+        x, y = np.insert(np.array([longitude, latitude]), turns, np.nan, axis=1)
+        marks.append(Curve(x, y, product.labels[i], colour, width=1.0, rows=i))
+    return Chart(
+        f"Ground tracks on the surface{about_moon(product.body, 'of')}",
+        [Panel(
+            Axis("longitude, eastwards", "deg", low=-180.0, high=180.0, step=60.0),
+            Axis("latitude", "deg", low=-90.0, high=90.0, step=30.0),
+            marks, is_equal=True, legend="above",
+        )],
+        "The point of the surface nearest to the spacecraft, along one period of the orbits that "
+        "reach least far, half as far and farthest in latitude.",
+        size_in=(8.0, 4.8), table=table,
+    )  # fmt: skip

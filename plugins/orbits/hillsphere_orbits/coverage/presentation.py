@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from hillsphere.interfaces import Array
-from hillsphere.presentation import Figure, Presentation
+from hillsphere.presentation import Presentation
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
-from hillsphere_orbits.coverage.figures import draw_coverage, draw_tracks
+from hillsphere_orbits.coverage.figures import coverage_chart, track_chart
 from hillsphere_orbits.coverage.products import Coverage
 from hillsphere_orbits.qso.presentation import label_identifier
 
@@ -38,24 +38,8 @@ def present_coverage(product: Coverage, label: str) -> Presentation:
         "latitude_bands": tabulate("Time over each latitude", _bands(product)),
         "seasons": tabulate("Light in the course of the year", _seasons(product), notes),
     }
-    about = f" of {product.body.capitalize()}" if product.body not in ("", "body") else ""
-    rows = max(4, len(product.labels))
-    figures = {
-        "coverage": Figure(
-            f"Latitudes{about} and altitudes",
-            lambda figure: draw_coverage(figure, product),
-            "Left: part of the time over each band of latitude. Right: altitude, from the least "
-            "to the largest, with its mean.",
-            size_in=(9.0, 1.8 + 0.3 * rows),
-        ),
-        "ground_tracks": Figure(
-            f"Ground tracks on the surface{about}",
-            lambda figure: draw_tracks(figure, product),
-            "The point of the surface nearest to the spacecraft, along one period of the orbits "
-            "that reach least far, half as far and farthest in latitude.",
-            size_in=(8.0, 4.6),
-        ),
-    }
+    own = label_identifier("coverage", label)
+    figures = {"coverage": coverage_chart(product, own), "ground_tracks": track_chart(product, own)}
     return Presentation(
         tables={label_identifier(name, label): table for name, table in tables.items()},
         figures={label_identifier(name, label): figure for name, figure in figures.items()},

@@ -2,27 +2,36 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.base.constants import DAY_S
 from hillsphere.interfaces import Array, Integers
-from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
+from hillsphere.presentation import (
+    LINE_COLOURS,
+    Axis,
+    Chart,
+    Cloud,
+    Curve,
+    Mark,
+    Metric,
+    Note,
+    Panel,
+    Presentation,
+)
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.fidelity_ladder.products import FidelityLadder
 from hillsphere_orbits.qso.presentation import format_count, label_identifier
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Canvas
+from hillsphere_orbits.scenes import orbit_paths, scene_chart
 
 __all__ = ["present_ladder"]
 
 _PARTS = 60
 """Parts of the time in the figure of departures: fewer hide the growth, more show every swing."""
-_DRAWN = 6  # members in a figure: one per distinguishable colour
-_COLOURS = [PALETTE[c] for c in ("blue", "vermillion", "green", "purple", "orange", "sky")]
+_NODES = 1500
+"""Nodes of a flight in a figure: as many as still show the spread about its orbit."""
 
 
 def present_ladder(product: FidelityLadder, label: str) -> Presentation:
@@ -65,23 +74,10 @@ def present_ladder(product: FidelityLadder, label: str) -> Presentation:
         metrics["ladder_departure_max"] = Metric(float(np.nanmax(product.departure_max_m)), "m")
     figures = {}
     if closed.size:
+        own = label_identifier("fidelity_ladder", label)
         figures = {
-            "fidelity_departures": Figure(
-                "Departure from the orbits",
-                lambda figure: _draw_departures(figure, product),
-                "Distance of the flights from the nearest points of the orbits of the first rung: "
-                f"the largest in each of {_PARTS} parts of the time. Rungs on which it is less "
-                f"than a metre are left out, and members beyond {_DRAWN}.",
-                size_in=(8.0, 1.2 + 2.4 * len(_apart(product))),
-            ),
-            "fidelity_flights": Figure(
-                f"Flights on {product.rungs[-1]}",
-                lambda figure: _draw_flights(figure, product),
-                "Nodes of the flights (dots) over the orbits of the first rung (lines), seen from "
-                "the orbit normal and from the direction of flight, in the frame that turns with "
-                "the line to the primary; the body to scale, as it stands in the mean.",
-                size_in=(9.0, 4.2),
-            ),
+            "fidelity_departures": _departure_chart(product, own),
+            "fidelity_flights": _flight_chart(product, own),
         }
     return Presentation(
         metrics={label_identifier(name, label): metric for name, metric in metrics.items()},
@@ -204,81 +200,53 @@ def _apart(product: FidelityLadder) -> list[int]:
 
 def _spread(members: NDArray[np.intp]) -> list[int]:
     """Return as many members as are drawn, spread over all."""
-    places = np.linspace(0, members.size - 1, min(members.size, _DRAWN)).round().astype(int)
+    places = (
+        np.linspace(0, members.size - 1, min(members.size, len(LINE_COLOURS))).round().astype(int)
+    )
     return [int(m) for m in members[places]]
 
 
-def _draw_departures(figure: Canvas, product: FidelityLadder) -> None:
-    rungs = _apart(product)
-    axes = figure.subplots(len(rungs), 1, sharex=True, squeeze=False)[:, 0]
-    drawn = _spread(np.arange(len(product.members)))
-    # the largest of each part of the time: the departure swings with every revolution
-    ends = np.unique(np.linspace(0, len(product.times_s), _PARTS + 1).astype(int))
-    days = (
-        product.times_s[np.minimum((ends[:-1] + ends[1:]) // 2, len(product.times_s) - 1)] / DAY_S
-    )
-    for r, ax in zip(rungs, axes, strict=True):
-        for colour, m in zip(_COLOURS, drawn, strict=False):
-            if product.converged[m, r]:
-                largest = np.maximum.reduceat(product.departure_m[:, m, r], ends[:-1])
-                ax.plot(days, largest / 1e3, color=colour, label=product.members[m], linewidth=1.1)
-        if not product.converged[:, r].any():
-            ax.text(0.5, 0.5, "none converged", transform=ax.transAxes, ha="center")
-        ax.set_title(product.rungs[r], fontsize="medium")
-        ax.set_ylabel("departure (km)")
-        ax.set_ylim(bottom=0.0)
-        ax.grid(alpha=0.3)
-    axes[-1].set_xlabel("time (d)")
-    handles, labels = [], []
-    for ax in axes:
-        for handle, text in zip(*ax.get_legend_handles_labels(), strict=True):
-            if text not in labels:
-                handles.append(handle)
-                labels.append(text)
-    figure.legend(
-        handles, labels, loc="outside upper center", ncols=3, fontsize="small", markerscale=4
-    )
+def _departure_chart(product: FidelityLadder, table: str) -> Chart:
+    times_d, members = product.times_s / DAY_S, _spread(np.arange(len(product.members)))
+    # The largest of each part of the time: the departure swings with every revolution.
+    ends = np.unique(np.linspace(0, times_d.size, _PARTS + 1).astype(int))
+    middle_d = times_d[np.minimum((ends[:-1] + ends[1:]) // 2, times_d.size - 1)]
+    panels = []
+    for r in _apart(product):
+        largest = np.maximum.reduceat(product.departure_m[:, :, r], ends[:-1]) / 1e3
+        marks: list[Mark] = [
+            Curve(middle_d, largest[:, m], product.members[m], colour,
+                  rows=r * len(product.members) + m)
+            for colour, m in zip(LINE_COLOURS, members, strict=False)
+            if product.converged[m, r]
+        ]  # fmt: skip
+        panels.append(Panel(
+            Axis("time", "d"), Axis("departure", "km", low=0.0),
+            marks or [Note("none converged", corner="centre")], product.rungs[r],
+        ))  # fmt: skip
+    return Chart(
+        "Departure from the orbits", panels,
+        "Distance of the flights from the nearest points of the orbits of the first rung: the "
+        f"largest in each of {_PARTS} parts of the time. Rungs on which it is less than a metre "
+        f"are left out, and members beyond {len(LINE_COLOURS)}.",
+        share_x=True, shared_legend=True, size_in=(8.0, 1.2 + 2.4 * len(panels)), table=table,
+    )  # fmt: skip
 
 
-def _draw_flights(figure: Canvas, product: FidelityLadder) -> None:
-    planar = np.ptp(product.track_m[2]) < 1e-6 * np.ptp(product.track_m[1])
-    views = ((1, 0),) if planar else ((1, 0), (1, 2))
-    names = ("x, away from the primary", "y, along the moon's motion", "z, orbit normal")
-    body = product.body.capitalize() if product.body not in ("", "body") else "body"
-    drawn = _spread(np.flatnonzero(product.converged[:, -1]))
-    for ax, (right, up) in zip(
-        figure.subplots(1, len(views), squeeze=False)[0], views, strict=True
-    ):
-        for colour, m in zip(_COLOURS, drawn, strict=False):
-            track, nodes = product.track_m[:, :, m] / 1e3, product.hill[:3, :, m, -1] / 1e3
-            ax.plot(track[right], track[up], color=colour, linewidth=0.9)
-            ax.plot(
-                nodes[right], nodes[up], ".", color=colour, markersize=2.5,
-                label=product.members[m],
-            )  # fmt: skip
-        if product.semi_axes_m:
-            outline = _outline_m(product, right, up) / 1e3
-            ax.fill(*outline, color="#777777", zorder=3, label=body)
-        else:
-            ax.plot(0.0, 0.0, "+", color=PALETTE["black"], label=f"centre of the {body}")
-        ax.set_aspect("equal")
-        ax.set_xlabel(f"{names[right]} (km)")
-        ax.set_ylabel(f"{names[up]} (km)")
-        ax.grid(alpha=0.3)
-    handles, labels = ax.get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="outside upper center", ncols=3, fontsize="small", markerscale=4
+def _flight_chart(product: FidelityLadder, table: str) -> Chart:
+    members = _spread(np.flatnonzero(product.converged[:, -1]))
+    own = (len(product.rungs) - 1) * len(product.members)  # first row of the last rung
+    stride = -(-product.times_s.size // _NODES)
+    orbits = orbit_paths(product.track_m, product.members, members)
+    nodes = [
+        Cloud(product.hill[:3, ::stride, m, -1] / 1e3, "", colour, "dot", 3.0, rows=own + m)
+        for colour, m in zip(LINE_COLOURS, members, strict=False)
+    ]
+    return scene_chart(
+        f"Flights on {product.rungs[-1]}",
+        [*(replace(orbit, rows=own + m) for orbit, m in zip(orbits, members, strict=True)), *nodes],
+        product,
+        "Nodes of the flights (dots) over the orbits of the first rung (lines), in the frame that "
+        "turns with the line to the primary; the body to scale, as it is oriented in the mean.",
+        table=table,
     )
-
-
-def _outline_m(product: FidelityLadder, right: int, up: int) -> NDArray[np.float64]:
-    """Return the outline (2, P) of the body's ellipsoid, seen along the third axis."""
-    c, s = np.cos(product.prime_meridian_rad), np.sin(product.prime_meridian_rad)
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    # the shadow of the unit sphere's image under (turn · semi-axes) is the ellipse of its rows
-    rows = (turn * np.array(product.semi_axes_m))[[right, up]]
-    t = np.linspace(0.0, 2.0 * np.pi, 181)
-    shape: NDArray[np.float64] = np.linalg.cholesky(rows @ rows.T) @ np.array(
-        [np.cos(t), np.sin(t)]
-    )
-    return shape

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from itertools import product as pairs
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hillsphere.base.constants import DAY_S
-from hillsphere.interfaces import Array
-from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
+from hillsphere.presentation import Chart, Metric, Path, Presentation, Solid, Space
 from hillsphere.show.tables import FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.invariant_manifolds.products import Manifolds
 from hillsphere_orbits.invariant_manifolds.specs import InvariantManifoldsSpec
 from hillsphere_orbits.qso.presentation import format_count, label_identifier
+from hillsphere_orbits.scenes import AXES, about_moon, cylinder_solids, moon_solid
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Canvas
+__all__ = ["present_manifolds"]
 
-__all__ = ["draw_body", "draw_cylinder", "finish_space", "present_manifolds"]
+_STRIDE = 2
+"""Of the positions of a trajectory every second one is drawn: about 240, which show a loop each of
+some weeks as a curve."""
 
 
 def present_manifolds(product: Manifolds, spec: InvariantManifoldsSpec) -> Presentation:
@@ -51,25 +52,19 @@ def present_manifolds(product: Manifolds, spec: InvariantManifoldsSpec) -> Prese
         f"Trajectories start at distances of at most {product.start_distance:g} from the linear "
         "motion, equally spaced in the logarithm of the distance: each of them once.",
     ]
-    figures: dict[str, Figure] = {}
-    about = f" around {product.body.capitalize()}" if product.body not in ("", "body") else ""
-    for i, name in enumerate(product.orbits.labels):
-        if np.any(product.orbit[product.track_trajectory] == i):
-            figures[label_identifier(f"manifold_tubes_{i + 1}", label)] = Figure(
-                f"Manifolds of {name}{about}",
-                lambda figure, i=i: _draw(figure, product, spec, i),  # type: ignore[misc]
-                "Unstable and stable manifold, the orbit, the body to scale and the cylinders "
-                f"(equal axes); {days:g} d from where a trajectory leaves its orbit.",
-                size_in=(12.0, 6.0),
-            )
+    about = about_moon(product.body)
+    title, own = f"Invariant manifolds{about}", label_identifier("manifolds", label)
+    table = tabulate(title, _manifolds(product), notes)
     return Presentation(
         metrics={label_identifier(name, label): metric for name, metric in metrics.items()},
-        tables={
-            label_identifier("manifolds", label): tabulate(
-                f"Invariant manifolds{about}", _manifolds(product), notes
+        tables={own: table},
+        figures={
+            label_identifier(f"manifold_tubes_{i + 1}", label): _tube_chart(
+                product, spec, i, [row["orbit"] for row in table.rows].index(name), own
             )
+            for i, name in enumerate(product.orbits.labels)
+            if np.any(product.orbit[product.track_trajectory] == i)
         },
-        figures=figures,
         verdict=_verdict(product, days),
     )
 
@@ -132,64 +127,36 @@ def _verdict(product: Manifolds, days: float) -> list[str]:
     return sentences
 
 
-def draw_body(axes: Any, semi_axes_m: tuple[float, ...], prime_meridian_rad: float) -> None:
-    """Draw an ellipsoidal body to scale, km."""
-    if not semi_axes_m:
-        return
-    a, b, c = np.array(semi_axes_m) / 1e3
-    u, v = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 33), np.linspace(0.0, np.pi, 17))
-    p, q = a * np.cos(u) * np.sin(v), b * np.sin(u) * np.sin(v)
-    cos, sin = np.cos(prime_meridian_rad), np.sin(prime_meridian_rad)
-    axes.plot_surface(cos * p - sin * q, sin * p + cos * q, c * np.cos(v), color="#777777")
-
-
-def draw_cylinder(axes: Any, ring_km: Array, height_km: float, colour: str, label: str) -> None:
-    """Draw a cylinder over a closed curve (2, K), km, by its rims and some of its lines."""
-    for z in (-height_km, height_km):
-        axes.plot(*ring_km, z, color=colour, lw=0.7, alpha=0.8)
-    axes.plot(*ring_km, 0.0, color=colour, lw=1.6, label=label)
-    for x, y in ring_km[:, :: max(1, ring_km.shape[1] // 16)].T:
-        axes.plot([x, x], [y, y], [-height_km, height_km], color=colour, lw=0.4, alpha=0.6)
-
-
-def finish_space(axes: Any) -> None:
-    """Give a figure in space equal axes, their names and a legend."""
-    # a little smaller than the panel, so that no axis is cut off
-    axes.set_box_aspect(np.ptp(np.array(axes.get_w_lims()).reshape(3, 2), axis=1), zoom=0.85)
-    axes.set_xlabel("x, away from the primary (km)")
-    axes.set_ylabel("y, along the orbital velocity (km)")
-    axes.set_zlabel("z, north (km)")
-    axes.legend(loc="upper right", fontsize=8)
-
-
-def _draw(figure: Canvas, product: Manifolds, spec: InvariantManifoldsSpec, i: int) -> None:
-    trajectory = product.track_trajectory
-    orbit = product.orbit_tracks_m[:, :, i] / 1e3
-    # trajectories far beyond the cylinders would shrink all else
+def _tube_chart(
+    product: Manifolds, spec: InvariantManifoldsSpec, i: int, row: int, table: str
+) -> Chart:
+    """Return both manifolds of an orbit beside each other; `row` is its first one in the table."""
+    name, orbit = product.orbits.labels[i], product.orbit_tracks_m[:, :, i] / 1e3
+    # Trajectories far beyond the cylinders would shrink all else.
     reach = 1.3 * max(float(np.max(np.abs(orbit))), *(r / 1e3 for r in spec.cylinders_m), 0.0)
-    height = float(np.max(np.abs(orbit[2])))
     angle = np.linspace(0.0, 2.0 * np.pi, 97)
-    shown = [
-        (stable, colour, name)
-        for stable, colour, name in (
-            (False, PALETTE["vermillion"], "unstable manifold"),
-            (True, PALETTE["blue"], "stable manifold"),
-        )
-        if np.any((product.orbit[trajectory] == i) & (product.stable[trajectory] == stable))
-    ]
-    for panel, (stable, colour, name) in enumerate(shown, 1):
-        axes = figure.add_subplot(1, len(shown), panel, projection="3d")
-        for j in np.flatnonzero(
-            (product.orbit[trajectory] == i) & (product.stable[trajectory] == stable)
-        ):
-            way = product.tracks_m[:, :, j] / 1e3
-            way = np.where(np.max(np.abs(way), axis=0) <= reach, way, np.nan)
-            axes.plot(*way, color=colour, lw=0.35, alpha=0.6)
-        axes.plot([], [], [], color=colour, lw=1.2, label=name)
-        axes.plot(*orbit, color=PALETTE["black"], lw=0.7, label=product.orbits.labels[i])
-        colours = (PALETTE["green"], PALETTE["purple"], PALETTE["orange"], PALETTE["sky"])
-        for k, radius in enumerate(spec.cylinders_m):
-            ring = radius / 1e3 * np.array([np.cos(angle), np.sin(angle)])
-            draw_cylinder(axes, ring, height, colours[k % 4], f"cylinder {radius / 1e3:.4g} km")
-        draw_body(axes, product.semi_axes_m, product.prime_meridian_rad)
-        finish_space(axes)
+    shared: list[Solid] = [Path(orbit, name, "black", width=0.8, rows=row), moon_solid(product)]
+    for k, radius in enumerate(spec.cylinders_m):
+        ring = radius / 1e3 * np.array([np.cos(angle), np.sin(angle)])
+        colour = ("green", "purple", "orange", "sky")[k % 4]
+        shared += cylinder_solids(ring, np.ptp(orbit[2]) / 2.0, colour,
+                                  f"cylinder {radius / 1e3:.4g} km")  # fmt: skip
+    panels = []
+    for stable, colour, word in ((False, "vermillion", "unstable"), (True, "blue", "stable")):
+        trajectory = product.track_trajectory
+        own = (product.orbit[trajectory] == i) & (product.stable[trajectory] == stable)
+        if not own.any():
+            continue
+        ways = product.tracks_m[:, ::_STRIDE, own] / 1e3
+        ways = np.where(np.max(np.abs(ways), axis=0) <= reach, ways, np.nan)
+        # One path for all of them, with a gap after each.
+        joined = np.pad(ways, ((0, 0), (0, 1), (0, 0)), constant_values=np.nan)
+        tube = Path(joined.transpose(0, 2, 1).reshape(3, -1), f"{word} manifold", colour,
+                    width=0.5, opacity=0.6)  # fmt: skip
+        panels.append(Space([tube, *shared], *AXES, title=f"{word} manifold"))
+    return Chart(
+        f"Manifolds of {name}{about_moon(product.body)}", panels,
+        "Unstable and stable manifold, the orbit, the body to scale and the cylinders (equal "
+        f"axes); {spec.duration_s / DAY_S:g} d from where a trajectory leaves its orbit.",
+        columns=len(panels), shared_legend=True, size_in=(6.0 * len(panels), 6.0), table=table,
+    )  # fmt: skip

@@ -2,37 +2,37 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from hillsphere.base.constants import DAY_S
-from hillsphere.presentation import PALETTE, Printed
-from hillsphere.show.reference import ReferenceTable
-from hillsphere_orbits.invariant_manifolds.presentation import (
-    draw_body,
-    draw_cylinder,
-    finish_space,
+from hillsphere.presentation import (
+    Axis,
+    Chart,
+    Cloud,
+    Curve,
+    Mark,
+    Panel,
+    Path,
+    Points,
+    Printed,
+    Solid,
+    Space,
 )
+from hillsphere.show.reference import ReferenceTable
 from hillsphere_orbits.manifold_transfers.products import ManifoldTransfers
-from hillsphere_orbits.spatial_qso_families.presentation import family_colours
+from hillsphere_orbits.scenes import AXES, MARKERS, cylinder_solids, family_colours, moon_solid
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Canvas
+__all__ = ["front_chart", "transfer_chart"]
 
-__all__ = ["draw_front", "draw_transfer"]
-
-_MARKERS = "os^DvP<>h*"
+_SAME = 1e-9
+"""Relative difference of the durations of one leg, which come from the same numbers."""
 
 
-def draw_front(
-    figure: Canvas, product: ManifoldTransfers, reference: ReferenceTable | None
-) -> None:
-    """Draw the impulse of transfers against their time of flight, one line per orbit.
+def front_chart(product: ManifoldTransfers, reference: ReferenceTable | None, table: str) -> Chart:
+    """Return the impulse of transfers against their time of flight, one line per orbit.
 
-    Colours tell n, markers the amplitude z.
+    Colours tell n, markers the amplitude z; `table` lists the orbits.
     """
-    axes = figure.add_subplot()
     dv, tof, member = (
         product.transfer_dv_m_s,
         product.transfer_tof_s / DAY_S,
@@ -40,58 +40,77 @@ def draw_front(
     )
     orders = sorted(set(product.revolutions.tolist()))
     colours = dict(zip(orders, family_colours(len(orders)), strict=True))
-    z_km = np.round(product.z_m / 1e3, 6)
-    heights = sorted(set(z_km[np.unique(member)][np.isfinite(z_km[np.unique(member)])].tolist()))
-    markers = {z: _MARKERS[k % len(_MARKERS)] for k, z in enumerate(heights)}
-    seen: set[int] = set()
-    for i in np.unique(member):
+    z_km, drawn = np.round(product.z_m / 1e3, 6), np.unique(member).tolist()
+    heights = sorted(set(z_km[drawn][np.isfinite(z_km[drawn])].tolist()))
+    markers = {z: MARKERS[k % len(MARKERS)] for k, z in enumerate(heights)}
+    marks: list[Mark] = []
+    for i in drawn:
         own, n = member == i, int(product.revolutions[i])
-        name = f"n = {n}" if n else product.orbits.labels[int(i)]
-        axes.plot(tof[own], dv[own], marker=markers.get(float(z_km[i]), "."), color=colours[n],
-                  lw=0.8, ms=4.0, mew=0.0, drawstyle="steps-post")  # fmt: skip
-        if not n or n not in seen:  # in the legend a line without a marker
-            axes.plot([], [], color=colours[n], label=name)
-        seen.add(n)
-    for z, marker in markers.items():
-        axes.plot([], [], marker, color=PALETTE["black"], ms=5, label=f"Az = {z:g} km")
-    if reference is not None:
-        marked = [
-            (float(row["tof_d"]), float(row["dv_m_s"]))
-            for row in reference.rows
-            if isinstance(row["tof_d"], Printed) and isinstance(row["dv_m_s"], Printed)
-        ]
-        if marked:
-            axes.plot(*np.array(marked).T, "x", color=PALETTE["vermillion"], ms=9, mew=2,
-                      label="the paper")  # fmt: skip
-    axes.set_xlabel("time of flight of both legs (d)")
-    axes.set_ylabel("ΔV of both impulses (m/s)")
-    if axes.get_legend_handles_labels()[1]:
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
+        name = f"n = {n}" if n else product.orbits.labels[i]
+        marks += [
+            Curve(tof[own], dv[own], name, colours[n], width=0.9, steps=True, rows=i),
+            Points(tof[own], dv[own], "", colours[n], markers.get(float(z_km[i]), "dot"), 4.5,
+                   rows=i),
+        ]  # fmt: skip
+    # Entries of the legend alone: the markers of the curves have colours besides.
+    marks += [
+        Points([np.nan], [np.nan], f"Az = {z:g} km", "black", marker)
+        for z, marker in markers.items()
+    ]
+    printed = [] if reference is None else [
+        (float(row["tof_d"]), float(row["dv_m_s"]))
+        for row in reference.rows
+        if isinstance(row["tof_d"], Printed) and isinstance(row["dv_m_s"], Printed)
+    ]  # fmt: skip
+    if printed:
+        days, costs = zip(*printed, strict=True)
+        marks.append(Points(days, costs, "the paper", "vermillion", "cross", 9.0))
+    return Chart(
+        "Time of flight against impulse",
+        [Panel(Axis("time of flight of both legs", "d"), Axis("ΔV of both impulses", "m/s"), marks,
+               legend="right")],
+        "Pareto-optimal transfers through each orbit; the colour shows n, the marker the "
+        "amplitude z.",
+        size_in=(8.0, 5.5), table=table,
+    )  # fmt: skip
 
 
-def draw_transfer(figure: Canvas, product: ManifoldTransfers, q: int) -> None:
-    """Draw a transfer that is among the product's flights, with the cylinders and the body."""
-    axes = figure.add_subplot(projection="3d")
-    label = product.orbits.labels[int(product.transfer_member[q])]
-    duration = product.leg_tof_s[product.transfer_legs[:, q]]
-    flights = product.flights
+def transfer_chart(product: ManifoldTransfers, q: int, title: str, table: str) -> Chart:
+    """Return a transfer that is among the product's flights, with the cylinders and the body.
+
+    `table` lists the legs.
+    """
+    label, flights = product.orbits.labels[int(product.transfer_member[q])], product.flights
     length = flights.t_s[-1] - flights.t_s[0]
-    parts = (("departure", PALETTE["blue"]), ("arrival", PALETTE["vermillion"]))
+    solids: list[Solid] = []
     height = 0.0
-    for (name, colour), seconds in zip(parts, duration, strict=True):
-        for k, plan in enumerate(flights.plans):
-            same = abs(length[k] - seconds) <= 1e-9 * seconds
-            if plan.startswith(f"{label}, ") and flights.labels[k] == name and same:
-                way = flights.x[:3, :, k] / 1e3
-                axes.plot(*way, color=colour, lw=0.9, label=f"{name} leg, {seconds / DAY_S:.2f} d")
-                end = way[:, -1 if name == "arrival" else 0]
-                axes.plot(*end[:, None], "o", color=colour, ms=5)
-                height = max(height, float(np.max(np.abs(way[2]))))
-                break
+    for name, colour, leg in zip(
+        ("departure", "arrival"), ("blue", "vermillion"), product.transfer_legs[:, q].tolist(),
+        strict=True,
+    ):  # fmt: skip
+        seconds = product.leg_tof_s[leg]
+        k = next(
+            k for k, plan in enumerate(flights.plans)
+            if plan.startswith(f"{label}, ") and flights.labels[k] == name
+            and abs(length[k] - seconds) <= _SAME * seconds
+        )  # fmt: skip
+        way = flights.x[:3, :, k] / 1e3
+        end = way[:, -1:] if name == "arrival" else way[:, :1]
+        solids += [
+            Path(way, f"{name} leg, {seconds / DAY_S:.2f} d", colour, rows=leg,
+                 times=flights.t_s[:, k] / DAY_S),
+            Cloud(end, "", colour, size=6.0),
+        ]  # fmt: skip
+        height = max(height, float(np.max(np.abs(way[2]))))
     for ring, colour, planar in (
-        (product.departure_track_m, PALETTE["green"], product.departure),
-        (product.arrival_track_m, PALETTE["purple"], product.arrival),
+        (product.departure_track_m, "green", product.departure),
+        (product.arrival_track_m, "purple", product.arrival),
     ):
-        draw_cylinder(axes, ring / 1e3, height, colour, planar.labels[0])
-    draw_body(axes, product.semi_axes_m, product.prime_meridian_rad)
-    finish_space(axes)
+        solids += cylinder_solids(ring / 1e3, height, colour, planar.labels[0])
+    return Chart(
+        title, [Space([*solids, moon_solid(product)], *AXES, time=Axis("time", "d"))],
+        f"Through {label}: {product.transfer_dv_m_s[q]:.2f} m/s in "
+        f"{product.transfer_tof_s[q] / DAY_S:.2f} d. Transparent: cylinders over the planar "
+        "orbits. Equal axes.",
+        size_in=(8.0, 7.0), table=table,
+    )  # fmt: skip

@@ -10,7 +10,7 @@ import numpy as np
 
 from hillsphere.base.constants import DAY_S
 from hillsphere.interfaces import Array, Integers
-from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Printed, Table
+from hillsphere.presentation import Cell, Column, Metric, Presentation, Printed, Table
 from hillsphere.show.reference import ReferenceTable
 from hillsphere.show.tables import (
     FieldColumns,
@@ -20,10 +20,11 @@ from hillsphere.show.tables import (
     take_or_blank,
     text_column,
 )
-from hillsphere_orbits.manifold_transfers.figures import draw_front, draw_transfer
+from hillsphere_orbits.manifold_transfers.figures import front_chart, transfer_chart
 from hillsphere_orbits.manifold_transfers.products import ManifoldTransfers
 from hillsphere_orbits.manifold_transfers.specs import ManifoldTransfersSpec
 from hillsphere_orbits.qso.presentation import format_count, label_identifier
+from hillsphere_orbits.scenes import about_moon
 
 __all__ = ["present_transfers"]
 
@@ -58,7 +59,7 @@ def present_transfers(
         Tables ``table_4``, ``ladder_ORBIT``, ``legs``, ``transfer_convergence``, figures of the
         cheapest and the quickest transfer and of the fronts.
     """
-    about = f" around {product.body.capitalize()}" if product.body not in ("", "body") else ""
+    about = about_moon(product.body)
     names = f"{product.departure.labels[0]} to {product.arrival.labels[0]}"
     cells = tabulate(f"Transfers {names}{about}", _cells(product), _notes(product, spec))
     cells, beside = _beside(cells, product, reference)
@@ -73,27 +74,17 @@ def present_transfers(
         tables["transfer_convergence"] = tabulate(
             "The search repeated with twice the samples", _convergence(product)
         )
-    figures = {"transfer_front": Figure(
-        "Time of flight against impulse", lambda figure: draw_front(figure, product, reference),
-        "Pareto-optimal transfers through each orbit; the colour shows n, the marker the "
-        "amplitude z.", size_in=(8.0, 5.5),
-    )}  # fmt: skip
+    label = spec.label
+    front = front_chart(product, reference, label_identifier("table_4", label))
+    figures = {"transfer_front": front}
     if product.transfer_legs.shape[1]:
         best = {
             "cheapest_transfer": int(np.argmin(product.transfer_dv_m_s)),
             "quickest_transfer": int(np.argmin(product.transfer_tof_s)),
         }
         for name, q in best.items():
-            figures[name] = Figure(
-                f"{name.replace('_', ' ').capitalize()} {names}",
-                lambda figure, q=q: draw_transfer(figure, product, q),  # type: ignore[misc]
-                f"Through {product.orbits.labels[product.transfer_member[q]]}: "
-                f"{product.transfer_dv_m_s[q]:.2f} m/s "
-                f"in {product.transfer_tof_s[q] / DAY_S:.2f} d."
-                " Dashed: cylinders over the planar orbits. Equal axes.",
-                size_in=(8.0, 7.0),
-            )
-    label = spec.label
+            title = f"{name.replace('_', ' ').capitalize()} {names}"
+            figures[name] = transfer_chart(product, q, title, label_identifier("legs", label))
     return Presentation(
         metrics={label_identifier(k, label): v for k, v in _metrics(product).items()},
         tables={label_identifier(k, label): v for k, v in tables.items()},

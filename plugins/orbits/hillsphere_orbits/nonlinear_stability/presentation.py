@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.base.constants import DAY_S
-from hillsphere.presentation import Figure, Metric, Presentation
+from hillsphere.presentation import Metric, Presentation
 from hillsphere.show.tables import (
     FieldColumns,
     FilledColumn,
@@ -15,7 +15,7 @@ from hillsphere.show.tables import (
     take_or_blank,
     text_column,
 )
-from hillsphere_orbits.nonlinear_stability.figures import draw_edges, draw_probabilities
+from hillsphere_orbits.nonlinear_stability.figures import edge_chart, probability_chart
 from hillsphere_orbits.nonlinear_stability.products import NonlinearStability
 from hillsphere_orbits.nonlinear_stability.survival import Fate
 from hillsphere_orbits.qso.presentation import label_identifier
@@ -60,19 +60,9 @@ def present_stability(product: NonlinearStability, label: str) -> Presentation:
     if product.offset.shape[1]:
         tables["offset_fates"] = tabulate("Fates of given offsets", _offsets(product), [rule])
     figures = {
-        "survival_edges": Figure(
-            "Largest offsets that the orbits survive",
-            lambda figure: draw_edges(figure, product),
-            f"First losses by direction within {days:g} days; an arrow: not lost at the largest "
-            "offset tried. Dashed: one standard deviation of the injection error.",
-            size_in=(9.0, 1.8 + 0.32 * max(4, len(product.labels))),
-        ),
-        "survival_probability": Figure(
-            f"Survival over {days:g} days",
-            lambda figure: draw_probabilities(figure, product),
-            f"Share of {product.draws} draws that survive, with {100 * product.confidence:g} % "
-            "intervals.",
-            size_in=(8.0, 1.8 + 0.32 * max(4, len(product.labels))),
+        "survival_edges": edge_chart(product, label_identifier("survival_edges", label)),
+        "survival_probability": probability_chart(
+            product, label_identifier("survival_probability", label)
         ),
     }
     metrics = {"survival_flights": Metric(product.flights)}

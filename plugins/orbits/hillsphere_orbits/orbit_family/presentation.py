@@ -2,28 +2,36 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
 
 from hillsphere.base.constants import HOUR_S
 from hillsphere.interfaces import Array
-from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
+from hillsphere.presentation import (
+    LINE_COLOURS,
+    Axis,
+    Chart,
+    Curve,
+    Mark,
+    Metric,
+    Panel,
+    Points,
+    Presentation,
+    Rule,
+    Span,
+)
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, take_or_blank
 from hillsphere_orbits.orbit_family.products import FollowedFamily
 from hillsphere_orbits.qso.presentation import format_count, label_identifier
+from hillsphere_orbits.scenes import orbit_paths, scene_chart
 from hillsphere_orbits.stability import multipliers
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as Canvas
 
 __all__ = ["present_followed"]
 
 _WORDS = {"amplitude": "amplitude", "period": "period", "jacobi": "integral of motion"}
-_COLOURS = tuple(
-    PALETTE[name] for name in ("blue", "vermillion", "green", "purple", "orange", "sky", "black")
-)
+_LARGE = 4.0
+"""Stability index beyond which a second panel shows its modulus on a logarithmic scale."""
 
 
 def present_followed(product: FollowedFamily, label: str) -> Presentation:
@@ -36,26 +44,18 @@ def present_followed(product: FollowedFamily, label: str) -> Presentation:
     label : str
         Appended to all identifiers.
     """
-    title = "Orbits asked for"
-    tables = {
-        label_identifier("orbit_family", label): tabulate(
-            title, _members(product), ["Numbers without unit are in natural units."]
-        )
-    }
-    figures = {
-        label_identifier("orbit_family_indices", label): Figure(
-            "Stability along the family",
-            lambda figure: _draw_indices(figure, product),
-            "Stability indices b = λ + 1/λ; shaded: stable. The scale is linear within ±2.",
-        )
-    }
-    if product.members.labels:
-        figures[label_identifier("orbit_family_orbits", label)] = Figure(
-            title,
-            lambda figure: _draw_orbits(figure, product),
-            "One period, in the frame of the motion, to scale.",
-            size_in=(9.0, 5.0),
-        )
+    title, own = "Orbits asked for", label_identifier("orbit_family", label)
+    place = {name: row for row, name in enumerate(product.asked)}
+    rows = [place[name] for name in product.members.labels]
+    notes = ["Numbers without unit are in natural units."]
+    tables = {own: tabulate(title, _members(product), notes)}
+    figures = {label_identifier("orbit_family_indices", label): _index_chart(product, rows, own)}
+    if rows:
+        paths = orbit_paths(product.tracks_m, product.members.labels, range(len(rows)))
+        figures[label_identifier("orbit_family_orbits", label)] = scene_chart(
+            title, [replace(path, rows=row) for path, row in zip(paths, rows, strict=True)],
+            product, "One period, in the frame of the motion, to scale.", table=own,
+        )  # fmt: skip
     if product.parameters:
         of = FieldColumns(product, "parameters")
         tables[label_identifier("orbit_family_parameters", label)] = tabulate(
@@ -66,12 +66,7 @@ def present_followed(product: FollowedFamily, label: str) -> Presentation:
                 of("parameter_end", "end"),
             ],
         )
-        figures[label_identifier("orbit_family_ways", label)] = Figure(
-            "Orbits as the parameters change",
-            lambda figure: _draw_ways(figure, product),
-            "Against the part of the change of the parameters; dots are the orbits computed.",
-            size_in=(9.5, 4.0),
-        )
+        figures[label_identifier("orbit_family_ways", label)] = _way_chart(product, own)
     arrived = len(product.members.labels)
     closure = float(np.max(product.members.residual, initial=0.0))
     return Presentation(
@@ -137,77 +132,55 @@ def _sentences(product: FollowedFamily) -> list[str]:
     return sentences
 
 
-def _draw_indices(figure: Canvas, product: FollowedFamily) -> None:
-    axes = figure.add_subplot()
-    axes.axhspan(-2.0, 2.0, color="#f0f0f0", zorder=0)
-    amplitude = product.curve_amplitude_m / 1e3
-    flat = bool(np.all(product.curve.x0[[2, 5]] == 0.0))
-    names = ("planar", "vertical") if flat else ("larger", "smaller")
-    for row, (name, colour) in enumerate(zip(names, ("blue", "vermillion"), strict=True)):
-        axes.plot(amplitude, product.curve_indices[row], color=PALETTE[colour], label=name)
-        if product.members.labels:
-            axes.plot(
-                product.member_amplitude_m / 1e3, product.member_indices[row], "o", ms=5,
-                color=PALETTE[colour], markeredgecolor="white",
-                label=f"{name}, asked for",
-            )  # fmt: skip
-    axes.set_yscale("symlog", linthresh=2.0)
-    axes.set_xlabel("amplitude (km)")
-    axes.set_ylabel("stability index b")
-    axes.legend(fontsize=8)
+def _index_chart(product: FollowedFamily, rows: list[int], table: str) -> Chart:
+    amplitude, members = product.curve_amplitude_m / 1e3, product.member_amplitude_m / 1e3
+    is_flat = bool(np.all(product.curve.x0[[2, 5]] == 0.0))
+    names = ("planar", "vertical") if is_flat else ("larger", "smaller")
+
+    def marks(curve: Array, member: Array) -> list[Mark]:
+        return [
+            mark
+            for name, colour, along, at in zip(
+                names, ("blue", "vermillion"), curve, member, strict=True
+            )
+            for mark in (
+                Curve(amplitude, along, name, colour),
+                Points(members, at, f"{name}, asked for", colour, rows=rows),
+            )
+        ]
+
+    curve, member = product.curve_indices, product.member_indices
+    finite = curve[np.isfinite(curve)]
+    x, caption = Axis("amplitude", "km"), "Stability indices b = λ + 1/λ; shaded: stable."
+    panels = [Panel(
+        x, Axis("stability index b", low=max(-_LARGE, min(-2.3, finite.min(initial=0.0) - 0.2)),
+                high=min(_LARGE, max(2.3, finite.max(initial=0.0) + 0.2))),
+        [Span("y", -2.0, 2.0), *marks(curve, member)],
+    )]  # fmt: skip
+    if np.any(np.abs(finite) > _LARGE):
+        panels.append(Panel(x, Axis("modulus |b|", scale="log"),
+                            [*marks(np.abs(curve), np.abs(member)), Rule("y", 2.0)],
+                            legend="none"))  # fmt: skip
+        caption += " Below: the moduli, stable under the dotted line."
+    return Chart("Stability along the family", panels, caption, share_x=True, table=table)
 
 
-def _draw_orbits(figure: Canvas, product: FollowedFamily) -> None:
-    tracks = product.tracks_m / 1e3
-    in_space = bool(np.max(np.abs(tracks[2])) > 1e-9 * np.max(np.abs(tracks[:2])))
-    panels = figure.subplots(1, 2 if in_space else 1, squeeze=False)[0]
-    views = (((0, "x"), (1, "y")), ((0, "x"), (2, "z")))
-    words = {"x": "x, away from the primary", "y": "y, along the orbit", "z": "z, north"}
-    for axes, ((i, across), (j, up)) in zip(panels, views, strict=False):
-        for k, name in enumerate(product.members.labels):
-            colour = _COLOURS[k % len(_COLOURS)]
-            axes.plot(tracks[i, :, k], tracks[j, :, k], color=colour, lw=1.2, label=name)
-        _draw_body(axes, product, i, j)
-        axes.locator_params(axis="x", nbins=5)
-        axes.set_aspect("equal", adjustable="datalim")
-        axes.set_xlabel(f"{words[across]} (km)")
-        axes.set_ylabel(f"{words[up]} (km)")
-    handles = panels[0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside lower center", ncols=3, fontsize=8)
-
-
-def _draw_body(axes: Axes, product: FollowedFamily, i: int, j: int) -> None:
-    if not product.semi_axes_m:
-        axes.plot([0.0], [0.0], "+", color=PALETTE["black"], label="centre of the body")
-        return
-    a, b, c = np.array(product.semi_axes_m) / 1e3
-    angle = np.linspace(0.0, 2.0 * np.pi, 181)
-    cos, sin = np.cos(product.prime_meridian_rad), np.sin(product.prime_meridian_rad)
-    outline: Array
-    if j == 1:
-        u, v = a * np.cos(angle), b * np.sin(angle)
-        outline = np.array([cos * u - sin * v, sin * u + cos * v])
-    else:
-        # the silhouette along y of an ellipsoid turned about z
-        outline = np.array([np.hypot(a * cos, b * sin) * np.cos(angle), c * np.sin(angle)])
-    axes.fill(*outline, color="#777777", label=product.body.capitalize() or "body")
-
-
-def _draw_ways(figure: Canvas, product: FollowedFamily) -> None:
-    panels = figure.subplots(1, 3)
-    rows = (
-        ("x at the start (km)", product.way_x0[0] / 1e3),
-        ("period (h)", product.way_period_s / HOUR_S),
-        ("integral of motion (natural units)", product.way_integral),
-    )
-    for axes, (name, values) in zip(panels, rows, strict=True):
-        for k in np.unique(product.way_orbit):
-            own = product.way_orbit == k
-            axes.plot(
-                product.way_fraction[own], values[own], ".-", lw=1.0, label=product.asked[k],
-                color=_COLOURS[int(k) % len(_COLOURS)],
-            )  # fmt: skip
-        axes.set_ylabel(name)
-        axes.set_xlabel("part of the change")
-    handles = panels[0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside lower center", ncols=3, fontsize=8)
+def _way_chart(product: FollowedFamily, table: str) -> Chart:
+    panels = []
+    for axis, values in (
+        (Axis("x at the start", "km"), product.way_x0[0] / 1e3),
+        (Axis("period", "h"), product.way_period_s / HOUR_S),
+        (Axis("integral of motion (natural units)"), product.way_integral),
+    ):
+        marks = [
+            Curve(product.way_fraction[own], values[own], product.asked[k],
+                  LINE_COLOURS[k % len(LINE_COLOURS)], width=1.0, marker="dot", rows=k)
+            for k in np.unique(product.way_orbit).tolist()
+            for own in [product.way_orbit == k]
+        ]  # fmt: skip
+        panels.append(Panel(Axis("part of the change"), axis, marks))
+    return Chart(
+        "Orbits as the parameters change", panels,
+        "Against the part of the change of the parameters; dots are the orbits computed.",
+        columns=3, shared_legend=True, size_in=(9.5, 4.0), table=table,
+    )  # fmt: skip

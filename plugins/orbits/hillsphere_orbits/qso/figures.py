@@ -7,7 +7,6 @@ import numpy as np
 from hillsphere.base.constants import HOUR_S
 from hillsphere.interfaces import Array
 from hillsphere.presentation import (
-    Area,
     Axis,
     Chart,
     Curve,
@@ -21,11 +20,11 @@ from hillsphere.presentation import (
 )
 from hillsphere.products import Bifurcations
 from hillsphere_orbits.qso.products import QsoFamily
+from hillsphere_orbits.scenes import orbit_paths, scene_chart
 
 __all__ = ["index_chart", "orbit_chart", "period_chart", "resonance_chart"]
 
 _PLANES = (("planar", "blue"), ("vertical", "vermillion"))
-_COLOURS = ("blue", "vermillion", "green", "purple", "orange", "sky")
 _AMPLITUDE = Axis("x at the crossing of the x axis", "km")
 
 
@@ -126,27 +125,11 @@ def _slope(product: QsoFamily, row: int, x_km: float) -> float:
     return float(np.interp(x_km, x, slope))
 
 
-def orbit_chart(product: QsoFamily, table: str) -> Chart:
+def orbit_chart(product: QsoFamily, title: str, table: str) -> Chart:
     """Return the members and the body to scale; `table` lists the members."""
-    marks: list[Mark] = []
-    for i, label in enumerate(product.members.labels):
-        x, y, _ = product.tracks_m[:, :, i] / 1e3
-        marks.append(Curve(x, y, label, _COLOURS[i % len(_COLOURS)], width=1.3, rows=i))
-    if product.semi_axes_m:
-        a, b, _ = np.array(product.semi_axes_m) / 1e3
-        angle = np.linspace(0.0, 2.0 * np.pi, 181)
-        c, s = np.cos(product.prime_meridian_rad), np.sin(product.prime_meridian_rad)
-        u, v = a * np.cos(angle), b * np.sin(angle)
-        name = product.body.capitalize() if product.body not in ("", "body") else "body"
-        marks.append(Area(c * u - s * v, s * u + c * v, name))
-    else:
-        marks.append(Points([0.0], [0.0], "centre of mass", "black", "plus"))
-    reach = float(np.max(np.abs(product.tracks_m[0]))) / 1e3
-    marks.append(Note("← to the primary", -1.08 * reach, 0.0, "top left"))
-    x_axis = Axis("x, away from the primary", "km", low=-1.7 * reach, high=1.7 * reach)
-    y_axis = Axis("y, along the orbital velocity", "km")
-    return Chart(
-        "Orbits", [Panel(x_axis, y_axis, marks, is_equal=True, legend="right")],
+    labels = product.members.labels
+    return scene_chart(
+        title, orbit_paths(product.tracks_m, labels, range(len(labels))), product,
         "The orbits and the body to scale, seen from above the orbit plane of the moon.",
-        size_in=(6.0, 8.0), table=table,
+        table=table,
     )  # fmt: skip

@@ -11,6 +11,7 @@ from hillsphere.show.reference import ReferenceTable
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, set_beside, tabulate
 from hillsphere_orbits.qso.figures import index_chart, orbit_chart, period_chart
 from hillsphere_orbits.qso.products import QsoFamily
+from hillsphere_orbits.scenes import about_moon
 from hillsphere_orbits.stability import determinant_error
 
 __all__ = ["format_count", "label_identifier", "present_family"]
@@ -78,7 +79,7 @@ def present_family(
         f"{product.members.length_m / 1e3:.12g} km and 1/n = {product.members.time_s:.12g} s; "
         "the Jacobi constant is ½(3x² − z²) + U − ½v²."
     ]
-    title = f"Quasi-satellite orbits{_around(product)}{_kind(label)}"
+    title = f"Quasi-satellite orbits{about_moon(product.body)}{_kind(label)}"
     table = tabulate(title, _members(product), notes)
     table = set_beside(table, reference, on="x0_km", tol=_SAME_ORBIT_KM)
     metrics = {
@@ -104,7 +105,7 @@ def present_family(
             caption="Planar and vertical stability index; an orbit is linearly stable while both "
             f"are between −2 and 2 (shaded).{other}",
         ),
-        "orbits": replace(orbit_chart(product, own), title=title),
+        "orbits": orbit_chart(product, title, own),
     }
     return Presentation(
         metrics={label_identifier(name, label): metric for name, metric in metrics.items()},
@@ -149,10 +150,6 @@ def _verdict(product: QsoFamily) -> list[str]:
             "converge: its gravity is used there without that guarantee."
         )
     return sentences
-
-
-def _around(product: QsoFamily) -> str:
-    return f" around {product.body.capitalize()}" if product.body not in ("", "body") else ""
 
 
 def _kind(label: str) -> str:

@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from hillsphere.interfaces import Array
-from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
+from hillsphere.presentation import (
+    Axis,
+    Bars,
+    Chart,
+    Curve,
+    Mark,
+    MarkerShape,
+    Metric,
+    Panel,
+    Points,
+    Presentation,
+)
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.qso.presentation import format_count, label_identifier
+from hillsphere_orbits.scenes import about_moon, family_colours, orbit_paths, scene_chart
 from hillsphere_orbits.spatial_qso_families.products import SpatialFamilies
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Canvas
-
-__all__ = ["family_colours", "present_families"]
+__all__ = ["present_families"]
 
 _POINTS = 600  # of a curve in a figure
 _REAL = 1e-6  # imaginary part of an index, relative, that is rounding
@@ -28,16 +37,9 @@ _STARTS = {
     "velocity": "on the x axis, ż ≠ 0",
     "y_position": "on the plane yz, z ≠ 0",
 }
-_MARKERS = {"fold": "s", "branching": "^", "doubling": "v", "krein": "D"}
-
-
-def family_colours(families: int) -> list[str]:
-    """Return one colour per family, from dark to light (they are ordered by n)."""
-    from matplotlib import colormaps
-    from matplotlib.colors import to_hex
-
-    shades = colormaps["viridis"](np.linspace(0.0, 0.9, max(families, 1)))
-    return [to_hex(shade) for shade in shades]
+_MARKERS: dict[str, MarkerShape] = {
+    "fold": "square", "branching": "triangle", "doubling": "triangle-down", "krein": "diamond",
+}  # fmt: skip
 
 
 def present_families(product: SpatialFamilies, label: str) -> Presentation:
@@ -64,7 +66,7 @@ def present_families(product: SpatialFamilies, label: str) -> Presentation:
         "λ is the multiplier of the dominant pair, from the trace of M; the others are 1/λ and, "
         "to within rounding where the resonance is of high order, four times 1.",
     ]
-    about = f" around {product.body.capitalize()}" if product.body not in ("", "body") else ""
+    about = about_moon(product.body)
     size = np.maximum(1e3, np.abs(product.member_multipliers[0]))
     metrics = {
         "closure_max": Metric(float(np.max(product.members.residual))),
@@ -76,21 +78,10 @@ def present_families(product: SpatialFamilies, label: str) -> Presentation:
         "families_not_followed": Metric(len(product.n) - len(set(product.curve_family.tolist()))),
         "stable_members": Metric(int(np.count_nonzero(product.member_stable))),
     }
+    own = label_identifier("spatial_members", label)
     figures = {
-        "families_3d": Figure(
-            f"One member of each family{about}",
-            lambda figure: _draw_space(figure, product),
-            "The largest orbits asked for and the body to scale (equal axes).",
-            size_in=(8.0, 8.0),
-        ),
-        "multipliers": Figure(
-            "Stability along the families",
-            lambda figure: _draw_multipliers(figure, product),
-            "Above: largest modulus of a multiplier against the amplitude, with the orbits asked "
-            "for; between the orbits computed the index is interpolated. Below: where the orbits "
-            "are linearly stable, and secondary bifurcations.",
-            size_in=(8.0, 7.0),
-        ),
+        "families_3d": _orbit_chart(product, f"One member of each family{about}", own),
+        "multipliers": _multiplier_chart(product, own),
     }
     title = f"Orbits in space{about}"
     tables = {
@@ -237,56 +228,52 @@ def _verdict(product: SpatialFamilies, label: str) -> list[str]:
     return sentences
 
 
-def _draw_space(figure: Canvas, product: SpatialFamilies) -> None:
-    axes = figure.add_subplot(projection="3d")
-    colours = family_colours(len(product.n))
+def _orbit_chart(product: SpatialFamilies, title: str, table: str) -> Chart:
+    colours, paths = family_colours(len(product.n)), []
     for f in sorted({0, len(product.n) // 2, len(product.n) - 1}):
         own = np.flatnonzero(product.member_family == f)
         if own.size:
-            i = own[np.argmax(product.member_z_m[own])]
-            axes.plot(*product.tracks_m[:, :, i] / 1e3, color=colours[f], lw=0.6,
-                      label=product.members.labels[i])  # fmt: skip
-    if product.semi_axes_m:
-        a, b, c = np.array(product.semi_axes_m) / 1e3
-        u, v = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 33), np.linspace(0.0, np.pi, 17))
-        p, q = a * np.cos(u) * np.sin(v), b * np.sin(u) * np.sin(v)
-        cos, sin = np.cos(product.prime_meridian_rad), np.sin(product.prime_meridian_rad)
-        axes.plot_surface(cos * p - sin * q, sin * p + cos * q, c * np.cos(v), color="#777777")
-    axes.set_box_aspect(np.ptp(np.array(axes.get_w_lims()).reshape(3, 2), axis=1))
-    axes.set_xlabel("x, away from the primary (km)")
-    axes.set_ylabel("y, along the orbital velocity (km)")
-    axes.set_zlabel("z, north (km)")
-    axes.legend(loc="upper right", fontsize=8)
+            i = int(own[np.argmax(product.member_z_m[own])])
+            (path,) = orbit_paths(product.tracks_m, product.members.labels, [i])
+            paths.append(replace(path, colour=colours[f], width=0.6))
+    return scene_chart(
+        title, paths, product, "The largest orbits asked for and the body to scale (equal axes).",
+        table=table,
+    )  # fmt: skip
 
 
-def _draw_multipliers(figure: Canvas, product: SpatialFamilies) -> None:
-    axes, below = figure.subplots(2, sharex=True, height_ratios=(3, 2))
-    colours = family_colours(len(product.n))
-    for f, colour in enumerate(colours[: len(product.n)]):
+def _multiplier_chart(product: SpatialFamilies, table: str) -> Chart:
+    names = [_name(product, f) for f in range(len(product.n))]
+    largest: list[Mark] = []
+    stable: list[Mark] = []
+    for f, colour in enumerate(family_colours(len(names))):
         own = np.flatnonzero(product.curve_family == f)
         if not own.size:
             continue
-        z, values = _smooth(product, own)
-        axes.semilogy(z, values, color=colour, lw=1.1, label=_name(product, f))
-        for begin, end in product.window_z_m[:, product.window_family == f].T / 1e3:
-            below.barh(f, end - begin, left=begin, height=0.7, color=colour)
+        largest.append(Curve(*_smooth(product, own), names[f], colour, width=1.2))
+        begin, end = product.window_z_m[:, product.window_family == f] / 1e3
+        stable.append(Bars(np.full(begin.size, f), end, "x", begin, colour=colour))
     members = np.max(np.abs(product.member_multipliers), axis=0)
-    axes.semilogy(product.member_z_m / 1e3, members, ".", color=PALETTE["black"], ms=4,
-                  label="asked for")  # fmt: skip
+    largest.append(Points(product.member_z_m / 1e3, members, "asked for", "black", size=3.0,
+                          names=product.members.labels, rows=range(members.size)))  # fmt: skip
     for kind, marker in _MARKERS.items():
         own = np.flatnonzero(np.array(product.secondary_kind) == kind)
         if own.size:
-            below.plot(product.secondary_z_m[own] / 1e3, product.secondary_family[own], marker,
-                       color=PALETTE["vermillion"], mec="white", mew=0.5, ms=6, ls="",
-                       label=kind)  # fmt: skip
-    if product.secondary_kind:
-        below.legend(loc="lower right", fontsize=8)
-    axes.set_ylabel("largest modulus of\na multiplier")
-    axes.legend(loc="upper left", fontsize=8, ncols=2)
-    below.set_yticks(range(len(product.n)), [_name(product, f) for f in range(len(product.n))])
-    below.tick_params(axis="y", labelsize=8)
-    below.set_ylabel("stable")
-    below.set_xlabel("amplitude z (km)")
+            stable.append(Points(product.secondary_z_m[own] / 1e3, product.secondary_family[own],
+                                 kind, "vermillion", marker, 6.0))  # fmt: skip
+    z = Axis("amplitude z", "km")
+    return Chart(
+        "Stability along the families",
+        [
+            Panel(z, Axis("largest modulus of a multiplier", scale="log"), largest, legend="right"),
+            Panel(z, Axis("stable", ticks=list(enumerate(names)), low=-0.6, high=len(names) - 0.4),
+                  stable, legend="right"),
+        ],
+        "Above: largest modulus of a multiplier against the amplitude, with the orbits asked for; "
+        "between the orbits computed the index is interpolated. Below: where the orbits are "
+        "linearly stable, and secondary bifurcations.",
+        share_x=True, heights=(3, 2), size_in=(8.0, 7.0), table=table,
+    )  # fmt: skip
 
 
 def _smooth(product: SpatialFamilies, own: NDArray[np.intp]) -> tuple[Array, Array]:

@@ -9,14 +9,13 @@ from numpy.typing import NDArray
 
 from hillsphere.base.constants import DAY_S, HOUR_S
 from hillsphere.interfaces import Integers
-from hillsphere.presentation import Figure, Metric, Presentation
+from hillsphere.presentation import Metric, Presentation
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.qso.presentation import format_count, label_identifier
 from hillsphere_orbits.station_keeping_flown.figures import (
-    MOST_ORBITS,
     UNCORRECTED,
-    draw_cost,
-    draw_survival,
+    cost_chart,
+    survival_chart,
 )
 from hillsphere_orbits.station_keeping_flown.products import StationKeepingFlown
 from hillsphere_orbits.station_keeping_flown.references import FLOWN
@@ -46,26 +45,7 @@ def present_flown(product: StationKeepingFlown, label: str) -> Presentation:
         ``station_keeping_survival`` and ``station_keeping_cost``.
     """
     days = f"{product.duration_s / DAY_S:g} days"
-    rows, many = max(len(product.labels), 2), len(product.labels) > MOST_ORBITS
-    survival = Figure(
-        f"Survival of {days}",
-        lambda canvas: draw_survival(canvas, product),
-        "Part of the flights that survived: without any correction, and by time between "
-        "corrections, a strategy per panel. A stable orbit has no unstable component to correct.",
-        size_in=(
-            3.6 + 0.75 * max(3, len(product.intervals)) * len(product.strategies),
-            1.9 + 0.32 * rows,
-        ),
-    )
-    cost = Figure(
-        f"Cost of {days}",
-        lambda canvas: draw_cost(canvas, product),
-        "Mean Δv of the flights that survived, and its 95th percentile (bar), against the time "
-        f"between corrections. Full marks: at least {100 * product.survival_required:g} % "
-        "survived; open marks: fewer did, so that the cost is of a favourable selection."
-        + (f" {MOST_ORBITS} of the {len(product.labels)} orbits." if many else ""),
-        size_in=(9.0, 3.8 + 0.06 * min(rows, MOST_ORBITS)),
-    )
+    own = label_identifier("station_keeping_flown", label)
     names = {
         "station_keeping_flown": tabulate(
             f"Station-keeping flown for {days}", _grid(product), _notes(product)
@@ -85,8 +65,8 @@ def present_flown(product: StationKeepingFlown, label: str) -> Presentation:
         metrics={label_identifier(name, label): metric for name, metric in metrics.items()},
         tables={label_identifier(name, label): table for name, table in names.items()},
         figures={
-            label_identifier("station_keeping_survival", label): survival,
-            label_identifier("station_keeping_cost", label): cost,
+            label_identifier("station_keeping_survival", label): survival_chart(product),
+            label_identifier("station_keeping_cost", label): cost_chart(product, own),
         },
         verdict=_verdict(product),
     )

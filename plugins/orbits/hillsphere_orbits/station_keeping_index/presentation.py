@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from hillsphere.base.constants import DAY_S
 from hillsphere.presentation import (
-    PALETTE,
+    Axis,
     Cell,
+    Chart,
     Column,
-    Figure,
+    Curve,
+    Mark,
     Metric,
+    Panel,
+    Points,
     Presentation,
     Printed,
     Table,
@@ -21,12 +22,9 @@ from hillsphere.presentation import (
 from hillsphere.show.reference import ReferenceTable
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.qso.presentation import label_identifier
-from hillsphere_orbits.spatial_qso_families.presentation import family_colours
+from hillsphere_orbits.scenes import family_colours
 from hillsphere_orbits.spatial_qso_families.products import StationKeepingIndex
 from hillsphere_orbits.spatial_qso_families.specs import StationKeepingSpec
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Canvas
 
 __all__ = ["AGREES", "present_index"]
 
@@ -85,16 +83,11 @@ def present_index(
             f"{unstable.min():.4g} to {unstable.max():.4g} m/s per {days:g} days, with perfect "
             "knowledge of the state and one correction per period."
         )
-    figure = Figure(
-        table.title,
-        lambda canvas: _draw(canvas, product, table.rows, days),
-        "v_cm against the amplitude, one line per family; a stable member has none.",
-        size_in=(8.0, 5.0),
-    )
+    own = label_identifier("table_3", label)
     return Presentation(
         metrics={label_identifier(name, label): metric for name, metric in metrics.items()},
-        tables={label_identifier("table_3", label): table, **tables},
-        figures={label_identifier("station_keeping", label): figure},
+        tables={own: table, **tables},
+        figures={label_identifier("station_keeping", label): _index_chart(table, days, own)},
         verdict=verdict,
     )
 
@@ -168,18 +161,22 @@ def _float(cell: Cell) -> float:
     return float(cell) if isinstance(cell, int | float) else float("nan")
 
 
-def _draw(
-    figure: Canvas, product: StationKeepingIndex, rows: Sequence[Mapping[str, Cell]], days: float
-) -> None:
-    axes = figure.add_subplot()
-    orders = sorted(set(product.n))
+def _index_chart(shown: Table, days: float, table: str) -> Chart:
+    rows = shown.rows
+    orders = sorted({int(_float(row["n"])) for row in rows})
+    marks: list[Mark] = []
     for n, colour in zip(orders, family_colours(len(orders)), strict=True):
-        own = [row for row in rows if row["n"] == n]
-        axes.plot([_float(row["Az_km"]) for row in own], [_float(row["v_cm_m_s"]) for row in own],
-                  "o-", color=colour, ms=3.5, lw=1.2, label=f"n = {n}")  # fmt: skip
-    paper = [(_float(r["Az_km"]), _float(r["v_cm_paper"])) for r in rows if r.get("v_cm_paper")]
-    if paper:
-        axes.plot(*np.array(paper).T, "x", color=PALETTE["vermillion"], ms=6, label="the paper")
-    axes.set_xlabel("amplitude z (km)")
-    axes.set_ylabel(f"v_cm (m/s per {days:g} days)")
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
+        own = [k for k, row in enumerate(rows) if row["n"] == n]
+        z, v = ([_float(rows[k][key]) for k in own] for key in ("Az_km", "v_cm_m_s"))
+        marks.append(Curve(z, v, f"n = {n}", colour, width=1.2, marker="circle", rows=own))
+    printed = [k for k, row in enumerate(rows) if row.get("v_cm_paper")]
+    if printed:
+        z, v = ([_float(rows[k][key]) for k in printed] for key in ("Az_km", "v_cm_paper"))
+        marks.append(Points(z, v, "the paper", "vermillion", "cross", 6.0, rows=printed))
+    return Chart(
+        shown.title,
+        [Panel(Axis("amplitude z", "km"), Axis(f"v_cm in {days:g} days", "m/s"), marks,
+               legend="right")],
+        "v_cm against the amplitude, one line per family; a stable member has none.",
+        size_in=(8.0, 5.0), table=table,
+    )  # fmt: skip

@@ -3,25 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hillsphere.interfaces import Array
-from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
+from hillsphere.presentation import (
+    Axis,
+    Chart,
+    Curve,
+    Mark,
+    Metric,
+    Note,
+    Panel,
+    Points,
+    Presentation,
+)
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.qso.presentation import label_identifier
 from hillsphere_orbits.qso.products import QsoFamily
-from hillsphere_orbits.spatial_qso_families.presentation import family_colours
+from hillsphere_orbits.scenes import about_moon, family_colours, moon_outline
 from hillsphere_orbits.swing_qso_families.products import SwingFamilies
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as Canvas
 
 __all__ = ["present_swing"]
 
-_PANELS = 5  # panels in a row
+_COLUMNS = 5  # panels in a row
+_MOST_PANELS = 30
+"""Families of which an orbit is drawn: six rows."""
+_LEAST_JACOBI = 4.0
+"""Low end of the axis in multiples of the least Jacobi constant at which a family branches off
+(all are negative): the families go on to orbits that would press the others together."""
 
 
 def present_swing(product: SwingFamilies, family: QsoFamily | None, label: str) -> Presentation:
@@ -43,7 +53,7 @@ def present_swing(product: SwingFamilies, family: QsoFamily | None, label: str) 
         ``swing_events``, figures ``swing_orbits`` and ``swing_curves``, checks as metrics.
     """
     curve = product.curve
-    about = f" around {product.body.capitalize()}" if product.body not in ("", "body") else ""
+    about = about_moon(product.body)
     scale = [
         "Without unit: in units of L = (μ/n²)^(1/3) = "
         f"{curve.length_m / 1e3:.12g} km and 1/n = {curve.time_s:.12g} s; "
@@ -74,22 +84,10 @@ def present_swing(product: SwingFamilies, family: QsoFamily | None, label: str) 
             ["fold: the Jacobi constant turns; branching: orbits of the same period and less "
              "symmetry (or out of the plane) begin; doubling: orbits of twice the period."],
         )  # fmt: skip
+    own = label_identifier("swing_families", label)
     figures = {
-        "swing_orbits": Figure(
-            f"Orbits of several revolutions{about}",
-            lambda figure: _draw_orbits(figure, product),
-            "One orbit of each family (of those asked for, the last of the family; else the one "
-            "half-way along it), the body to scale, equal axes.",
-            size_in=(11.0, 1.0 + 2.6 * -(-len(_first_families(product)) // _PANELS)),
-        ),
-        "swing_curves": Figure(
-            "Families of orbits of several revolutions",
-            lambda figure: _draw_curves(figure, product, family),
-            "Distance of the start on the axis against the Jacobi constant: solid for families "
-            "that start on the x axis, dashed for the y axis; one colour per resonance, dots where "
-            "they branch off, thick where they are linearly stable.",
-            size_in=(8.0, 6.0),
-        ),
+        "swing_orbits": _orbit_chart(product, own),
+        "swing_curves": _curve_chart(product, family, own),
     }
     return Presentation(
         metrics={label_identifier(name, label): metric for name, metric in metrics.items()},
@@ -190,35 +188,23 @@ def _verdict(product: SwingFamilies) -> list[str]:
     return sentences
 
 
-def _first_families(product: SwingFamilies) -> list[int]:
-    return list(range(min(len(product.n), 30)))
-
-
-def _draw_body(axes: Axes, product: SwingFamilies) -> None:
-    if not product.semi_axes_m:
-        axes.plot([0.0], [0.0], "+", color=PALETTE["black"])
-        return
-    a, b, _ = np.array(product.semi_axes_m) / 1e3
-    angle = np.linspace(0.0, 2.0 * np.pi, 91)
-    c, s = np.cos(product.prime_meridian_rad), np.sin(product.prime_meridian_rad)
-    u, v = a * np.cos(angle), b * np.sin(angle)
-    axes.fill(c * u - s * v, s * u + c * v, color="#777777")
-
-
-def _draw_orbits(figure: Canvas, product: SwingFamilies) -> None:
-    shown = _first_families(product)
-    grid = figure.subplots(-(-len(shown) // _PANELS), _PANELS, squeeze=False)
-    for axes in grid.flat[len(shown) :]:
-        axes.set_axis_off()
-    for axes, f in zip(grid.flat, shown, strict=False):
-        track, name = _track(product, f)
-        axes.plot(*track / 1e3, color=PALETTE["blue"], lw=0.8)
-        _draw_body(axes, product)
-        axes.set_aspect("equal", adjustable="datalim")
-        axes.set_title(name, fontsize=8)
-        axes.tick_params(labelsize=6)
-        axes.set_xlabel("x, away from the primary (km)", fontsize=6)
-        axes.set_ylabel("y, along the orbital velocity (km)", fontsize=6)
+def _orbit_chart(product: SwingFamilies, table: str) -> Chart:
+    count = min(len(product.n), _MOST_PANELS)
+    columns, panels = min(count, _COLUMNS), []
+    for f in range(count):
+        (x, y), name = _track(product, f)
+        # The axes of the outer panels have labels for all.
+        across = Axis("x", "km") if f + columns >= count else Axis()
+        up = Axis() if f % columns else Axis("y", "km")
+        marks = [Curve(x / 1e3, y / 1e3, "", "blue", width=0.8, rows=f), moon_outline(product)]
+        panels.append(Panel(across, up, marks, name, is_equal=True, legend="none"))
+    return Chart(
+        f"Orbits of several revolutions{about_moon(product.body)}", panels,
+        "One orbit of each family (of those asked for, the last of the family; else the one "
+        "half-way along it), the body to scale, equal axes; x away from the primary, y along the "
+        "orbital velocity.",
+        columns=columns, size_in=(2.2 * columns, 1.0 + 2.6 * -(-count // columns)), table=table,
+    )  # fmt: skip
 
 
 def _track(
@@ -238,36 +224,40 @@ def _first_of(product: SwingFamilies, resonance: str) -> int:
     return next(f for f in range(len(product.n)) if _resonance(product, f) == resonance)
 
 
-def _draw_curves(figure: Canvas, product: SwingFamilies, family: QsoFamily | None) -> None:
-    axes = figure.add_subplot()
-    curve = product.curve
+def _curve_chart(product: SwingFamilies, family: QsoFamily | None, table: str) -> Chart:
+    curve, origin = product.curve, product.origin
+    marks: list[Mark] = []
     if family is not None:
-        axes.plot(family.curve.integral, family.curve.x0[0] / 1e3, color="#666666", lw=2.2,
-                  label="one revolution, x")  # fmt: skip
+        marks.append(Curve(family.curve.integral, family.curve.x0[0] / 1e3, "one revolution, x",
+                           "grey", width=2.2))  # fmt: skip
     names = list(dict.fromkeys(_resonance(product, f) for f in range(len(product.n))))
-    order = np.argsort([-product.origin.integral[_first_of(product, name)] for name in names])
+    order = np.argsort([-origin.integral[_first_of(product, name)] for name in names])
     colours = [family_colours(len(names))[int(k)] for k in np.argsort(order)]
-    low = float(np.min(product.origin.integral))
     for f in range(len(product.n)):
-        own = product.curve_family == f
-        k = names.index(_resonance(product, f))
-        start = curve.x0[0 if product.axis[f] == "x" else 1, own] / 1e3
-        integral = np.concatenate([product.origin.integral[[f]], curve.integral[own]])
-        place = np.concatenate(
-            [_starts_m(product, [f], product.origin.x0[:, [f]]) / 1e3, np.abs(start)]
-        )
-        line = "-" if product.axis[f] == "x" else "--"
-        label = names[k] if f == _first_of(product, names[k]) else None
-        colour = colours[k]
-        axes.plot(integral, place, line, color=colour, lw=1.0, label=label)
-        stable = np.concatenate([[False], product.curve_stable[own]])
-        axes.plot(np.where(stable, integral, np.nan), place, "-", color=colour, lw=3.0)
-        axes.plot(integral[:1], place[:1], "o", color=colour, ms=4)
-        if product.axis[f] == "y" or f == _first_of(product, names[k]):
-            axes.annotate(names[k], (integral[0], place[0]), xytext=(-4, -8), fontsize=7,
-                          ha="right", textcoords="offset points", color=colour)  # fmt: skip
-    axes.set_yscale("log")
-    axes.set_xlim(max(float(curve.integral.min()), 4.0 * low), float(curve.integral.max()) + 0.2)
-    axes.set_xlabel("Jacobi constant (natural units)")
-    axes.set_ylabel("distance of the start on its axis (km)")
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7)
+        own, name = product.curve_family == f, _resonance(product, f)
+        colour = colours[names.index(name)]
+        integral = np.concatenate([origin.integral[[f]], curve.integral[own]])
+        states = np.concatenate([origin.x0[:, [f]], curve.x0[:, own]], axis=1)
+        place = np.abs(states[0 if product.axis[f] == "x" else 1]) / 1e3
+        is_stable = np.concatenate([[False], product.curve_stable[own]])
+        marks += [
+            Curve(integral, place, name, colour, "solid" if product.axis[f] == "x" else "dashed",
+                  1.0, rows=f),
+            Curve(np.where(is_stable, integral, np.nan), place, "", colour, width=3.0, rows=f),
+            Points(integral[:1], place[:1], "", colour, size=4.0, rows=f),
+        ]  # fmt: skip
+        if product.axis[f] == "y" or f == _first_of(product, name):
+            marks.append(Note(name, float(integral[0]), float(place[0]), "bottom left", colour))
+    low = max(float(curve.integral.min()), _LEAST_JACOBI * float(np.min(origin.integral)))
+    return Chart(
+        "Families of orbits of several revolutions",
+        [Panel(
+            Axis("Jacobi constant (natural units)", low=low,
+                 high=float(curve.integral.max()) + 0.2),
+            Axis("distance of the start on its axis", "km", "log"), marks, legend="right",
+        )],
+        "Distance of the start on the axis against the Jacobi constant: solid for families that "
+        "start on the x axis, dashed for the y axis; one colour per resonance, dots where they "
+        "branch off, thick where they are linearly stable.",
+        size_in=(8.0, 6.0), table=table,
+    )  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 
 from hillsphere.base.constants import DAY_S
 from hillsphere.interfaces import Array
-from hillsphere.presentation import Column, Figure, Metric, Presentation, Table
+from hillsphere.presentation import Column, Metric, Presentation, Table
 from hillsphere.show.reference import PAPER_SUFFIX, ReferenceTable
 from hillsphere.show.tables import (
     FieldColumns,
@@ -18,13 +18,7 @@ from hillsphere.show.tables import (
     text_column,
 )
 from hillsphere_orbits.qso.presentation import label_identifier
-from hillsphere_orbits.swing_transfers.figures import (
-    draw_along,
-    draw_fronts,
-    draw_tangency,
-    draw_transfers,
-    figure_size,
-)
+from hillsphere_orbits.swing_transfers.figures import transfer_charts
 from hillsphere_orbits.swing_transfers.products import SwingTransfers, Transfers
 
 __all__ = ["present_transfers"]
@@ -98,9 +92,7 @@ def present_transfers(
             label_identifier(name, label): metric for name, metric in _metrics(product).items()
         },
         tables={label_identifier(name, label): table for name, table in tables.items()},
-        figures={
-            label_identifier(name, label): figure for name, figure in _figures(product).items()
-        },
+        figures=transfer_charts(product, label),
         verdict=_verdict(product),
     )
 
@@ -123,38 +115,6 @@ def _metrics(product: SwingTransfers) -> dict[str, Metric]:
             lowest = min(float(t.altitude_m.min()) for t in both if t.size)
             metrics["min_transfer_altitude"] = Metric(lowest / 1e3, "km")
     return metrics
-
-
-def _figures(product: SwingTransfers) -> dict[str, Figure]:
-    wide, tall = figure_size(len(product.legs), 3.6), figure_size(len(product.legs), 5.2)
-    return {
-        "swing_transfers": Figure(
-            "Cheapest transfer of each leg",
-            lambda figure: draw_transfers(figure, product),
-            "Departure and arrival orbit, the way from one to the other, and the body to scale.",
-            size_in=tall,
-        ),
-        "swing_along": Figure(
-            "Cost along the families",
-            lambda figure: draw_along(figure, product),
-            "Every member that connects the two orbits, by its Jacobi constant; marked: the least "
-            "of each family, and the least of all. Dashed: the Jacobi constants of both orbits.",
-            size_in=wide,
-        ),
-        "swing_front": Figure(
-            "Cost and time",
-            lambda figure: draw_fronts(figure, product),
-            "Pareto-optimal transfers, and the least cost of each family.",
-            size_in=wide,
-        ),
-        "swing_tangency": Figure(
-            "Cost and tangency",
-            lambda figure: draw_tangency(figure, product),
-            "Cheapest transfer of every member that connects, against the mean of the angles at "
-            "which it meets the two orbits.",
-            size_in=wide,
-        ),
-    }
 
 
 def _best(product: SwingTransfers, leg: int) -> int | None:

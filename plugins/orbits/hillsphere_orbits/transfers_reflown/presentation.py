@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
+from hillsphere.presentation import (
+    LINE_COLOURS,
+    Axis,
+    Chart,
+    Metric,
+    Panel,
+    Path,
+    Points,
+    Presentation,
+)
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.qso.presentation import label_identifier
-from hillsphere_orbits.survey import NEARLY_PLANAR
+from hillsphere_orbits.scenes import MARKERS, name_axis, scene_chart
 from hillsphere_orbits.transfers_reflown.products import TransfersReflown
 from hillsphere_orbits.transfers_reflown.rungs import REFLOWN
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Canvas
-
 __all__ = ["present_reflown"]
 
-_COLOURS = [PALETTE[c] for c in ("black", "blue", "vermillion", "green", "purple", "orange", "sky")]
-_MARKS = "osD^vP*"
+_RUNG_COLOURS = ("black", *LINE_COLOURS)
 
 
 def present_reflown(product: TransfersReflown, label: str) -> Presentation:
@@ -49,21 +52,10 @@ def present_reflown(product: TransfersReflown, label: str) -> Presentation:
     if changes.size:
         metrics["reflown_change_max"] = Metric(float(np.max(np.abs(changes))), "m/s")
         metrics["reflown_closure_max"] = Metric(float(np.nanmax(product.closure_m)), "m")
+        own = label_identifier("transfers_reflown", label)
         figures = {
-            "transfers_reflown": Figure(
-                "Impulses of the transfers on every rung",
-                lambda figure: _draw_costs(figure, product),
-                "Sum of all impulses of each plan as planned and on every rung; plans that were "
-                "not found on a rung have no mark there.",
-                size_in=(8.0, 1.6 + 0.32 * len(product.plans)),
-            ),
-            "transfers_reflown_paths": Figure(
-                "Coasts of the cheapest plan",
-                lambda figure: _draw_paths(figure, product),
-                "The coasts on the first and the last rung on which the plan was found, in the "
-                "frame that turns with the line to the primary.",
-                size_in=(8.0, 6.5),
-            ),
+            "transfers_reflown": _cost_chart(product, own),
+            "transfers_reflown_paths": _path_chart(product, own),
         }
     notes = [
         "Orbits named in the patch points are re-converged on every rung about that time; a coast "
@@ -167,47 +159,43 @@ def _verdict(product: TransfersReflown) -> list[str]:
     return said
 
 
-def _draw_costs(figure: Canvas, product: TransfersReflown) -> None:
-    axes = figure.subplots()
-    rows = np.arange(len(product.plans))
-    axes.plot(product.plan_dv_m_s, rows, "|", color="#777777", markersize=16, markeredgewidth=2,
-              label="as planned")  # fmt: skip
-    for r, rung in enumerate(product.rungs):
-        axes.plot(product.dv_m_s[:, r], rows, _MARKS[r % len(_MARKS)], markersize=6,
-                  color=_COLOURS[r % len(_COLOURS)], fillstyle="none", label=rung)  # fmt: skip
-    axes.set_yticks(rows, product.plans, fontsize="small")
-    axes.invert_yaxis()
-    axes.set_xlabel("sum of impulses (m/s)")
-    axes.grid(alpha=0.3)
-    figure.legend(loc="outside upper center", ncols=4, fontsize="small")
+def _cost_chart(product: TransfersReflown, table: str) -> Chart:
+    rows, count = np.arange(len(product.plans)), len(product.plans)
+    marks = [Points(product.plan_dv_m_s, rows, "as planned", "grey", "bar", 14.0)]
+    marks += [
+        Points(product.dv_m_s[:, r], rows, rung, _RUNG_COLOURS[r % len(_RUNG_COLOURS)],
+               MARKERS[r % len(MARKERS)], 6.0, is_filled=False, rows=(r * count + rows).tolist())
+        for r, rung in enumerate(product.rungs)
+    ]  # fmt: skip
+    return Chart(
+        "Impulses of the transfers on every rung",
+        [Panel(Axis("sum of impulses", "m/s"), name_axis(product.plans), marks, legend="above")],
+        "Sum of all impulses of each plan as planned and on every rung; plans that were not found "
+        "on a rung have no mark there.",
+        size_in=(8.0, 1.6 + 0.32 * count),
+        table=table,
+    )
 
 
-def _draw_paths(figure: Canvas, product: TransfersReflown) -> None:
-    rungs = np.flatnonzero(np.isfinite(product.dv_m_s).any(axis=0))
-    plan = int(np.nanargmin(product.dv_m_s[:, rungs[-1]]))
-    rungs = np.flatnonzero(np.isfinite(product.dv_m_s[plan]))
-    coasts = np.flatnonzero(product.coast_plan == plan)
-    away = np.nanmax(np.abs(product.coast_m[:, :, coasts]), axis=(1, 2, 3))
-    # gravity out of the plane lifts planar coasts by metres, which no one would see
-    views = ((1, 0),) if away[2] < NEARLY_PLANAR * np.max(away) else ((1, 0), (1, 2))
-    for axes, (right, up) in zip(
-        figure.subplots(len(views), 1, squeeze=False)[:, 0], views, strict=True
-    ):
-        first, last = int(rungs[0]), int(rungs[-1])
-        for number, c in enumerate(coasts):
-            place = product.coast_m[:, :, c, first] / 1e3
-            what = None if number else f"on {product.rungs[first]}"
-            axes.plot(place[right], place[up], color="#aaaaaa", linewidth=1.8, label=what)
-        for number, c in enumerate(coasts if last > first else ()):
-            place = product.coast_m[:, :, c, last] / 1e3
-            colour = _COLOURS[1 + number % (len(_COLOURS) - 1)]
-            what = f"coast {number + 1} on {product.rungs[last]}"
-            axes.plot(place[right], place[up], color=colour, linewidth=0.9, label=what)
-        axes.plot(0.0, 0.0, "+", color=PALETTE["black"])
-        axes.set_aspect("equal")
-        axes.set_xlabel(f"{'xyz'[right]} (km)")
-        axes.set_ylabel(f"{'xyz'[up]} (km)")
-        axes.grid(alpha=0.3)
-    figure.suptitle(product.plans[plan], fontsize="medium")
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize="small")
+def _path_chart(product: TransfersReflown, table: str) -> Chart:
+    last_rung = np.flatnonzero(np.isfinite(product.dv_m_s).any(axis=0))[-1]
+    plan = int(np.nanargmin(product.dv_m_s[:, last_rung]))
+    first, last = np.flatnonzero(np.isfinite(product.dv_m_s[plan]))[[0, -1]].tolist()
+    coasts = np.flatnonzero(product.coast_plan == plan).tolist()
+
+    def paths(rung: int, label: str, *colours: str, width: float) -> list[Path]:
+        return [
+            Path(product.coast_m[:, :, c, rung] / 1e3, label.format(number + 1),
+                 colours[number % len(colours)], width=width, rows=rung * len(product.plans) + plan)
+            for number, c in enumerate(coasts)
+        ]  # fmt: skip
+
+    solids = paths(first, f"on {product.rungs[first]}", "light", width=1.8)
+    if last > first:
+        solids += paths(last, f"coast {{}} on {product.rungs[last]}", *LINE_COLOURS, width=0.9)
+    return scene_chart(
+        "Coasts of the cheapest plan", solids, None,
+        f"The coasts of {product.plans[plan]} on the first and the last rung on which the plan was "
+        "found, in the frame that turns with the line to the primary.",
+        table=table,
+    )  # fmt: skip

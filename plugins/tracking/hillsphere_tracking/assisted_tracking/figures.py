@@ -2,169 +2,185 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from hillsphere.interfaces import Array, Integers
-from hillsphere.presentation import PALETTE
+from hillsphere.presentation import (
+    LINE_COLOURS,
+    Axis,
+    Band,
+    Chart,
+    Curve,
+    Dash,
+    Mark,
+    Panel,
+    Points,
+    Rule,
+    Sky,
+    Span,
+)
 from hillsphere_tracking.assisted_tracking.products import AssistedTracking
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 __all__ = [
-    "ROWS_PER_FIGURE",
-    "SKIES_PER_FIGURE",
-    "draw_errors",
-    "draw_skies",
-    "draw_spread",
-    "logarithmic",
-    "tracker_style",
-]
+    "AFTER_ACQUISITION", "FLOOR_DEG", "ROWS_PER_FIGURE", "SKIES_PER_FIGURE", "error_chart",
+    "lock_marks", "sky_chart", "spread_chart", "tracker_style",
+]  # fmt: skip
 
 ROWS_PER_FIGURE = 3
 """Passes in one figure of errors; with more a page cannot show it whole."""
 SKIES_PER_FIGURE = 12
 """Skies in one figure, in rows of three; with more a page cannot show it whole."""
-
-_COLOURS = tuple(
-    PALETTE[name] for name in ("blue", "vermillion", "green", "purple", "orange", "black", "sky")
-)
-_LINES = ("-", "--", ":")
-_FLOOR_DEG = 1e-3
+FLOOR_DEG = 1e-3
 """Errors below this are drawn here, so that a logarithmic axis keeps its room for those that
 matter: no antenna of this study measures a thousandth of a degree."""
+AFTER_ACQUISITION = Axis("after acquisition", "min")
+
+_DASHES: tuple[Dash, ...] = ("solid", "dashed", "dotted")
+_COLUMNS = 4
+"""Outages of a pass side by side at most."""
+_SAMPLES = 100
+"""Points of a standard deviation over time, about: it has no corners."""
 _MEASURED = 60
 """Measurements of a pass that are drawn in the sky, about: more dots merge into a line."""
 
 
-def tracker_style(number: int) -> tuple[str, str]:
-    """Return colour and line style of a tracker by its number, the same in every figure."""
-    return _COLOURS[number % len(_COLOURS)], _LINES[number // len(_COLOURS) % len(_LINES)]
+def tracker_style(number: int) -> tuple[str, Dash]:
+    """Return colour and dashes of a tracker by its number, the same in every figure."""
+    turn, place = divmod(number, len(LINE_COLOURS))
+    return LINE_COLOURS[place], _DASHES[turn % len(_DASHES)]
 
 
-def logarithmic(axes: Axes) -> None:
-    """Make the vertical axis logarithmic, with plain numbers."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
-
-    axes.set_yscale("log")
-    low, high = axes.get_ylim()
-    # One decade or two need more ticks than its powers of ten.
-    steps = (1.0, 2.0, 5.0) if high < 300.0 * low else (1.0,)
-    axes.yaxis.set_major_locator(LogLocator(subs=steps))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.yaxis.set_minor_locator(NullLocator())
+def lock_marks(loss_s: float, lock_angle_rad: float | None = None) -> list[Mark]:
+    """Return marks of the time before the loss of signal and of the half-width of the beam."""
+    end = loss_s / 60.0
+    marks: list[Mark] = [Span("x", 0.0, end), Rule("x", end, dash="solid", width=0.9)]
+    if lock_angle_rad is not None:
+        lock_deg = float(np.degrees(lock_angle_rad))
+        marks.append(Rule("y", lock_deg, colour="black", dash="dashed", width=0.9))
+    return marks
 
 
-def draw_errors(figure: Figure, product: AssistedTracking, chosen: Integers, columns: int) -> None:
-    """Draw the errors √(ΔA² + Δh²) over time, one panel per outage of the chosen passes."""
-    rows: list[list[int]] = []
-    for p in chosen:
-        own = np.flatnonzero(product.outage_pass == p).tolist()
-        rows += [own[k : k + columns] for k in range(0, len(own), columns)]
-    cells = figure.subplots(len(rows), columns, squeeze=False, sharey=True)
-    for line, row in zip(cells, rows, strict=True):
-        for axes in line[len(row) :]:
-            axes.remove()
-        for axes, k in zip(line, row, strict=False):
-            _errors(axes, product, k)
-        line[0].set_ylabel("error √(ΔA² + Δh²) (deg)")
-    for axes in cells[-1][: len(rows[-1])]:
-        axes.set_xlabel("after acquisition (min)")
-    handles, names = cells[0][0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=min(len(names), 4), fontsize=8)
+def error_chart(product: AssistedTracking, chosen: Integers, title: str, table: str) -> Chart:
+    """Return the errors √(ΔA² + Δh²) over time, one panel per outage of the chosen passes.
+
+    The rows of `table` are outages, each with all trackers.
+    """
+    columns = min(int(np.bincount(product.outage_pass)[chosen].max()), _COLUMNS)
+    outages = [k for p in chosen for k in np.flatnonzero(product.outage_pass == p).tolist()]
+    largest = float(np.degrees(np.nanmax(product.error_rad[:, outages], initial=0.0)))
+    axis = _angle_axis("error √(ΔA² + Δh²)", largest)
+    panels = [_error_panel(product, k, axis) for k in outages]
+    lock_deg = np.degrees(product.lock_angle_rad)
+    return Chart(
+        f"Errors over time{title}",
+        panels,
+        "Shaded: the signal is received and measurements are used. After the loss the curves are "
+        f"errors of the prediction. Dashed: half-width of the beam, {lock_deg:g}°.",
+        columns=columns,
+        share_y=True,
+        shared_legend=True,
+        size_in=(1.2 + 3.3 * columns, 0.9 + 2.5 * -(-len(panels) // columns)),
+        table=table,
+    )
 
 
-def _errors(axes: Axes, product: AssistedTracking, outage: int) -> None:
-    p = int(product.outage_pass[outage])
+def _angle_axis(label: str, largest_deg: float) -> Axis:
+    """Return the logarithmic axis of all panels of a figure."""
+    return Axis(label, "deg", "log", 0.7 * FLOOR_DEG, max(1.5 * largest_deg, 10.0 * FLOOR_DEG))
+
+
+def _error_panel(product: AssistedTracking, outage: int, axis: Axis) -> Panel:
+    p, count = int(product.outage_pass[outage]), len(product.trackers)
     minutes = product.t_s[:, p] / 60.0
-    for t, name in enumerate(product.trackers):
-        colour, line = tracker_style(t)
-        error = np.degrees(product.error_rad[t, outage])
-        axes.plot(minutes, np.maximum(error, _FLOOR_DEG), color=colour, ls=line, lw=1.2, label=name)
-    _shade_lock(axes, product, outage)
-    axes.axhline(np.degrees(product.lock_angle_rad), color=PALETTE["black"], ls="--", lw=0.9)
-    logarithmic(axes)
-    axes.set_title(_title(product, outage), fontsize=9)
+    errors = np.maximum(np.degrees(product.error_rad[:, outage]), FLOOR_DEG)
+    loss_s = float(product.outage_s[outage])
+    return Panel(
+        AFTER_ACQUISITION, axis,
+        [
+            *lock_marks(loss_s, product.lock_angle_rad),
+            *(Curve(minutes, errors[t], name, *tracker_style(t), 1.2, rows=outage * count + t)
+              for t, name in enumerate(product.trackers)),
+        ],
+        f"{product.passes[p]}, lost after {loss_s / 60.0:g} min",
+    )  # fmt: skip
 
 
-def _shade_lock(axes: Axes, product: AssistedTracking, outage: int) -> None:
-    """Shade the time before the loss of signal."""
-    end = product.outage_s[outage] / 60.0
-    axes.axvspan(0.0, end, color="#eeeeee", lw=0, zorder=0)
-    axes.axvline(end, color="#888888", lw=0.9)
+def spread_chart(product: AssistedTracking, outage: int, chosen: Integers, table: str) -> Chart:
+    """Return the error on the sky with its standard deviation, one panel per chosen tracker.
 
-
-def _title(product: AssistedTracking, outage: int) -> str:
-    name = product.passes[int(product.outage_pass[outage])]
-    return f"{name}, lost after {product.outage_s[outage] / 60.0:g} min"
-
-
-def draw_spread(figure: Figure, product: AssistedTracking, outage: int, chosen: Integers) -> None:
-    """Draw the error on the sky with its standard deviation, one panel per chosen tracker."""
-    columns = min(3, chosen.size)
-    rows = -(-chosen.size // columns)
-    cells = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-    p = int(product.outage_pass[outage])
+    The rows of `table` are outages, each with all trackers.
+    """
+    p, count = int(product.outage_pass[outage]), len(product.trackers)
     minutes = product.t_s[:, p] / 60.0
-    flat = cells.ravel().tolist()
-    for axes in flat[chosen.size :]:
-        axes.remove()
-    for axes, t in zip(flat, chosen, strict=False):
+    drawn = (3.0 * product.spread_rad[chosen, outage], product.sky_error_rad[chosen, outage])
+    largest = max(float(np.degrees(np.nanmax(values, initial=0.0))) for values in drawn)
+    angle = _angle_axis("angle", largest)
+    panels = []
+    for t in chosen.tolist():
         spread = np.degrees(product.spread_rad[t, outage])
-        for sigmas, shade in ((3, 0.18), (2, 0.22), (1, 0.28)):
-            axes.fill_between(minutes, _FLOOR_DEG, sigmas * spread, color=PALETTE["sky"],
-                              alpha=shade, lw=0, label=f"{sigmas}σ")  # fmt: skip
-        error = np.degrees(product.sky_error_rad[t, outage])
-        axes.plot(minutes, np.maximum(error, _FLOOR_DEG), color=PALETTE["blue"], lw=1.2,
-                  label="error on the sky")  # fmt: skip
-        _shade_lock(axes, product, outage)
-        logarithmic(axes)
-        axes.set_title(product.trackers[int(t)], fontsize=9)
-        axes.tick_params(labelbottom=True)
-        axes.set_xlabel("after acquisition (min)")
-    for line in cells:
-        line[0].set_ylabel("angle (deg)")
-    handles, names = flat[0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=4, fontsize=8)
+        there = np.flatnonzero(np.isfinite(spread))
+        there = there[:: max(1, there.size // _SAMPLES)]
+        floor = np.full(there.size, FLOOR_DEG)
+        error = np.maximum(np.degrees(product.sky_error_rad[t, outage]), FLOOR_DEG)
+        marks = lock_marks(float(product.outage_s[outage]))
+        marks += [
+            Band(minutes[there], floor, np.maximum(sigmas * spread[there], FLOOR_DEG), f"{sigmas}σ",
+                 opacity=opacity)
+            for sigmas, opacity in ((3, 0.18), (2, 0.22), (1, 0.28))
+        ]  # fmt: skip
+        row = outage * count + t
+        marks.append(Curve(minutes, error, "error on the sky", "blue", width=1.2, rows=row))
+        panels.append(Panel(AFTER_ACQUISITION, angle, marks, product.trackers[t]))
+    columns = min(3, len(panels))
+    return Chart(
+        f"Errors and their standard deviations, {product.passes[p]}",
+        panels,
+        "Line: error on the sky. Bands: one, two and three standard deviations of the tracker "
+        "along the major axis of its covariance. Shaded: the signal is received.",
+        columns=columns,
+        share_y=True,
+        shared_legend=True,
+        size_in=(1.0 + 3.3 * columns, 0.9 + 2.6 * -(-len(panels) // columns)),
+        table=table,
+    )
 
 
-def draw_skies(figure: Figure, product: AssistedTracking, chosen: Integers) -> None:
-    """Draw polar sky plots of passes, with the zenith in the centre."""
+def sky_chart(product: AssistedTracking, chosen: Integers, title: str, table: str) -> Chart:
+    """Return the sky with each chosen pass, which is a row of `table`."""
     columns = min(3, chosen.size)
-    rows = -(-chosen.size // columns)
-    for place, p in enumerate(chosen):
-        axes = figure.add_subplot(rows, columns, place + 1, projection="polar")
-        # theta runs from north eastwards, the radius is the distance from the zenith
-        axes.set_theta_zero_location("N")  # type: ignore[attr-defined]
-        axes.set_theta_direction(-1)  # type: ignore[attr-defined]
-        there = np.isfinite(product.t_s[:, p])
-        azimuth, zenith = _sky(product.true_rad[:, there, p])
-        axes.plot(azimuth, zenith, color="#888888", lw=1.2, label="true path")
-        axes.plot(azimuth[-1], zenith[-1], "s", color="#888888", ms=5, label="set")
-        losses = product.outage_s[product.outage_pass == p]
-        t_s = product.t_s[there, p]
-        used = t_s <= losses.min()
-        step = max(1, int(np.count_nonzero(used)) // _MEASURED)
-        azimuth, zenith = _sky(product.measured_rad[:, there, p][:, used][:, ::step])
-        axes.plot(azimuth, zenith, ".", color=PALETTE["blue"], ms=3, label="measured")
-        lost = np.searchsorted(t_s, losses)
-        azimuth, zenith = _sky(product.true_rad[:, there, p][:, np.minimum(lost, t_s.size - 1)])
-        axes.plot(azimuth, zenith, "D", color=PALETTE["vermillion"], ms=5, ls="none",
-                  label="signal lost")  # fmt: skip
-        axes.set_ylim(0.0, 90.0)
-        axes.set_yticks([30.0, 60.0, 90.0], ["60°", "30°", ""], fontsize=7)
-        axes.set_xticks(np.radians([0.0, 90.0, 180.0, 270.0]), ["N", "E", "S", "W"])
-        axes.tick_params(pad=0)
-        axes.set_title(f"{product.passes[int(p)]}, {product.stations[int(p)]}", fontsize=9)
-        top = np.degrees(product.elevation_max_rad[p])
-        axes.set_xlabel(f"{product.directions[int(p)]}, up to {top:.1f}°", fontsize=8)
-    handles, names = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=4, fontsize=8)
+    return Chart(
+        f"Passes in the sky{title}",
+        [_sky(product, p) for p in chosen.tolist()],
+        "North is up and east to the right, as on a map; the rim is the horizon. Line: true path. "
+        "Dots: measurements before the first loss. Diamonds: losses of signal. Square: set.",
+        columns=columns,
+        shared_legend=True,
+        size_in=(0.6 + 2.9 * columns, 0.6 + 3.2 * -(-chosen.size // columns)),
+        table=table,
+    )
 
 
-def _sky(angles: Array) -> tuple[Array, Array]:
-    """Return azimuth (rad) and distance from the zenith (deg) of angles (2, n)."""
-    return angles[0], 90.0 - np.degrees(angles[1])
+def _sky(product: AssistedTracking, p: int) -> Sky:
+    there = np.isfinite(product.t_s[:, p])
+    t_s, path = product.t_s[there, p], _on_sky(product.true_rad[:, there, p])
+    losses = product.outage_s[product.outage_pass == p]
+    before = np.flatnonzero(t_s <= losses.min())
+    measured = _on_sky(product.measured_rad[:, there, p])
+    measured = measured[:, before[:: max(1, before.size // _MEASURED)]]
+    lost = path[:, np.minimum(np.searchsorted(t_s, losses), t_s.size - 1)]
+    return Sky(
+        [
+            Curve(path[0], path[1], "true path", "grey", width=1.2, rows=p),
+            Points(path[0, -1:], path[1, -1:], "set", "grey", "square", rows=p),
+            Points(measured[0], measured[1], "measured", "blue", "dot", rows=p),
+            Points(lost[0], lost[1], "signal lost", "vermillion", "diamond", rows=p),
+        ],
+        f"{product.passes[p]}, {product.stations[p]}",
+        f"{product.directions[p]}, up to {np.degrees(product.elevation_max_rad[p]):.1f}°",
+    )
+
+
+def _on_sky(angles: Array) -> Array:
+    """Return azimuth and distance from the zenith, degrees, of azimuth and elevation (2, n)."""
+    azimuth, elevation = np.degrees(angles)
+    return np.array([azimuth, 90.0 - elevation])

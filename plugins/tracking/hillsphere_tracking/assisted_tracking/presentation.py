@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 
 import numpy as np
 
 from hillsphere.interfaces import Array, Integers
-from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.presentation import Cell, Chart, Column, Metric, Presentation, Table
 from hillsphere.show.reference import (
     PAPER_SUFFIX,
     ReferenceTable,
@@ -20,9 +19,9 @@ from hillsphere.show.tables import FieldColumns, column, tabulate, text_column
 from hillsphere_tracking.assisted_tracking.figures import (
     ROWS_PER_FIGURE,
     SKIES_PER_FIGURE,
-    draw_errors,
-    draw_skies,
-    draw_spread,
+    error_chart,
+    sky_chart,
+    spread_chart,
 )
 from hillsphere_tracking.assisted_tracking.measures import MEASURES, MetricName
 from hillsphere_tracking.assisted_tracking.products import AssistedTracking
@@ -89,7 +88,7 @@ def present_case(product: AssistedTracking, spec: AssistedTrackingSpec) -> Prese
     return Presentation(
         metrics={name + suffix: metric for name, metric in metrics.items()},
         tables={name + suffix: table for name, table in tables.items()},
-        figures={name + suffix: figure for name, figure in _figures(product).items()},
+        figures={name + suffix: figure for name, figure in _figures(product, suffix).items()},
         verdict=_verdict(product, values),
     )
 
@@ -210,44 +209,24 @@ def _case_table(product: AssistedTracking, values: dict[str, Array]) -> Table:
     return tabulate("Trackers after a loss of signal", columns, notes)
 
 
-def _figures(product: AssistedTracking) -> dict[str, Figure]:
+def _figures(product: AssistedTracking, suffix: str) -> dict[str, Chart]:
     shown = np.flatnonzero(np.bincount(product.outage_pass, minlength=len(product.passes)))
     shown = shown[:_MOST_PASSES]
-    lock = f"{np.degrees(product.lock_angle_rad):g}°"
-    figures: dict[str, Figure] = {}
+    cases, passes = f"tracking{suffix}", f"tracked_passes{suffix}"
+    figures: dict[str, Chart] = {}
     for page, first in enumerate(range(0, shown.size, ROWS_PER_FIGURE)):
         chosen = shown[first : first + ROWS_PER_FIGURE]
-        most = int(np.bincount(product.outage_pass)[chosen].max())
-        columns = min(most, 4)
-        rows = sum(-(-int(np.sum(product.outage_pass == p)) // columns) for p in chosen)
-        figures["tracking_errors" + (f"_{page + 1}" if page else "")] = Figure(
-            "Errors over time" + _of(product, chosen, shown.size),
-            partial(draw_errors, product=product, chosen=chosen, columns=columns),
-            "Shaded: the signal is received and measurements are used. After the loss the curves "
-            f"are errors of the prediction. Dashed: half-width of the beam, {lock}.",
-            size_in=(1.2 + 3.3 * columns, 0.9 + 2.5 * rows),
+        figures["tracking_errors" + (f"_{page + 1}" if page else "")] = error_chart(
+            product, chosen, _of(product, chosen, shown.size), cases
         )
     knowing = np.flatnonzero(np.isfinite(product.spread_rad).any(axis=(1, 2)))
     if knowing.size and shown.size:
-        columns = min(3, knowing.size)
-        first_outage = int(np.flatnonzero(product.outage_pass == shown[0])[0])
-        figures["tracking_spread"] = Figure(
-            f"Errors and their standard deviations, {product.passes[shown[0]]}",
-            partial(draw_spread, product=product, outage=first_outage, chosen=knowing),
-            "Line: error on the sky. Bands: one, two and three standard deviations of the tracker "
-            "along the major axis of its covariance. Shaded: the signal is received.",
-            size_in=(1.0 + 3.3 * columns, 0.9 + 2.6 * -(-knowing.size // columns)),
-        )
+        outage = int(np.flatnonzero(product.outage_pass == shown[0])[0])
+        figures["tracking_spread"] = spread_chart(product, outage, knowing, cases)
     for page, first in enumerate(range(0, shown.size, SKIES_PER_FIGURE)):
         chosen = shown[first : first + SKIES_PER_FIGURE]
-        columns, rows = min(3, chosen.size), -(-chosen.size // 3)
-        figures["tracking_sky" + (f"_{page + 1}" if page else "")] = Figure(
-            "Passes in the sky" + _of(product, chosen, shown.size),
-            partial(draw_skies, product=product, chosen=chosen),
-            "North is up and east to the right, as on a map; the rim is the horizon. Line: true "
-            "path. Dots: measurements before the first loss. Diamonds: losses of signal. Square: "
-            "set.",
-            size_in=(0.6 + 2.9 * columns, 0.6 + 3.2 * rows),
+        figures["tracking_sky" + (f"_{page + 1}" if page else "")] = sky_chart(
+            product, chosen, _of(product, chosen, shown.size), passes
         )
     return figures
 

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from functools import partial
 
 import numpy as np
 
 from hillsphere.interfaces import Array, Integers
-from hillsphere.presentation import Figure, Metric, Presentation
+from hillsphere.presentation import Chart, Metric, Presentation
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere.time import Epoch
-from hillsphere_tracking.passes.figures import SKIES_PER_FIGURE, draw_map, draw_skies
+from hillsphere_tracking.passes.figures import SKIES_PER_FIGURE, map_chart, sky_chart
 from hillsphere_tracking.passes.products import SUN_IN_BEAM, PassList
 
 __all__ = ["present_passes"]
@@ -62,21 +61,16 @@ def present_passes(product: PassList, start: Epoch, label: str) -> Presentation:
     return Presentation(
         metrics={f"passes{suffix}": Metric(int(product.rise_s.size))},
         tables={name + suffix: table for name, table in tables.items()},
-        figures={name + suffix: figure for name, figure in _figures(product, start).items()},
+        figures={
+            name + suffix: figure
+            for name, figure in _figures(product, start, f"passes{suffix}").items()
+        },
         verdict=_verdict(product),
     )
 
 
-def _figures(product: PassList, start: Epoch) -> dict[str, Figure]:
-    figures = {
-        "ground_track": Figure(
-            "Ground tracks and passes",
-            partial(draw_map, product=product),
-            "Thin lines: subsatellite points, for one day at most. Thick lines: the satellite is "
-            "above a station's horizon mask. Triangles: stations.",
-            size_in=(8.5, 4.8),
-        )
-    }
+def _figures(product: PassList, start: Epoch, table: str) -> dict[str, Chart]:
+    figures = {"ground_track": map_chart(product)}
     shown = 0
     for s, station in enumerate(product.stations):
         own = np.flatnonzero(product.station == s)
@@ -86,15 +80,7 @@ def _figures(product: PassList, start: Epoch) -> dict[str, Figure]:
                 break
             shown += chosen.size
             key = f"sky_{s + 1}_{_plain(station)}" + (f"_{page + 1}" if page else "")
-            columns, rows = min(3, chosen.size), -(-chosen.size // 3)
-            figures[key] = Figure(
-                f"Passes in the sky of {station}",
-                partial(draw_skies, product=product, chosen=chosen, start=start),
-                "North is up and east to the right, as on a map; the rim is the horizon. Dot: "
-                "rise. Square: set. Disc: Sun, if it is up. Grey: below the horizon mask. Yellow: "
-                "in a blind sector, or with the Sun in the beam.",
-                size_in=(0.6 + 2.9 * columns, 0.4 + 3.2 * rows),
-            )
+            figures[key] = sky_chart(product, s, chosen, start, table)
     return figures
 
 

@@ -2,134 +2,185 @@
 
 from __future__ import annotations
 
-from math import ceil
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
-from hillsphere.presentation import PALETTE
+from hillsphere.presentation import (
+    LINE_COLOURS,
+    Axis,
+    Chart,
+    Curve,
+    Dash,
+    Mark,
+    MarkerShape,
+    Note,
+    Panel,
+    Points,
+    Rule,
+)
 from hillsphere_tracking.pointing.products import Pointing
 from hillsphere_tracking.topocentric import direction_cosines
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+__all__ = ["axis_chart", "culmination_chart", "error_chart", "keyhole_chart"]
 
-__all__ = ["draw_axes", "draw_errors", "draw_errors_by_culmination", "draw_keyholes"]
-
-_PLANNED, _NAIVE, _LIMIT = PALETTE["blue"], PALETTE["vermillion"], "#777777"
+_KINDS: tuple[tuple[str, str, Dash], ...] = (
+    ("naive", "vermillion", "dashed"), ("planned", "blue", "solid"),
+)  # fmt: skip
+_PATHS: tuple[tuple[str, str, Dash, float], ...] = (
+    ("satellite", "body", "solid", 4.0), ("naive beam", "vermillion", "dashed", 1.6),
+    ("planned beam", "blue", "solid", 1.6),
+)  # fmt: skip
+_MARKERS: tuple[MarkerShape, ...] = (
+    "circle", "square", "diamond", "triangle", "triangle-down", "plus",
+)  # fmt: skip
 _FLOOR_DEG = 1e-4
 """Smaller errors (deg) are drawn here: no antenna points better."""
+_TOP_DEG = 250.0
+"""Upper end of the axis of errors: above 180°, the largest error, with room for the legend."""
 _SECOND_S = 1.0
 """Interval (s) of which the largest error is drawn: errors swing between predictions, which come
 about once a second."""
+_SAMPLES = 1500
+"""Points of a curve, about: a screen is not wider."""
 _TIES = 24
 """Lines that join satellite and beam at the same instants; with more they merge into an area."""
+_AROUND = 3.0
+"""Part of the paths that is drawn, relative to the part shown at first: room to zoom out."""
 _AXIS_NAMES = {"azimuth_elevation": ("azimuth", "elevation"), "x_y": ("X", "Y")}
+_AFTER_RISE = Axis("time after the rise", "s")
 
 
-def draw_axes(figure: Figure, product: Pointing, mount: int, chosen: int) -> None:
-    """Draw angles and rates of both axes during one pass, with their limits."""
+def axis_chart(product: Pointing, mount: int, table: str) -> Chart:
+    """Return angles and rates of both axes with their limits, in the most demanding pass.
+
+    The rows of `table` are mounts, each with all passes.
+    """
+    chosen = product.telling_pass(mount)
     n = product.count[chosen]
+    stride = -(-int(n) // _SAMPLES)
     t = product.period_s * np.arange(n)
-    grid = figure.subplots(2, 2, sharex=True, squeeze=False)
-    for column, (name, planned, naive, limits) in enumerate(
-        zip(
-            _AXIS_NAMES[product.kinds[mount]],
-            (product.primary_rad, product.secondary_rad),
-            (product.naive_primary_rad, product.naive_secondary_rad),
-            (product.primary_limits, product.secondary_limits),
-            strict=True,
-        )
+    row = mount * product.count.size + chosen
+    above, below = [], []
+    for name, naive, planned, limits in zip(
+        _AXIS_NAMES[product.kinds[mount]],
+        (product.naive_primary_rad, product.naive_secondary_rad),
+        (product.primary_rad, product.secondary_rad),
+        (product.primary_limits, product.secondary_limits),
+        strict=True,
     ):
-        low, high, rate, _ = np.degrees(limits[:, mount])
-        above, below = grid[:, column]
-        for angle, colour, style, label in (
-            (naive, _NAIVE, "--", "naive"),
-            (planned, _PLANNED, "-", "planned"),
-        ):
-            course = np.degrees(angle[:n, chosen, mount])
-            above.plot(t, course, color=colour, ls=style, label=label)
-            below.plot(t[1:], np.diff(course) / product.period_s, color=colour, ls=style, lw=1.2)
-        for axes, values, label in ((above, (low, high), "stops"), (below, (-rate, rate), "")):
-            for value in values:
-                axes.axhline(value, color=_LIMIT, ls=":", lw=1.2, label=label)
-                label = ""
-        above.set_ylabel(f"{name} (deg)")
-        below.set_ylabel(f"rate of {name} (deg/s)")
-        below.set_xlabel("time after the rise (s)")
-        below.set_ylim(-1.15 * rate, 1.15 * rate)
-        below.annotate("largest rate", (0.02, rate), xycoords=("axes fraction", "data"),
-                       xytext=(0, 2), textcoords="offset points", fontsize=8, color="#444444",
-                       va="bottom")  # fmt: skip
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
-    figure.suptitle(f"{product.mounts[mount]}: {_pass_name(product, chosen)}", fontsize=11)
+        low, high, rate, _ = np.degrees(limits[:, mount]).tolist()
+        angles: list[Mark] = [Rule("y", low, "stops"), Rule("y", high, "stops")]
+        rates: list[Mark] = [
+            Rule("y", -rate), Rule("y", rate), Note("largest rate", 0.0, rate, "top right"),
+        ]  # fmt: skip
+        for angle, (label, colour, dash) in zip((naive, planned), _KINDS, strict=True):
+            path = np.degrees(angle[:n, chosen, mount])
+            speed = np.diff(path) / product.period_s
+            angles.append(Curve(t[::stride], path[::stride], label, colour, dash, rows=row))
+            rates.append(Curve(t[1::stride], speed[::stride], label, colour, dash, 1.2, rows=row))
+        above.append(Panel(_AFTER_RISE, Axis(name, "deg"), angles))
+        ends = Axis(f"rate of {name}", "deg/s", low=-1.15 * rate, high=1.15 * rate)
+        below.append(Panel(_AFTER_RISE, ends, rates))
+    return Chart(
+        f"Axes of {_mount_and_pass(product, mount)}",
+        [*above, *below],
+        "Angles and rates of both axes in the pass with the largest error, or with the largest "
+        "naive error if all planned errors are small. Dotted: stops and largest rates.",
+        columns=2,
+        share_x=True,
+        shared_legend=True,
+        size_in=(8.6, 5.6),
+        table=table,
+    )
 
 
-def draw_errors(figure: Figure, product: Pointing) -> None:
-    """Draw the error of each mount over time, in its most demanding pass (`telling_pass`)."""
-    panels = figure.subplots(len(product.mounts), 1, squeeze=False)[:, 0]
-    for mount, axes in enumerate(panels):
+def error_chart(product: Pointing, table: str) -> Chart:
+    """Return the error of each mount over time, in its most demanding pass (`telling_pass`).
+
+    The rows of `table` are mounts, each with all passes.
+    """
+    panels = []
+    for mount in range(len(product.mounts)):
         chosen = product.telling_pass(mount)
         n = product.count[chosen]
         # Errors oscillate between predictions, every second: draw the largest of each second.
         first = np.arange(0, n, max(round(_SECOND_S / product.period_s), 1))
-        t = product.period_s * first
-        for error, colour, style, label in (
-            (product.naive_error_rad, _NAIVE, "--", "naive"),
-            (product.error_rad, _PLANNED, "-", "planned"),
-        ):
-            largest = np.maximum.reduceat(np.degrees(error[:n, chosen, mount]), first)
-            drawn = np.maximum(largest, _FLOOR_DEG)
-            axes.semilogy(t, drawn, color=colour, ls=style, label=label, lw=1.3)
-        _mark_lock(axes, product)
-        axes.set_ylim(0.4 * _FLOOR_DEG, 250.0)
-        axes.set_ylabel("error (deg)")
-        axes.set_title(f"{product.mounts[mount]}: {_pass_name(product, chosen)}", fontsize=10)
-    panels[0].legend(loc="upper left", ncols=3, fontsize=8)
-    panels[-1].set_xlabel("time after the rise (s)")
+        row = mount * product.count.size + chosen
+        marks: list[Mark] = [
+            Curve(
+                product.period_s * first,
+                _limit_below(np.maximum.reduceat(error[:n, chosen, mount], first)),
+                label, colour, dash, 1.3, rows=row,
+            )
+            for error, (label, colour, dash) in zip(_errors(product), _KINDS, strict=True)
+        ]  # fmt: skip
+        error_axis = Axis("error", "deg", scale="log", low=0.4 * _FLOOR_DEG, high=_TOP_DEG)
+        panels.append(
+            Panel(_AFTER_RISE, error_axis, [*marks, _lock(product)],
+                  _mount_and_pass(product, mount))
+        )  # fmt: skip
+    return Chart(
+        "Errors during a pass",
+        panels,
+        "The same passes; the largest error of each second. Errors below 1e-4° are drawn at 1e-4°.",
+        shared_legend=True,
+        size_in=(7.5, 0.8 + 2.2 * len(panels)),
+        table=table,
+    )
 
 
-def draw_errors_by_culmination(figure: Figure, product: Pointing) -> None:
-    """Draw the largest error of every pass against its highest elevation."""
-    axes = figure.add_subplot()
-    colours = list(PALETTE.values())
-    top = np.degrees(product.elevation_max_rad)
-    for mount, name in enumerate(product.mounts):
-        marker = "osD^vP"[mount]
-        for error, face, label in (
-            (product.naive_error_rad, "none", f"{name}, naive"),
-            (product.error_rad, colours[mount], f"{name}, planned"),
-        ):
-            largest = np.degrees(np.nanmax(error[:, :, mount], axis=0))
-            axes.semilogy(
-                top, np.maximum(largest, _FLOOR_DEG), marker, mfc=face, mec=colours[mount],
-                ms=8 if face == "none" else 5, label=label,
-            )  # fmt: skip
-    _mark_lock(axes, product)
-    axes.set_ylim(0.7 * _FLOOR_DEG, 250.0)
-    axes.set_xlim(right=91.0)
-    axes.set_xlabel("highest elevation of the pass (deg)")
-    axes.set_ylabel("largest error (deg)")
-    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
+def culmination_chart(product: Pointing, table: str) -> Chart:
+    """Return the largest error of every pass against its highest elevation.
+
+    The rows of `table` are mounts, each with all passes.
+    """
+    count = product.count.size
+    marks: list[Mark] = [
+        Points(
+            np.degrees(product.elevation_max_rad),
+            _limit_below(np.nanmax(error[:, :, mount], axis=0)),
+            f"{name}, {kind}", LINE_COLOURS[mount], _MARKERS[mount], size, is_filled,
+            rows=range(mount * count, (mount + 1) * count),
+        )
+        for mount, name in enumerate(product.mounts)
+        for error, kind, size, is_filled in zip(
+            _errors(product), ("naive", "planned"), (8.0, 5.0), (False, True), strict=True
+        )
+    ]  # fmt: skip
+    return Chart(
+        "Largest errors of all passes",
+        [Panel(
+            Axis("highest elevation of the pass", "deg", high=91.0),
+            Axis("largest error", "deg", scale="log", low=0.7 * _FLOOR_DEG, high=_TOP_DEG),
+            [*marks, _lock(product)], legend="right",
+        )],
+        "Filled: planned. Open: naive. Errors below 1e-4° are drawn at 1e-4°.",
+        size_in=(7.0, 4.2),
+        table=table,
+    )  # fmt: skip
 
 
-def draw_keyholes(figure: Figure, product: Pointing) -> None:
-    """Draw satellite and beam near the keyhole of each mount, in its most demanding pass."""
-    count = len(product.mounts)
-    columns = min(2, count)
-    grid = figure.subplots(ceil(count / columns), columns, squeeze=False)
-    for place in grid.ravel()[count:]:
-        place.set_axis_off()
-    for mount, axes in enumerate(grid.ravel()[:count]):
-        _draw_keyhole(axes, product, mount, product.telling_pass(mount))
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False, fontsize=8)
+def keyhole_chart(product: Pointing, table: str) -> Chart:
+    """Return satellite and beam near the keyhole of each mount, in its most demanding pass.
+
+    The rows of `table` are mounts, each with all passes.
+    """
+    mounts = len(product.mounts)
+    columns = min(2, mounts)
+    return Chart(
+        "Satellite and beam near the keyhole",
+        [_keyhole_panel(product, mount, product.telling_pass(mount)) for mount in range(mounts)],
+        "The same passes, around the direction of the primary axis. Thin lines connect satellite "
+        "and planned beam at equal times.",
+        columns=columns,
+        shared_legend=True,
+        size_in=(4.4 * columns, 0.3 + 4.1 * -(-mounts // 2)),
+        table=table,
+    )
 
 
-def _draw_keyhole(axes: Axes, product: Pointing, mount: int, chosen: int) -> None:
+def _keyhole_panel(product: Pointing, mount: int, chosen: int) -> Panel:
     n = product.count[chosen]
     frame = product.axes[:, :, mount]
     satellite = direction_cosines(
@@ -148,37 +199,47 @@ def _draw_keyhole(axes: Axes, product: Pointing, mount: int, chosen: int) -> Non
         scale = np.degrees(np.arctan2(across, along)) / np.maximum(across, 1e-300)
         return np.array([right * scale, up * scale])
 
-    beams = [
-        (np.tensordot(frame.T, _unit(primary[:n, chosen, mount], secondary[:n, chosen, mount]), 1))
-        for primary, secondary in (
+    target = project(satellite)
+    naive, planned = (
+        project(np.tensordot(frame.T, _unit(*(q[:n, chosen, mount] for q in angles)), 1))
+        for angles in (
             (product.naive_primary_rad, product.naive_secondary_rad),
             (product.primary_rad, product.secondary_rad),
         )
-    ]
-    target, naive, planned = project(satellite), project(beams[0]), project(beams[1])
+    )
     near = np.degrees(distance[nearest])
     missed = np.degrees(np.max(product.error_rad[:n, chosen, mount][np.degrees(distance) < 45.0],
                                initial=0.0))  # fmt: skip
     reach = max(1.6 * near, 2.5 * missed, 3.0)
-    axes.plot(*target, color="#999999", lw=4, label="satellite", solid_capstyle="round")
-    axes.plot(*naive, color=_NAIVE, ls="--", label="naive beam")
-    axes.plot(*planned, color=_PLANNED, label="planned beam")
-    shown = np.flatnonzero(np.abs(target).max(axis=0) < reach)
-    step = max(shown.size // _TIES, 1)
-    for k in range(nearest % step, n, step):
-        axes.plot(*np.column_stack([target[:, k], planned[:, k]]), color=_PLANNED, lw=0.7)
+    row = mount * product.count.size + chosen
+    near_by = np.abs(target).max(axis=0)
+    drawn = np.flatnonzero(near_by < _AROUND * reach)
+    drawn = drawn[:: -(-drawn.size // _SAMPLES) or 1]
+    step = max(int(np.count_nonzero(near_by < reach)) // _TIES, 1)
+    tied = np.arange(nearest % step, n, step)
+    tied = tied[near_by[tied] < _AROUND * reach]
+    gaps = np.full((2, tied.size), np.nan)
+    ties = np.stack([target[:, tied], planned[:, tied], gaps], axis=2).reshape(2, -1)
     around = np.linspace(0.0, 2.0 * np.pi, 100)
     lock = np.degrees(product.lock_angle_rad)
-    circle = target[:, nearest, None] + lock * np.array([np.cos(around), np.sin(around)])
-    axes.plot(*circle, color="black", lw=0.8, label="lock angle")
-    axes.plot(0.0, 0.0, "+", color="black", ms=10, label="keyhole")
-    axes.set_xlim(-reach, reach)
-    axes.set_ylim(-reach, reach)
-    axes.set_aspect("equal")
-    upright = product.kinds[mount] == "azimuth_elevation"
-    axes.set_xlabel(f"{'east' if upright else 'right'} of the keyhole (deg)")
-    axes.set_ylabel(f"{'north of' if upright else 'above'} the keyhole (deg)")
-    axes.set_title(f"{product.mounts[mount]}: {_pass_name(product, chosen)}", fontsize=9)
+    x, y = target[:, nearest]
+    is_upright = product.kinds[mount] == "azimuth_elevation"
+    right, above = ("east", "north of") if is_upright else ("right", "above")
+    return Panel(
+        Axis(f"{right} of the keyhole", "deg", low=-reach, high=reach),
+        Axis(f"{above} the keyhole", "deg", low=-reach, high=reach),
+        [
+            *(Curve(path[0, drawn], path[1, drawn], name, colour, dash, width, rows=row)
+              for path, (name, colour, dash, width) in zip(
+                  (target, naive, planned), _PATHS, strict=True)),
+            Curve(ties[0], ties[1], "", "blue", width=0.7),
+            Curve(x + lock * np.cos(around), y + lock * np.sin(around), "lock angle", "black",
+                  width=0.8),
+            Points([0.0], [0.0], "keyhole", "black", "plus", 10.0),
+        ],
+        _mount_and_pass(product, mount),
+        is_equal=True,
+    )  # fmt: skip
 
 
 def _unit(primary: Array, secondary: Array) -> Array:
@@ -186,13 +247,22 @@ def _unit(primary: Array, secondary: Array) -> Array:
     return np.array([np.cos(primary) * level, np.sin(primary) * level, np.sin(secondary)])
 
 
-def _mark_lock(axes: Axes, product: Pointing) -> None:
-    lock = np.degrees(product.lock_angle_rad)
-    axes.axhline(lock, color=_LIMIT, ls=":", lw=1.2, label=f"lock angle, {lock:g}°")
+def _errors(product: Pointing) -> tuple[Array, Array]:
+    return product.naive_error_rad, product.error_rad
 
 
-def _pass_name(product: Pointing, chosen: int) -> str:
+def _limit_below(error_rad: Array) -> NDArray[np.float64]:
+    return np.maximum(np.degrees(error_rad), _FLOOR_DEG)
+
+
+def _lock(product: Pointing) -> Rule:
+    lock = float(np.degrees(product.lock_angle_rad))
+    return Rule("y", lock, f"lock angle, {lock:g}°")
+
+
+def _mount_and_pass(product: Pointing, mount: int) -> str:
+    chosen = product.telling_pass(mount)
     return (
-        f"{product.stations[chosen]}, revolution {product.revolution[chosen]}, up to "
-        f"{np.degrees(product.elevation_max_rad[chosen]):.1f}°"
+        f"{product.mounts[mount]}: {product.stations[chosen]}, revolution "
+        f"{product.revolution[chosen]}, up to {np.degrees(product.elevation_max_rad[chosen]):.1f}°"
     )

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
-from hillsphere.presentation import Figure, Metric, Presentation
+from hillsphere.presentation import Chart, Metric, Presentation
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere.time import Epoch
 from hillsphere_tracking.pointing.figures import (
-    draw_axes,
-    draw_errors,
-    draw_errors_by_culmination,
-    draw_keyholes,
+    axis_chart,
+    culmination_chart,
+    error_chart,
+    keyhole_chart,
 )
 from hillsphere_tracking.pointing.products import Pointing
 
@@ -230,38 +229,16 @@ def _metrics(product: Pointing) -> dict[str, Metric]:
     return metrics
 
 
-def _figures(product: Pointing) -> dict[str, Figure]:
-    mounts = len(product.mounts)
+def _figures(product: Pointing) -> dict[str, Chart]:
+    table = "pointing_errors"
     figures = {
-        f"pointing_axes_{name}": Figure(
-            f"Axes of {name}",
-            partial(draw_axes, product=product, mount=m, chosen=product.telling_pass(m)),
-            "Angles and rates of both axes in the pass with the largest error, or with the largest "
-            "naive error if all planned errors are small. Dotted: stops and largest rates.",
-            size_in=(8.6, 5.6),
-        )
+        f"pointing_axes_{name}": axis_chart(product, m, table)
         for m, name in enumerate(product.mounts)
     }
-    figures["pointing_keyholes"] = Figure(
-        "Satellite and beam near the keyhole",
-        partial(draw_keyholes, product=product),
-        "The same passes, around the direction of the primary axis. Thin lines connect satellite "
-        "and planned beam at equal times.",
-        size_in=(4.4 * min(2, mounts), 0.3 + 4.1 * -(-mounts // 2)),
-    )
-    figures["pointing_errors"] = Figure(
-        "Errors during a pass",
-        partial(draw_errors, product=product),
-        "The same passes; the largest error of each second. Errors below 1e-4° are drawn at 1e-4°.",
-        size_in=(7.5, 0.8 + 2.2 * mounts),
-    )
+    figures["pointing_keyholes"] = keyhole_chart(product, table)
+    figures["pointing_errors"] = error_chart(product, table)
     if product.count.size > 1:
-        figures["pointing_errors_by_culmination"] = Figure(
-            "Largest errors of all passes",
-            partial(draw_errors_by_culmination, product=product),
-            "Filled: planned. Open: naive. Errors below 1e-4° are drawn at 1e-4°.",
-            size_in=(7.0, 4.2),
-        )
+        figures["pointing_errors_by_culmination"] = culmination_chart(product, table)
     return figures
 
 

@@ -3,167 +3,224 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hillsphere.presentation import PALETTE
+from hillsphere.interfaces import Array
+from hillsphere.presentation import (
+    Axis,
+    Band,
+    Bars,
+    Chart,
+    Curve,
+    Dash,
+    Mark,
+    MarkerShape,
+    Panel,
+    Points,
+    Rule,
+    Segments,
+)
 from hillsphere.products.products import Bands
-from hillsphere_tracking.assisted_tracking.figures import logarithmic, tracker_style
+from hillsphere_tracking.assisted_tracking.figures import (
+    AFTER_ACQUISITION,
+    FLOOR_DEG,
+    lock_marks,
+    tracker_style,
+)
 from hillsphere_tracking.tracking_comparison.products import (
     AgeComparison,
     Consistency,
     TrackingComparison,
 )
 
-if TYPE_CHECKING:
-    from matplotlib.artist import Artist
-    from matplotlib.figure import Figure
+__all__ = ["age_chart", "band_chart", "consistency_chart", "outage_chart"]
 
-__all__ = ["draw_ages", "draw_bands", "draw_consistency", "draw_outages"]
+_MARKS: tuple[MarkerShape, ...] = (
+    "circle", "square", "triangle", "diamond", "triangle-down", "plus", "cross",
+)  # fmt: skip
+_DASHES: tuple[Dash, ...] = ("solid", "dashed", "dotted", "dashdot")
+_PANELS = 18
+"""Outages in the figure over time at most, six rows of three: its caption says how many there
+are."""
+_WIDE = 10.0
+"""Ratio of the largest swept number to the smallest positive one beyond which these are drawn by
+their logarithms."""
 
-_MARKS = ("o", "s", "^", "D", "v", "P", "X")
-_AGE_LINES = ("-", "--", ":", "-.")
-_FLOOR_DEG = 1e-3
-"""Errors below this are drawn here, so that a logarithmic axis keeps its room for those that
-matter: no antenna of this study measures a thousandth of a degree."""
 
+def outage_chart(
+    product: TrackingComparison, published: Mapping[tuple[str, str], float], table: str
+) -> Chart:
+    """Return median and 5–95 % of the error of each outage and tracker, with published values.
 
-def draw_outages(
-    figure: Figure, product: TrackingComparison, published: Mapping[tuple[str, str], float]
-) -> None:
-    """Draw median and 5–95 % of the error of each outage and tracker, with published values."""
-    axes = figure.add_subplot()
-    m = product.measures.index(product.measure)
-    places = np.arange(len(product.outages), dtype=float)
-    low, middle, high = np.degrees(product.quantiles[:, m])
-    count = len(product.trackers)
+    The rows of `table` are outages, each with all trackers.
+    """
+    places, count = np.arange(len(product.outages), dtype=float), len(product.trackers)
+    marks: list[Mark] = [Rule("x", p - 0.5, "", "light", "solid", 0.6) for p in places[1:].tolist()]
+    quantiles = np.degrees(product.quantiles[:, product.measures.index(product.measure)])
     for t, name in enumerate(product.trackers):
+        low, middle, high = quantiles[:, t]
         x = places + 0.8 * ((t + 0.5) / count - 0.5)
         colour, _ = tracker_style(t)
-        axes.vlines(x, low[t], high[t], color=colour, lw=1.6, alpha=0.7)
-        axes.plot(x, middle[t], _MARKS[t % len(_MARKS)], color=colour, ms=4, label=name)
-    keys = list(zip(product.passes, product.outages, strict=True))
+        rows = range(t, places.size * count, count)
+        marks += [
+            Segments(x, low, high, "y", "", colour, 1.6, 0.7, rows=rows),
+            Points(x, middle, name, colour, _MARKS[t % len(_MARKS)], rows=rows),
+        ]
+    keys = zip(product.passes, product.outages, strict=True)
     reference = np.array([published.get(key, np.nan) for key in keys])
     if np.isfinite(reference).any():
-        axes.plot(places, reference, "_", color=PALETTE["black"], ms=22, mew=1.6, label="published")
-    for place in places[1:]:
-        axes.axvline(place - 0.5, color="#dddddd", lw=0.6)
-    axes.axhline(np.degrees(product.lock_angle_rad), color=PALETTE["black"], ls="--", lw=0.9,
-                 label="beam")  # fmt: skip
-    names = [
-        f"{name}\n{loss / 60.0:g} min"
-        for name, loss in zip(product.passes, product.loss_s, strict=True)
-    ]
-    axes.set_xticks(places, names, fontsize=7.5)
-    axes.set_xlim(-0.5, places[-1] + 0.5)
-    axes.grid(visible=False, axis="x")
-    logarithmic(axes)
-    axes.set_xlabel("pass, signal lost after")
-    axes.set_ylabel("largest error of the prediction (deg)")
-    figure.legend(loc="outside lower center", ncols=5, fontsize=8)
+        marks.append(
+            Segments(reference, places - 0.4, places + 0.4, "x", "published", "black", 1.6)
+        )
+    lock = float(np.degrees(product.lock_angle_rad))
+    marks.append(Rule("y", lock, "beam", "black", "dashed", 0.9))
+    minutes = [f"{loss_s / 60.0:g} min" for loss_s in product.loss_s]
+    return Chart(
+        "Largest error after each outage",
+        [Panel(
+            _outage_axis(product.passes, minutes),
+            Axis("largest error of the prediction", "deg", scale="log"), marks,
+        )],
+        f"Medians and 5 % to 95 % of {product.ended} cases. Dashed: half-width of the beam."
+        + (" Black: published values, one random draw each." if published else ""),
+        shared_legend=True,
+        size_in=(max(6.0, 1.6 + 0.62 * places.size), 5.0),
+        table=table,
+    )  # fmt: skip
 
 
-def draw_ages(figure: Figure, product: AgeComparison, styles: Sequence[str], label: str) -> None:
-    """Draw the mean of the medians of each tracker, and the time to reacquire, over a swept number.
+def _outage_axis(passes: Sequence[str], outages: Sequence[str]) -> Axis:
+    names = [f"{p}\n{outage}" for p, outage in zip(passes, outages, strict=True)]
+    return Axis("pass, signal lost after", low=-0.5, high=len(names) - 0.5,
+                ticks=list(enumerate(names)))  # fmt: skip
 
-    `styles` are the trackers in the order of their colours; `label` is the label of the axis.
+
+def age_chart(product: AgeComparison, styles: Sequence[str], table: str) -> Chart:
+    """Return the mean of the medians of each tracker, and the time to reacquire, over a sweep.
+
+    `styles` are the trackers in the order of their colours. The rows of `table` are points of the
+    sweep, each with all trackers.
     """
-    searched = bool(np.isfinite(product.reacquire_s).any())
-    cells = figure.subplots(1 + searched, squeeze=False, sharex=True)[:, 0].tolist()
-    groups = tuple(dict.fromkeys(product.group))
+    is_searched = bool(np.isfinite(product.reacquire_s).any())
+    places, axis = _swept_axis(product)
+    means: list[Mark] = []
+    times: list[Mark] = []
     for t, name in enumerate(product.trackers):
         colour, _ = tracker_style(styles.index(name))
-        for g, group in enumerate(groups):
+        for g, group in enumerate(dict.fromkeys(product.group)):
             here = np.flatnonzero([one == group for one in product.group])
             here = here[np.argsort(product.value[here], kind="stable")]
-            x, mark, line = product.value[here], _MARKS[g % len(_MARKS)], _AGE_LINES[g % 4]
-            cells[0].plot(
-                x, np.degrees(product.mean_median_rad[t, here]), mark, ls=line, color=colour,
-                label=f"{name}, {group}" if group else name,
-            )  # fmt: skip
-            if searched:
-                median, most = product.reacquire_s[:, t, here]
-                cells[1].plot(x, median, mark, ls=line, color=colour)
-                cells[1].vlines(x, median, most, color=colour, lw=0.9, alpha=0.7)
-    axes = cells[-1]
-    positive = product.value[product.value > 0.0]
-    if positive.size and product.value.min() >= 0.0 and positive.max() > 10.0 * positive.min():
-        # a logarithmic axis cannot show zero: linear up to the smallest positive value
-        axes.set_xscale("symlog", linthresh=float(positive.min()))
-        ticks = np.unique(product.value)
-        axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-        axes.minorticks_off()
-    for cell in cells:
-        logarithmic(cell)
-    axes.set_xlabel(label)
-    cells[0].set_ylabel("mean over the outages of the\nmedian largest error (deg)")
-    if searched:
-        axes.set_ylabel("time to reacquire\nof those found (s)")
-    figure.legend(loc="outside lower center", ncols=2, fontsize=8)
+            x, rows = places[here], (here * len(product.trackers) + t).tolist()
+            label = f"{name}, {group}" if group else name
+            mean_deg = np.degrees(product.mean_median_rad[t, here])
+            median, most = product.reacquire_s[:, t, here]
+            for marks, y in ((means, mean_deg), (times, median)):
+                marks.append(
+                    Curve(x, y, label, colour, _DASHES[g % len(_DASHES)],
+                          marker=_MARKS[g % len(_MARKS)], rows=rows)
+                )  # fmt: skip
+            times.append(Segments(x, median, most, "y", "", colour, 0.9, 0.7, rows=rows))
+    mean = Axis("mean over the outages of the\nmedian largest error", "deg", scale="log")
+    time = Axis("time to reacquire\nof those found", "s", scale="log")
+    panels = [Panel(axis, mean, means), Panel(axis, time, times)]
+    return Chart(
+        f"Trackers over {axis.label}",
+        panels if is_searched else panels[:1],
+        "Mean over the outages of the median over the cases, at each point."
+        + (" Below: time to reacquire in cases that are found, from the median to 95 %."
+           if is_searched else ""),
+        share_x=True,
+        shared_legend=True,
+        size_in=(7.0, 8.0 if is_searched else 5.2),
+        table=table,
+    )  # fmt: skip
 
 
-def draw_consistency(figure: Figure, product: Consistency, level: float) -> None:
-    """Draw the mean NEES of each outage and tracker, with the band of a consistent tracker."""
-    axes = figure.add_subplot()
-    places = np.arange(len(product.outages), dtype=float)
-    count = len(product.trackers)
-    low, high = product.interval[0].max(axis=0), product.interval[1].min(axis=0)
-    for place, a, b in zip(places, low, high, strict=True):
-        axes.fill_between([place - 0.5, place + 0.5], a, b, color="#dddddd", lw=0,
-                          label=f"{100.0 * level:g} % band" if place == 0 else None)  # fmt: skip
-    for t, name in enumerate(product.trackers):
-        colour, _ = tracker_style(t)
-        x = places + 0.6 * ((t + 0.5) / count - 0.5)
-        axes.plot(x, product.mean[t], _MARKS[t % len(_MARKS)], color=colour, ms=5, label=name)
-    axes.axhline(2.0, color=PALETTE["black"], lw=0.9, ls="--", label="expected")
-    names = [f"{p}\n{o}" for p, o in zip(product.passes, product.outages, strict=True)]
-    axes.set_xticks(places, names, fontsize=7.5)
-    axes.set_xlim(-0.5, places[-1] + 0.5)
-    axes.grid(visible=False, axis="x")
-    logarithmic(axes)
-    axes.set_xlabel("pass, signal lost after")
-    axes.set_ylabel("mean NEES (–)")
-    figure.legend(loc="outside lower center", ncols=5, fontsize=8)
+def _swept_axis(product: AgeComparison) -> tuple[Array, Axis]:
+    """Return the places of the swept numbers and their axis.
 
-
-def draw_bands(
-    figure: Figure,
-    bands: Bands,
-    panels: Sequence[tuple[str, float, Mapping[str, int]]],
-    styles: Sequence[str],
-    lock_angle_rad: float,
-) -> None:
-    """Draw quantiles of errors over time.
-
-    Each panel consists of a title, the time of the loss (s), and the rows of the bands by tracker.
+    Numbers over more than a decade stand at their logarithms, and zero one decade below the
+    smallest of the others.
     """
-    columns = min(3, len(panels))
-    rows = -(-len(panels) // columns)
-    cells = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel().tolist()
-    for axes in cells[len(panels) :]:
-        axes.remove()
+    value, name = product.value, product.name.replace("_", " ")
+    positive = value[value > 0.0]
+    if not positive.size or value.min() < 0.0 or positive.max() <= _WIDE * positive.min():
+        return value, Axis(name, product.unit)
+    places = np.log10(np.where(value > 0.0, value, 0.1 * positive.min()))
+    ticks = sorted({place: f"{v:g}" for place, v in zip(places, value, strict=True)}.items())
+    return places, Axis(name, product.unit, ticks=ticks)
+
+
+def consistency_chart(product: Consistency, level: float, table: str) -> Chart:
+    """Return the mean NEES of each outage and tracker, with the band of a consistent tracker.
+
+    The rows of `table` are outages, each with all trackers.
+    """
+    places, count = np.arange(len(product.outages), dtype=float), len(product.trackers)
+    low, high = product.interval[0].max(axis=0), product.interval[1].min(axis=0)
+    marks: list[Mark] = [
+        Bars(places, high, base=low, width=1.0, label=f"{100.0 * level:g} % band", colour="light",
+             opacity=0.5),
+        Rule("y", 2.0, "expected", "black", "dashed", 0.9),
+    ]  # fmt: skip
+    for t, name in enumerate(product.trackers):
+        x = places + 0.6 * ((t + 0.5) / count - 0.5)
+        marks.append(
+            Points(x, product.mean[t], name, tracker_style(t)[0], _MARKS[t % len(_MARKS)],
+                   rows=range(t, places.size * count, count))
+        )  # fmt: skip
+    return Chart(
+        "Consistency of the trackers",
+        [Panel(
+            _outage_axis(product.passes, product.outages), Axis("mean NEES", scale="log"), marks,
+        )],
+        "Normalised estimation error squared (NEES) of predictions. Above the band the tracker is "
+        "overconfident, below the band it is too cautious.",
+        shared_legend=True,
+        size_in=(max(6.0, 1.6 + 0.5 * places.size), 4.4),
+        table=table,
+    )  # fmt: skip
+
+
+def band_chart(product: TrackingComparison, bands: Bands) -> Chart | None:
+    """Return quantiles of errors over time, one panel per outage; None if there are none."""
+    rows = {name: row for row, name in enumerate(bands.names)}
     minutes = bands.time_s / 60.0
     middle = int(np.argmin(np.abs(np.array(bands.levels) - 0.5)))
-    known: dict[str, Artist] = {}
-    for k, (axes, (title, loss_s, of_tracker)) in enumerate(zip(cells, panels, strict=False)):
-        for name, row in of_tracker.items():
-            colour, _ = tracker_style(styles.index(name))
-            values = np.maximum(np.degrees(bands.values[:, row]), _FLOOR_DEG)
+    panels = []
+    for pass_, outage, loss_s in zip(product.passes, product.outages, product.loss_s, strict=True):
+        curves: list[Mark] = []
+        for t, tracker in enumerate(product.trackers):
+            row = rows.get(f"{pass_}.{outage}.{tracker}.error")
+            if row is None:
+                continue
+            values = np.maximum(np.degrees(bands.values[:, row]), FLOOR_DEG)
             there = np.isfinite(values[middle])
-            axes.fill_between(minutes[there], values[0, there], values[-1, there], color=colour,
-                              alpha=0.25, lw=0)  # fmt: skip
-            (line,) = axes.plot(minutes[there], values[middle, there], color=colour, lw=1.2)
-            known.setdefault(name, line)
-        end = loss_s / 60.0
-        axes.axvspan(0.0, end, color="#eeeeee", lw=0, zorder=0)
-        axes.axvline(end, color="#888888", lw=0.9)
-        axes.axhline(np.degrees(lock_angle_rad), color=PALETTE["black"], ls="--", lw=0.9)
-        logarithmic(axes)
-        axes.set_title(title, fontsize=9)
-        if k % columns == 0:
-            axes.set_ylabel("error √(ΔA² + Δh²) (deg)")
-        if k >= len(panels) - columns:
-            axes.set_xlabel("after acquisition (min)")
-    figure.legend(list(known.values()), list(known), loc="outside lower center", ncols=4,
-                  fontsize=8)  # fmt: skip
+            x, values = minutes[there], values[:, there]
+            colour, _ = tracker_style(t)
+            curves += [
+                Band(x, values[0], values[-1], "", colour, 0.25),
+                Curve(x, values[middle], tracker, colour, width=1.2),
+            ]
+        if curves:
+            error = Axis("error √(ΔA² + Δh²)", "deg", scale="log")
+            marks = [*lock_marks(float(loss_s), product.lock_angle_rad), *curves]
+            title = f"{pass_}, lost after {loss_s / 60.0:g} min"
+            panels.append(Panel(AFTER_ACQUISITION, error, marks, title))
+    if not panels:
+        return None
+    low, high = (100.0 * level for level in (bands.levels[0], bands.levels[-1]))
+    left = f" The first {_PANELS} of {len(panels)} outages." if len(panels) > _PANELS else ""
+    shown = panels[:_PANELS]
+    columns = min(3, len(shown))
+    return Chart(
+        "Errors over time, over all cases",
+        shown,
+        f"Median and {low:g} % to {high:g} % of the cases at each time. Shaded: the signal is "
+        f"received. Dashed: half-width of the beam.{left}",
+        columns=columns,
+        share_y=True,
+        shared_legend=True,
+        size_in=(1.0 + 3.3 * columns, 0.9 + 2.3 * -(-len(shown) // columns)),
+    )

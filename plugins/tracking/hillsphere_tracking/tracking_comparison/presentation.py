@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from functools import partial
-
-import numpy as np
-
-from hillsphere.presentation import Figure, Metric, Presentation, Printed
+from hillsphere.presentation import Metric, Presentation, Printed
 from hillsphere.products.products import Bands
 from hillsphere.show.reference import ReferenceTable
 from hillsphere_tracking.tracking_comparison.figures import (
-    draw_ages,
-    draw_bands,
-    draw_consistency,
-    draw_outages,
+    age_chart,
+    band_chart,
+    consistency_chart,
+    outage_chart,
 )
 from hillsphere_tracking.tracking_comparison.products import TrackingComparison
 from hillsphere_tracking.tracking_comparison.side_tables import age_table, knowing_table, nees_table
@@ -27,10 +23,6 @@ from hillsphere_tracking.tracking_comparison.verdict import (
 )
 
 __all__ = ["present_tracking"]
-
-_PANELS = 18
-"""Outages in the figure over time at most, six rows of three: its caption says how many there
-are."""
 
 
 def present_tracking(
@@ -62,48 +54,26 @@ def present_tracking(
     published = {key: float(row["error_max_deg"]) for key, row in twins.items()
                  if isinstance(row["error_max_deg"], Printed)}  # fmt: skip
     figures = {
-        "tracking_outages": Figure(
-            "Largest error after each outage",
-            partial(
-                draw_outages, product=product,
-                published=published if product.measure == "error_max" else {},
-            ),
-            f"Medians and 5 % to 95 % of {product.ended} cases. Dashed: half-width of the beam."
-            + (" Black: published values, one random draw each." if published else ""),
-            size_in=(max(6.0, 1.6 + 0.62 * len(product.outages)), 5.0),
+        "tracking_outages": outage_chart(
+            product, published if product.measure == "error_max" else {}, "tracking_outages"
         )
-    }  # fmt: skip
+    }
     said = comparison_verdict(product, reference, published)
     said += [*cover_verdict(product), *reacquisition_verdict(product)]
     if product.ages is not None:
-        searched = bool(np.isfinite(product.ages.reacquire_s).any())
-        label = f"{product.ages.name.replace('_', ' ')} ({product.ages.unit})"
         styles = (*product.trackers, *product.ages.trackers)
         tables["tracking_ages"] = age_table(product.ages, product.level)
-        figures["tracking_ages"] = Figure(
-            f"Trackers over {product.ages.name.replace('_', ' ')}",
-            partial(draw_ages, product=product.ages, styles=styles, label=label),
-            "Mean over the outages of the median over the cases, at each point."
-            + (
-                " Below: time to reacquire in cases that are found, from the median to 95 %."
-                if searched
-                else ""
-            ),
-            size_in=(7.0, 8.0 if searched else 5.2),
-        )
+        figures["tracking_ages"] = age_chart(product.ages, styles, "tracking_ages")
         said += age_verdict(product.ages)
     if product.consistency is not None:
         tables["tracking_nees"] = nees_table(product.consistency, product.level)
         tables["tracking_consistency"] = knowing_table(product.consistency, product.level)
-        figures["tracking_consistency"] = Figure(
-            "Consistency of the trackers",
-            partial(draw_consistency, product=product.consistency, level=product.level),
-            "Normalised estimation error squared (NEES) of predictions. Above the band the tracker "
-            "is overconfident, below the band it is too cautious.",
-            size_in=(max(6.0, 1.6 + 0.5 * len(product.consistency.outages)), 4.4),
+        figures["tracking_consistency"] = consistency_chart(
+            product.consistency, product.level, "tracking_nees"
         )
         said += knowing_verdict(product.consistency, product.level)
-    figures |= _band_figures(product, bands)
+    if bands is not None and (chart := band_chart(product, bands)) is not None:
+        figures["tracking_bands"] = chart
     metrics = {
         f"{tracker}_{name}_{what}".lower().replace("-", "_"): Metric(float(values[frame, t]), unit)
         for t, tracker in enumerate(product.trackers)
@@ -120,33 +90,3 @@ def present_tracking(
         if tracker != product.baseline
     }
     return Presentation(metrics=metrics, tables=tables, figures=figures, verdict=said)
-
-
-def _band_figures(product: TrackingComparison, bands: Bands | None) -> dict[str, Figure]:
-    if bands is None:
-        return {}
-    rows = {name: row for row, name in enumerate(bands.names)}
-    panels = []
-    for k, (pass_, outage) in enumerate(zip(product.passes, product.outages, strict=True)):
-        own = {t: rows[name] for t in product.trackers
-               if (name := f"{pass_}.{outage}.{t}.error") in rows}  # fmt: skip
-        if own:
-            title = f"{pass_}, lost after {product.loss_s[k] / 60.0:g} min"
-            panels.append((title, float(product.loss_s[k]), own))
-    if not panels:
-        return {}
-    shown = panels[:_PANELS]
-    low, high = (100.0 * level for level in (bands.levels[0], bands.levels[-1]))
-    left = f" The first {_PANELS} of {len(panels)} outages." if len(panels) > _PANELS else ""
-    return {
-        "tracking_bands": Figure(
-            "Errors over time, over all cases",
-            partial(
-                draw_bands, bands=bands, panels=shown, styles=product.trackers,
-                lock_angle_rad=product.lock_angle_rad,
-            ),
-            f"Median and {low:g} % to {high:g} % of the cases at each time. Shaded: the signal is "
-            f"received. Dashed: half-width of the beam.{left}",
-            size_in=(1.0 + 3.3 * min(3, len(shown)), 0.9 + 2.3 * -(-len(shown) // 3)),
-        )
-    }  # fmt: skip

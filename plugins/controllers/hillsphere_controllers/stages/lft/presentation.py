@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from functools import partial
 from itertools import chain
 from typing import Any
 
 import numpy as np
 
-from hillsphere.presentation import Figure, Metric, Presentation, Table
+from hillsphere.presentation import Metric, Presentation, Table
 from hillsphere.show.tables import FieldColumns, column, tabulate, text_column
 from hillsphere_controllers.linear_products import LinearModels
-from hillsphere_controllers.stages.lft.figures import draw_errors, draw_responses, draw_sizes
+from hillsphere_controllers.stages.lft.figures import error_chart, response_chart, size_chart
 from hillsphere_controllers.stages.lft.products import FittedModels
 from hillsphere_controllers.stages.table_cells import first_rows
 
@@ -44,27 +43,13 @@ def present_uncertain_models(product: FittedModels, models: LinearModels) -> Pre
         metrics["lft_left_out"] = Metric(float(product.sampled.max()))
     if len(product.models) > 1 and product.parameters:
         tables["lft_sizes"] = _sizes(product)
-        figures["lft_sizes"] = Figure(
-            "Size of the uncertain models",
-            partial(draw_sizes, product=product),
-            "Copies of all uncertain parameters together.",
-        )
+        figures["lft_sizes"] = size_chart(product, "lft_sizes")
     if product.exponents:
         metrics["lft_fit_error"] = Metric(max(float(e[-1]) for e in product.errors))
         tables["lft_terms"] = _terms(product)
-        figures["lft_errors"] = Figure(
-            "Error of the fit by the number of its terms",
-            partial(draw_errors, product=product),
-            "Largest error of an entry of [A B; C D] relative to its range over the models; an "
-            "exact fit ends in rounding.",
-        )
+        figures["lft_errors"] = error_chart(product, "lft_terms")
     if product.parameters and seen.size:
-        figures["lft_responses"] = Figure(
-            "Models and the uncertain model at their parameters",
-            partial(draw_responses, product=product, models=models),
-            "Largest singular value over frequency of models (coloured), and of the uncertain "
-            "model at the same values of the parameters (black, dashed).",
-        )
+        figures["lft_responses"] = response_chart(product, models)
     return Presentation(metrics, tables, figures, _verdict(product, worst, seen.size))
 
 

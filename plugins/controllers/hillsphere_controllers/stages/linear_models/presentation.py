@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-from functools import partial
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
-from hillsphere.presentation import Figure, Metric, Presentation
+from hillsphere.presentation import Axis, Chart, Curve, Metric, Panel, Presentation
 from hillsphere.show.tables import column, tabulate, text_column
 from hillsphere_controllers.analysis.frequency import largest_gains
 from hillsphere_controllers.analysis.stability import spectral_abscissa
 from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.frequencies import frequencies
 from hillsphere_controllers.systems.balancing import balance_states
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as MatplotlibFigure
 
 __all__ = ["present_linear_models"]
 
@@ -29,6 +22,8 @@ _BORDER = 1e-7
 on it: rounding displaces a double pole by its square root, 1e-8."""
 _DRAWN = 40
 """Gains drawn at most, evenly spaced among the models; more make a grey area only."""
+_NAMED = 8
+"""Models in a legend at most: it would cover the curves."""
 
 
 def present_linear_models(product: LinearModels) -> Presentation:
@@ -76,14 +71,7 @@ def present_linear_models(product: LinearModels) -> Presentation:
     return Presentation(
         metrics={"linear_models": Metric(count)},
         tables={"linear_models": tabulate("Linear models", columns, notes)},
-        figures={
-            "linear_models": Figure(
-                "Gains of the models",
-                partial(_draw, product=product),
-                "Largest singular value from the controls to the measurements (from all inputs to "
-                "all outputs if there are none), one line a model.",
-            )
-        },
+        figures={"linear_models": _gain_chart(product, "linear_models")},
     )
 
 
@@ -117,16 +105,24 @@ def _inner(product: LinearModels, system: LtiSystem) -> LtiSystem:
     )
 
 
-def _draw(figure: MatplotlibFigure, product: LinearModels) -> None:
-    axes = figure.add_subplot()
+def _gain_chart(product: LinearModels, table: str) -> Chart:
     count = len(product.systems)
-    chosen = np.unique(np.linspace(0, count - 1, min(count, _DRAWN)).astype(int))
+    chosen = np.unique(np.linspace(0, count - 1, min(count, _DRAWN)).astype(int)).tolist()
     inner = [_inner(product, product.systems[k]) for k in chosen]
-    omega = frequencies(inner)
-    for system, k in zip(inner, chosen, strict=True):
-        gains: Array = largest_gains(system.response(omega))
-        axes.loglog(omega, gains, label=product.labels[k], lw=1.6 if count <= 8 else 0.8)
-    axes.set_xlabel("frequency (rad/s)")
-    axes.set_ylabel("largest singular value")
-    if 1 < count <= 8:
-        axes.legend(fontsize=8)
+    # Each at frequencies of its own: those around the poles of all models would be thousands.
+    grids = [frequencies([system]) for system in inner]
+    return Chart(
+        "Gains of the models",
+        [Panel(
+            Axis("frequency", "rad/s", scale="log"), Axis("largest singular value", scale="log"),
+            [
+                Curve(omega, largest_gains(system.response(omega)), product.labels[k],
+                      width=1.6 if count <= _NAMED else 0.8, rows=k)
+                for system, omega, k in zip(inner, grids, chosen, strict=True)
+            ],
+            legend="best" if 1 < count <= _NAMED else "none",
+        )],
+        "Largest singular value from the controls to the measurements (from all inputs to all "
+        "outputs if there are none), one line a model.",
+        table=table,
+    )  # fmt: skip

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.interfaces import Integers
 from hillsphere.lti import LtiSystem
-from hillsphere.presentation import PALETTE
+from hillsphere.presentation import LINE_COLOURS, Axis, Bars, Chart, Curve, Panel, Points
 from hillsphere_controllers.stages.linearise.products import LinearisedFlight
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-__all__ = ["draw_influence", "draw_poles", "unstable_poles"]
+__all__ = ["influence_chart", "pole_chart", "unstable_poles"]
 
 _ON_THE_AXIS = 1e-9
 """Real part, relative to the largest pole, up to which a pole counts as on the imaginary axis: the
@@ -28,48 +23,78 @@ def unstable_poles(system: LtiSystem) -> NDArray[np.bool_]:
     return np.asarray(poles.real > _ON_THE_AXIS * np.abs(poles).max(initial=0.0))
 
 
-def draw_poles(figure: Figure, product: LinearisedFlight, nominal: Integers) -> None:
-    """Draw eigenvalues over time, and the unknown acceleration below if there is any."""
+def pole_chart(product: LinearisedFlight, nominal: Integers, table: str) -> Chart:
+    """Return eigenvalues over time, and the unknown acceleration below if there is any.
+
+    The rows of `table` are the points of the flight.
+    """
+    systems = [product.systems[k] for k in nominal.tolist()]
+    poles = 1e3 * np.concatenate([system.poles for system in systems])
+    is_unstable = np.concatenate([unstable_poles(system) for system in systems])
+    rows = np.repeat(np.arange(len(systems)), [system.order for system in systems])
+    time = Axis("time since the start", "s")
+    kinds = (
+        (is_unstable, "unstable", "vermillion"),
+        (~is_unstable, "stable or on the axis", "blue"),
+    )
+    panels = [
+        Panel(
+            time, axis,
+            [
+                Points(product.t_s[rows[which]], values[which], label, colour,
+                       rows=rows[which].tolist())
+                for which, label, colour in kinds
+            ],
+        )
+        for values, axis in (
+            (poles.real, Axis("real part", "1e-3/s")),
+            (poles.imag, Axis("imaginary part", "1e-3 rad/s")),
+        )
+    ]  # fmt: skip
     unknown = 1e3 * np.sqrt(np.einsum("iiN->iN", product.acceleration_covariance))
-    axes = figure.subplots(3 if unknown.any() else 2, 1, sharex=True)
-    for i, k in enumerate(nominal):
-        poles = product.systems[int(k)].poles
-        time = np.full(poles.size, product.t_s[i])
-        unstable = unstable_poles(product.systems[int(k)])
-        for part, values in zip(axes[:2], (poles.real, poles.imag), strict=True):
-            for which, colour, label in (
-                (unstable, PALETTE["vermillion"], "unstable"),
-                (~unstable, PALETTE["blue"], "stable or on the axis"),
-            ):
-                part.plot(
-                    time[which], 1e3 * values[which], ls="", marker="o", ms=4, color=colour,
-                    label=label if i == 0 else None,
-                )  # fmt: skip
-    axes[0].set_ylabel("real part (1e-3/s)")
-    axes[1].set_ylabel("imaginary part\n(1e-3 rad/s)")
-    axes[0].legend(fontsize=8, ncol=2, loc="lower left", bbox_to_anchor=(0.0, 1.0))
     if unknown.any():
-        for name, row in zip(product.rates, unknown, strict=True):
-            axes[2].plot(product.t_s, row, marker="o", ms=4, label=f"rate of {name}")
-        axes[2].set_ylabel("unknown acc.,\none σ (mm/s²)")
-        axes[2].legend(fontsize=8)
-    axes[-1].set_xlabel("time since the start (s)")
+        curves = [
+            Curve(product.t_s, row, f"rate of {name}", LINE_COLOURS[2 + k % 5], marker="circle",
+                  rows=range(product.t_s.size))
+            for k, (name, row) in enumerate(zip(product.rates, unknown, strict=True))
+        ]  # fmt: skip
+        panels.append(Panel(time, Axis("unknown acc.,\none σ", "mm/s²"), curves))
+    return Chart(
+        f"Poles along {product.flight}",
+        panels,
+        "Real and imaginary parts of the eigenvalues of A at the points, all parameters nominal; "
+        "below, the standard deviation of the unknown acceleration.",
+        share_x=True,
+        shared_legend=True,
+        table=table,
+    )
 
 
-def draw_influence(figure: Figure, product: LinearisedFlight, order: Integers) -> None:
-    """Draw the effects of one standard deviation of each parameter, as bars of four measures."""
-    # what all names begin with tells nothing
+def influence_chart(product: LinearisedFlight, order: Integers, table: str) -> Chart:
+    """Return the effects of one standard deviation of each parameter, as bars of four measures.
+
+    The rows of `table` are the parameters in this order.
+    """
+    # A table that all names begin with tells nothing.
     tables = {name.rpartition(".")[0] for name in product.dispersed}
     short = [name.rpartition(".")[2] if len(tables) == 1 else name for name in product.dispersed]
-    place = np.arange(order.size)
-    parts = figure.subplots(1, 4, sharey=True)
-    for axes, values, label, colour in (
-        (parts[0], 100.0 * product.jacobian_share.max(axis=1), "change of A (%)", "blue"),
-        (parts[1], 1e3 * product.largest_acceleration, "acceleration\n(mm/s²)", "vermillion"),
-        (parts[2], 1e-3 * product.end_deviation_m, "end of the flight\n(km)", "green"),
-        (parts[3], 100.0 * product.fit_weight, "share in the\nchanges of A (%)", "purple"),
-    ):
-        axes.barh(place, values[order], color=PALETTE[colour])
-        axes.set_xlabel(label)
-    parts[0].set_yticks(place, [short[k] for k in order], fontsize=8)
-    parts[0].invert_yaxis()
+    rows = range(order.size)
+    names = Axis(ticks=[(k, short[i]) for k, i in enumerate(order.tolist())], is_reversed=True)
+    return Chart(
+        f"What one standard deviation of each parameter does to {product.flight}",
+        [
+            Panel(axis, names, [Bars(rows, values[order], "x", colour=colour, rows=rows)])
+            for axis, values, colour in (
+                (Axis("change of A", "%"), 100.0 * product.jacobian_share.max(axis=1), "blue"),
+                (Axis("acceleration", "mm/s²"), 1e3 * product.largest_acceleration, "vermillion"),
+                (Axis("end of the flight", "km"), 1e-3 * product.end_deviation_m, "green"),
+                (Axis("share in the\nchanges of A", "%"), 100.0 * product.fit_weight, "purple"),
+            )
+        ],
+        "Change of A relative to A, of the acceleration at most along the trajectory, of the "
+        "place where the flight ends under its own command; share in the changes of A.",
+        columns=4,
+        share_y=True,
+        size_in=(7.0, 4.5),
+        table=table,
+    )

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 
 from hillsphere.interfaces import Array, Integers
-from hillsphere.presentation import Figure, Metric, Presentation, Table
+from hillsphere.presentation import Metric, Presentation, Table
 from hillsphere.show.tables import FieldColumns, column, finite_or_blank, tabulate, text_column
 from hillsphere_controllers.analysis.stability import spectral_abscissa
 from hillsphere_controllers.stages.linearise.figures import (
-    draw_influence,
-    draw_poles,
+    influence_chart,
+    pole_chart,
     unstable_poles,
 )
 from hillsphere_controllers.stages.linearise.products import LinearisedFlight
@@ -24,14 +22,7 @@ def present_linearisation(product: LinearisedFlight) -> Presentation:
     """Return tables, figures and sentences of linear models along a trajectory."""
     nominal = nominal_models(product)
     tables = {"linearised_points": _points(product, nominal)}
-    figures = {
-        "linearised_poles": Figure(
-            f"Poles along {product.flight}",
-            partial(draw_poles, product=product, nominal=nominal),
-            "Real and imaginary parts of the eigenvalues of A at the points, all parameters "
-            "nominal; below, the standard deviation of the unknown acceleration.",
-        )
-    }
+    figures = {"linearised_poles": pole_chart(product, nominal, "linearised_points")}
     abscissa = max(spectral_abscissa(product.systems[k]) for k in nominal)
     metrics = {
         "linearised_models": Metric(len(product.systems)),
@@ -40,11 +31,8 @@ def present_linearisation(product: LinearisedFlight) -> Presentation:
     said: list[str] = []
     if product.dispersed:
         tables["linearised_influence"] = _influence(product)
-        figures["linearised_influence"] = Figure(
-            f"What one standard deviation of each parameter does to {product.flight}",
-            partial(draw_influence, product=product, order=_order(product)),
-            "Change of A relative to A, of the acceleration at most along the trajectory, of the "
-            "place where the flight ends under its own command; share in the changes of A.",
+        figures["linearised_influence"] = influence_chart(
+            product, _order(product), "linearised_influence"
         )
         metrics["linearised_disturbance"] = Metric(1e3 * float(_deviation(product).max()), "mm/s²")
         bent = [name for name, ok in zip(product.dispersed, product.affine, strict=True) if not ok]

@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from itertools import accumulate
 
 import numpy as np
 
-from hillsphere.presentation import PALETTE
+from hillsphere.presentation import (
+    LINE_COLOURS,
+    Axis,
+    Bars,
+    Chart,
+    Curve,
+    Dash,
+    Mark,
+    Panel,
+    Points,
+    Rule,
+    Segments,
+)
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-__all__ = ["draw_bounds", "draw_share_curves", "draw_shares", "select_share_curves"]
+__all__ = ["bound_chart", "select_share_curves", "share_chart", "share_curve_chart"]
 
 _DRAWN = 6
 """Analyses drawn at most; more curves could not be told apart."""
@@ -22,67 +30,80 @@ _COLUMNS = 4
 """Analyses side by side in the figure of shares at most; narrower panels cannot be read."""
 _NAMED = 0.05
 """Share from which on a block is drawn by itself."""
+_SAME_FREQUENCY = 0.05
+"""Ends of curves that differ by less, relative, look the same in a figure."""
 _TITLES = {"robust_stability": "Robust stability", "robust_performance": "Robust performance"}
+_FREQUENCY = Axis("frequency", "rad/s", scale="log")
+_DASHES: tuple[Dash, ...] = ("solid", "dashed", "dotted")
+_BLOCK_COLOURS = tuple(name for name in LINE_COLOURS if name != "black")
 
 
-def draw_bounds(figure: Figure, product: MuAnalysis) -> None:
-    """Draw both bounds of a few loops, one panel an analysis."""
-    shown = [
-        name
-        for name in _TITLES
-        if any(one.analysis == name and one.omega_rad_s.size for one in product.worst)
-    ]
-    grid = figure.subplots(len(shown), 1, squeeze=False, sharex=True)[:, 0]
-    colours = [colour for name, colour in PALETTE.items() if name != "yellow"]
-    for axes, name in zip(grid, shown, strict=True):
+def bound_chart(product: MuAnalysis, table: str) -> Chart:
+    """Return both bounds of a few loops, one panel an analysis; the rows of `table` are loops."""
+    panels = []
+    for name, title in _TITLES.items():
         drawn = [one for one in product.worst if one.analysis == name and one.omega_rad_s.size]
-        drawn = drawn[:_DRAWN]
-        for place, one in enumerate(drawn):
-            _draw_loop(axes, one, colours[place % len(colours)], product.label(one.loop))
-        axes.axhline(1.0, color="#777777", ls=":", lw=1.2)
-        axes.set_title(_TITLES[name])
-        axes.set_ylabel("µ")
-        axes.legend(fontsize=8)
-    grid[-1].set_xlabel("frequency (rad/s)")
+        marks: list[Mark] = []
+        for one, colour in zip(drawn[:_DRAWN], LINE_COLOURS, strict=False):
+            omega, positive = one.omega_rad_s, one.curve_lower > 0.0
+            marks += [
+                Curve(omega, one.curve_upper, product.label(one.loop), colour, rows=one.loop),
+                Points(
+                    omega[positive], one.curve_lower[positive], "", colour, "dot", rows=one.loop
+                ),
+                _intervals(one, colour),
+            ]
+        if marks:
+            panels.append(Panel(_FREQUENCY, Axis("µ"), [*marks, Rule("y", 1.0)], title))
+    return Chart(
+        "Bounds of µ over frequency",
+        panels,
+        "Upper bounds (solid) and lower bounds (dots) at single frequencies; the bars above are "
+        "intervals on each of which one pair of scalings proves the bound at its height: together "
+        "they cover all frequencies.",
+        share_x=True,
+        shared_legend=len(panels) > 1,
+        size_in=(7.4, 0.8 + 3.2 * len(panels)),
+        table=table,
+    )
 
 
-def _draw_loop(axes: Axes, one: Analysed, colour: str, label: str) -> None:
-    omega = one.omega_rad_s
-    axes.semilogx(omega, one.curve_upper, color=colour, label=label)
-    seen = one.curve_lower > 0.0
-    axes.semilogx(omega[seen], one.curve_lower[seen], ".", color=colour, ms=2.5)
-    _draw_intervals(axes, one, colour)
+def _intervals(one: Analysed, colour: str) -> Segments:
+    """Return the bounds that hold on whole intervals as bars."""
+    begin = np.maximum(one.interval_low_rad_s, one.omega_rad_s[0])
+    end = np.minimum(one.interval_high_rad_s, one.omega_rad_s[-1])
+    is_seen = begin < end
+    return Segments(
+        one.interval_bound[is_seen], begin[is_seen], end[is_seen], "x", "", colour, 3.0, 0.35,
+        has_caps=True,
+    )  # fmt: skip
 
 
-def _draw_intervals(axes: Axes, one: Analysed, colour: str) -> None:
-    """Draw the bounds that hold on whole intervals as bars."""
-    low, high = float(one.omega_rad_s[0]), float(one.omega_rad_s[-1])
-    for k, bound in enumerate(one.interval_bound):
-        begin = max(float(one.interval_low_rad_s[k]), low)
-        end = min(float(one.interval_high_rad_s[k]), high)
-        if begin < end:
-            axes.plot([begin, end], [bound, bound], "|-", color=colour, lw=3.0, alpha=0.35, ms=7)
+def share_chart(product: MuAnalysis, table: str) -> Chart:
+    """Return the share of each block, one group of bars an analysis of a loop.
 
-
-def draw_shares(figure: Figure, product: MuAnalysis) -> None:
-    """Draw the share of each block, one group of bars an analysis of a loop."""
-    axes = figure.add_subplot()
-    analysed = [one for one in product.worst if one.shares.size][:_DRAWN]
-    names = list(dict.fromkeys(name for one in analysed for name in one.blocks))
-    colours = [colour for name, colour in PALETTE.items() if name != "yellow"]
-    width = 0.8 / len(analysed)
-    for place, one in enumerate(analysed):
-        at = np.array([names.index(name) for name in one.blocks])
-        axes.barh(
-            at + (place - 0.5 * (len(analysed) - 1)) * width, one.shares, width,
-            color=colours[place % len(colours)],
+    The rows of `table` are the blocks of one analysis after the other.
+    """
+    analyses = [one for one in product.worst if one.shares.size]
+    ends = list(accumulate(one.shares.size for one in analyses))
+    drawn = analyses[:_DRAWN]
+    names = list(dict.fromkeys(name for one in drawn for name in one.blocks))
+    width = 0.8 / len(drawn)
+    bars = [
+        Bars(
+            [names.index(name) + (k - 0.5 * (len(drawn) - 1)) * width for name in one.blocks],
+            one.shares, "x", width=width, rows=range(end - one.shares.size, end),
             label=f"{product.label(one.loop)}: {_TITLES[one.analysis].lower()}",
-        )  # fmt: skip
-    axes.set_yticks(range(len(names)), names)
-    axes.invert_yaxis()
-    axes.set_xlabel("share of the block in µ")
-    axes.set_ylabel("block")
-    axes.legend(fontsize=8)
+        )
+        for k, (one, end) in enumerate(zip(drawn, ends, strict=False))
+    ]  # fmt: skip
+    blocks = Axis("block", ticks=list(enumerate(names)), is_reversed=True)
+    return Chart(
+        "Shares of the blocks in µ",
+        [Panel(Axis("share of the block in µ"), blocks, bars)],
+        "Relative change of the upper bound at its peak with the size of each block.",
+        table=table,
+    )
 
 
 def select_share_curves(
@@ -92,61 +113,81 @@ def select_share_curves(
     return [column for column in columns if column[1].curve_shares.size][:_COLUMNS]
 
 
-def draw_share_curves(figure: Figure, columns: Sequence[tuple[MuAnalysis, Analysed]]) -> None:
-    """Draw bounds above the shares of the blocks over frequency, one column an analysis."""
-    from matplotlib.ticker import LogLocator, NullFormatter
-
-    grid = figure.subplots(2, len(columns), squeeze=False, sharex="col", sharey="row")
+def share_curve_chart(columns: Sequence[tuple[MuAnalysis, Analysed]]) -> Chart:
+    """Return bounds above the shares of the blocks over frequency, one column an analysis."""
     named = _select_blocks([one for _, one in columns])
-    for column, (product, one) in enumerate(columns):
-        above, below = grid[:, column]
-        omega = one.omega_rad_s
-        above.semilogx(omega, one.curve_upper, color=PALETTE["blue"], label="µ, from above")
-        above.semilogx(omega, one.curve_lower, color=PALETTE["sky"], ls="--", label="from below")
-        if one.curve_nominal.size:
-            above.semilogx(omega, one.curve_nominal, color=PALETTE["black"], label="nominal")
-        _draw_intervals(above, one, PALETTE["blue"])
-        above.axhline(1.0, color="#777777", ls=":", lw=1.2)
-        kind = f"{_TITLES[one.analysis].lower()} {one.channel}".rstrip()
-        controller, _, rest = product.label(one.loop).partition(", ")
-        above.set_title(f"{controller}\n{rest}\n{kind}", fontsize=9)
-        _draw_shares_over(below, one, named)
-        for axes, what in ((above, "µ, gain"), (below, "share of the block")):
-            axes.set_xlabel("frequency (rad/s)")
-            axes.set_ylabel(what)
-        below.xaxis.set_major_locator(LogLocator(numticks=6))
-        below.xaxis.set_minor_locator(LogLocator(numticks=40))
-        below.xaxis.set_minor_formatter(NullFormatter())
-        below.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
-    grid[0, 0].legend(fontsize=8)
+    return Chart(
+        "µ and shares of the blocks over frequency",
+        [
+            *(_bound_panel(product, one) for product, one in columns),
+            *(_share_panel(one, named) for _, one in columns),
+        ],
+        "Above: bounds of µ, the gain of the nominal loop, and as bars the intervals on each of "
+        "which one pair of scalings proves the bound; below: relative change of the upper bound "
+        "with the size of each block. Blocks that never reach 5 % are together."
+        + _frequencies_differ(columns),
+        columns=len(columns),
+        share_x=True,
+        share_y=True,
+        shared_legend=True,
+        size_in=(1.6 + 3.2 * len(columns), 7.0),
+    )
 
 
-def _select_blocks(analysed: Sequence[Analysed]) -> dict[str, int]:
+def _frequencies_differ(columns: Sequence[tuple[MuAnalysis, Analysed]]) -> str:
+    """Return a sentence on the columns' frequency ranges, empty if they are the same."""
+    spans = [(float(one.omega_rad_s[0]), float(one.omega_rad_s[-1])) for _, one in columns]
+    if all(max(ends) <= (1.0 + _SAME_FREQUENCY) * min(ends) for ends in zip(*spans, strict=True)):
+        return ""
+    told = "; ".join(
+        f"{product.label(one.loop)}: {low:.2g} to {high:.2g} rad/s"
+        for (product, one), (low, high) in zip(columns, spans, strict=True)
+    )
+    return f" The columns span different frequencies: {told}."
+
+
+def _bound_panel(product: MuAnalysis, one: Analysed) -> Panel:
+    omega = one.omega_rad_s
+    marks: list[Mark] = [
+        Curve(omega, one.curve_upper, "µ, from above", "blue"),
+        Curve(omega, one.curve_lower, "µ, from below", "sky", "dashed"),
+    ]
+    if one.curve_nominal.size:
+        marks.append(Curve(omega, one.curve_nominal, "nominal gain", "black"))
+    marks += [_intervals(one, "blue"), Rule("y", 1.0)]
+    controller, _, rest = product.label(one.loop).partition(", ")
+    kind = f"{_TITLES[one.analysis].lower()} {one.channel}".rstrip()
+    return Panel(_FREQUENCY, Axis("µ, gain"), marks, f"{controller}\n{rest}\n{kind}")
+
+
+def _select_blocks(analyses: Sequence[Analysed]) -> dict[str, int]:
     """Return the blocks that are drawn by themselves, the weightiest first, with their places."""
     largest: dict[str, float] = {}
-    for one in analysed:
-        most = np.nanmax(one.curve_shares, axis=1, initial=0.0).tolist()
-        for name, value in zip(one.blocks, most, strict=True):
+    for one in analyses:
+        for name, value in zip(one.blocks, _largest_shares(one), strict=True):
             largest[name] = max(largest.get(name, 0.0), value)
     kept = sorted((name for name in largest if largest[name] >= _NAMED), key=lambda n: -largest[n])
     return {name: place for place, name in enumerate(kept)}
 
 
-def _draw_shares_over(axes: Axes, one: Analysed, named: dict[str, int]) -> None:
-    """Draw the shares of one column; a block has the same line in all of them."""
-    colours = [colour for name, colour in PALETTE.items() if name not in ("yellow", "black")]
-    for k in sorted((k for k, b in enumerate(one.blocks) if b in named),
-                    key=lambda k: named[one.blocks[k]]):  # fmt: skip
-        if np.nanmax(one.curve_shares[k], initial=0.0) < _NAMED:
+def _largest_shares(one: Analysed) -> list[float]:
+    return list(map(float, np.nanmax(one.curve_shares, axis=1, initial=0.0)))
+
+
+def _share_panel(one: Analysed, named: dict[str, int]) -> Panel:
+    """Return the shares of one column; a block has the same line in all of them."""
+    marks, rest = [], []
+    for name, share, largest in zip(
+        one.blocks, one.curve_shares, _largest_shares(one), strict=True
+    ):
+        if largest < _NAMED:
+            rest.append(share)
             continue
-        place = named[one.blocks[k]]
-        style = ("-", "--", ":")[place // len(colours) % 3]
-        axes.semilogx(
-            one.omega_rad_s, one.curve_shares[k], style, color=colours[place % len(colours)],
-            label=one.blocks[k].rpartition(".")[2],
+        turn, place = divmod(named[name], len(_BLOCK_COLOURS))
+        marks.append(
+            Curve(one.omega_rad_s, share, name.rpartition(".")[2], _BLOCK_COLOURS[place],
+                  _DASHES[turn % len(_DASHES)])
         )  # fmt: skip
-    rest = [k for k in range(len(one.blocks))
-            if np.nanmax(one.curve_shares[k], initial=0.0) < _NAMED]  # fmt: skip
     if rest:
-        together = one.curve_shares[rest].sum(axis=0)
-        axes.semilogx(one.omega_rad_s, together, color="#777777", label="others together")
+        marks.append(Curve(one.omega_rad_s, np.sum(rest, axis=0), "others together", "grey"))
+    return Panel(_FREQUENCY, Axis("share of the block"), marks)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from hillsphere.interfaces import Array
-from hillsphere.presentation import Figure, Metric, Presentation, Table
+from hillsphere.presentation import Metric, Presentation, Table
 from hillsphere.show.reference import ReferenceTable
 from hillsphere.show.tables import (
     FilledColumn,
@@ -21,10 +20,10 @@ from hillsphere.show.tables import (
     text_column,
 )
 from hillsphere_controllers.stages.mu_analysis.figures import (
-    draw_bounds,
-    draw_share_curves,
-    draw_shares,
+    bound_chart,
     select_share_curves,
+    share_chart,
+    share_curve_chart,
 )
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
 
@@ -38,8 +37,6 @@ _TITLES = {
 _SINGULAR = 1e-6
 """Smallest singular value of I − M Δ up to which Δ counts as checked in the closed loop; it is the
 limit of `mu.worst_case`."""
-_SAME_FREQUENCY = 0.05
-"""Ends of curves that differ by less, relative, look the same in a figure."""
 
 
 def present_analyses(
@@ -74,46 +71,13 @@ def present_analyses(
         tables |= {f"mu_models_{name}": _model_table(product, name) for name in _analyses(product)}
     figures = {}
     if any(one.omega_rad_s.size for one in product.worst):
-        shown = {one.analysis for one in product.worst if one.omega_rad_s.size}
-        figures["mu_bounds"] = Figure(
-            "Bounds of µ over frequency",
-            partial(draw_bounds, product=product),
-            "Upper bounds (solid) and lower bounds (dots) at single frequencies; the bars above "
-            "are intervals on each of which one pair of scalings proves the bound at its height: "
-            "together they cover all frequencies.",
-            size_in=(7.4, 0.8 + 3.2 * len(shown)),
-        )
-    shown_columns = columns or [(product, one) for one in product.worst]
-    if drawn := select_share_curves(shown_columns):
-        figures["mu_sensitivity_curves"] = Figure(
-            "µ and shares of the blocks over frequency",
-            partial(draw_share_curves, columns=drawn),
-            "Above: bounds of µ, the gain of the nominal loop, and as bars the intervals on each "
-            "of which one pair of scalings proves the bound; below: relative change of the upper "
-            "bound with the size of each block. Blocks that never reach 5 % are together."
-            + _frequencies_differ(drawn),
-            size_in=(1.6 + 3.2 * len(drawn), 7.0),
-        )
+        figures["mu_bounds"] = bound_chart(product, "mu_summary")
+    if drawn := select_share_curves(columns or [(product, one) for one in product.worst]):
+        figures["mu_sensitivity_curves"] = share_curve_chart(drawn)
     if any(one.shares.size for one in product.worst):
         tables["mu_sensitivities"] = _shares(product)
-        figures["mu_sensitivities"] = Figure(
-            "Shares of the blocks in µ",
-            partial(draw_shares, product=product),
-            "Relative change of the upper bound at its peak with the size of each block.",
-        )
+        figures["mu_sensitivities"] = share_chart(product, "mu_sensitivities")
     return Presentation(metrics, tables, figures, _verdict(product))
-
-
-def _frequencies_differ(columns: Sequence[tuple[MuAnalysis, Analysed]]) -> str:
-    """Return a sentence on the columns' frequency ranges, empty if they are the same."""
-    spans = [(float(one.omega_rad_s[0]), float(one.omega_rad_s[-1])) for _, one in columns]
-    if all(max(ends) <= (1.0 + _SAME_FREQUENCY) * min(ends) for ends in zip(*spans, strict=True)):
-        return ""
-    told = "; ".join(
-        f"{product.label(one.loop)}: {low:.2g} to {high:.2g} rad/s"
-        for (product, one), (low, high) in zip(columns, spans, strict=True)
-    )
-    return f" The columns span different frequencies: {told}."
 
 
 def _summary(product: MuAnalysis, path: str | None) -> Table:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 
 from hillsphere.interfaces import Array
-from hillsphere.presentation import Figure, Metric, Presentation
+from hillsphere.presentation import Metric, Presentation
 from hillsphere.show.tables import (
     FieldColumns,
     FilledColumn,
@@ -16,7 +14,7 @@ from hillsphere.show.tables import (
     tabulate,
     text_column,
 )
-from hillsphere_controllers.stages.sampled_loops.figures import draw_radius
+from hillsphere_controllers.stages.sampled_loops.figures import radius_chart
 from hillsphere_controllers.stages.sampled_loops.products import SampledLoops
 
 __all__ = ["present_sampled_loops"]
@@ -44,14 +42,7 @@ def present_sampled_loops(product: SampledLoops) -> Presentation:
         },
         figures={}
         if np.isnan(product.radius).all()
-        else {
-            "sampled_loops": Figure(
-                "Spectral radius over the sampling period",
-                partial(draw_radius, product=product),
-                "Of the monodromy over one period, the largest of all models; a loop is stable "
-                "below one.",
-            )
-        },
+        else {"sampled_loops": radius_chart(product, "sampled_loops")},
         verdict=_verdict(product),
     )
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 
 from hillsphere.interfaces import Array
-from hillsphere.presentation import Figure, Metric, Presentation, Table
+from hillsphere.presentation import Metric, Presentation, Table
 from hillsphere.show.tables import (
     FieldColumns,
     FilledColumn,
@@ -17,10 +15,10 @@ from hillsphere.show.tables import (
     text_column,
 )
 from hillsphere_controllers.stages.synthesis.figures import (
-    draw_gains,
-    draw_iterations,
-    draw_starts,
-    draw_steps,
+    gain_chart,
+    iteration_chart,
+    loop_step_chart,
+    start_chart,
 )
 from hillsphere_controllers.stages.synthesis.products import Iterations, Synthesis
 from hillsphere_controllers.stages.synthesis.search_tables import (
@@ -29,7 +27,6 @@ from hillsphere_controllers.stages.synthesis.search_tables import (
     start_sentences,
     worst_sentence,
 )
-from hillsphere_controllers.stages.synthesis.step_panels import step_figure_size
 from hillsphere_controllers.stages.table_cells import finite_fields, first_rows
 
 __all__ = ["present_synthesis"]
@@ -71,35 +68,17 @@ def present_synthesis(product: Synthesis, duration_s: float | None) -> Presentat
     }
     figures = {}
     if stable.any():
-        figures["synthesis_gains"] = Figure(
-            "Closed loops against the inverse weights",
-            partial(draw_gains, product=product),
-            "Largest singular value from all disturbances to each weighted signal before its "
-            "weight, and what the weight allows for the γ reached (dashed) and for γ = 1 (dotted).",
-            size_in=(7.0, 0.6 + 2.7 * _panels(product)),
-        )
-        figures["synthesis_steps"] = Figure(
-            "Step responses",
-            partial(draw_steps, product=product, duration_s=duration_s),
-            "Responses of the plant's outputs to a step of each command in turn, in the units of "
-            "the measurements; where these are many, the outputs not commanded are grey.",
-            size_in=step_figure_size(product.measurements),
-        )
+        figures["synthesis_gains"] = gain_chart(product, "synthesis_loops")
+        figures["synthesis_steps"] = loop_step_chart(product, duration_s, "synthesis_loops")
     if product.search is not None:
-        figures["synthesis_starts"] = Figure(
-            "Results of the searches",
-            partial(draw_starts, product=product),
-            "γ of every search, sorted; the line is the lower bound for any controller.",
-        )
+        figures["synthesis_starts"] = start_chart(product, "synthesis_searches")
         metrics["synthesis_residual"] = Metric(product.search.residual)
         metrics |= search_metrics(product.search)
         tables |= search_tables(product.search, _names(product))
     if product.iterations is not None:
         tables["synthesis_iterations"] = _iterations(product.iterations)
-        figures["synthesis_iterations"] = Figure(
-            "µ over the steps",
-            partial(draw_iterations, iterations=product.iterations),
-            "Certified bound of every step's controller; filled: accepted.",
+        figures["synthesis_iterations"] = iteration_chart(
+            product.iterations, "synthesis_iterations"
         )
     return Presentation(metrics, tables, figures, _verdict(product))
 
@@ -110,12 +89,6 @@ def _names(product: Synthesis) -> tuple[str, ...]:
     if robust is not None:
         return robust.labels
     return tuple(label for label, own in zip(product.labels, product.designed, strict=True) if own)
-
-
-def _panels(product: Synthesis) -> int:
-    weighted = {name for weight in product.weights for name in weight.outputs}
-    outputs = product.plants[0].outputs[: product.plants[0].shape[0] - product.measurements]
-    return len(product.weights) + int(not outputs or not set(outputs) <= weighted)
 
 
 def _norms(product: Synthesis) -> Table:

@@ -1,0 +1,176 @@
+"""Panels of orbits with their body, flat or in space."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from hillsphere.interfaces import Array
+from hillsphere.presentation import (
+    LINE_COLOURS,
+    Area,
+    Axis,
+    Chart,
+    Cloud,
+    ColourScale,
+    Curve,
+    Mark,
+    MarkerShape,
+    Panel,
+    Path,
+    Points,
+    Space,
+    Surface,
+)
+from hillsphere_orbits.survey import NEARLY_PLANAR
+
+__all__ = [
+    "AXES", "MARKERS", "Moon", "about_moon", "cylinder_solids", "family_colours",
+    "moon_outline", "moon_solid", "name_axis", "orbit_paths", "scene_chart",
+]  # fmt: skip
+
+MARKERS: tuple[MarkerShape, ...] = (
+    "circle", "square", "triangle", "diamond", "triangle-down", "star", "plus",
+)  # fmt: skip
+"""Shapes of markers that a figure distinguishes."""
+AXES = (
+    Axis("x, away from the primary", "km"), Axis("y, along the orbital velocity", "km"),
+    Axis("z, north", "km"),
+)  # fmt: skip
+_LIGHTEST = 0.9
+"""Place of the last family on the scale of colours: beyond it viridis is too light for a line."""
+_PHASE = Axis("part of the period")
+
+
+class Moon(Protocol):
+    """Fields of a product that say where the surface of its moon is."""
+
+    @property
+    def body(self) -> str:
+        """Name of the moon; empty if the plant does not say."""
+
+    @property
+    def semi_axes_m(self) -> tuple[float, ...]:
+        """Semi-axes of its surface along its own axes; empty if it has none."""
+
+    @property
+    def prime_meridian_rad(self) -> float:
+        """Angle from +x to its longitude 0."""
+
+
+def family_colours(families: int) -> list[str]:
+    """Return one colour per family, from dark to light (they are ordered by n)."""
+    scale = ColourScale("", high=max(families - 1, 1) / _LIGHTEST)
+    return [scale.colour(float(family)) for family in range(families)]
+
+
+def name_axis(names: Sequence[str], margin: float = 0.6) -> Axis:
+    """Return an axis with a row per name, downwards."""
+    return Axis(ticks=list(enumerate(names)), low=-margin, high=len(names) - 1 + margin,
+                is_reversed=True)  # fmt: skip
+
+
+def about_moon(name: str, preposition: str = "around") -> str:
+    """Return ``" around Phobos"``, or an empty text if the body has no name of its own."""
+    return f" {preposition} {name.capitalize()}" if name not in ("", "body") else ""
+
+
+def moon_solid(moon: Moon | None) -> Surface | Cloud:
+    """Return the ellipsoid of the moon to scale, or its centre if it has no surface."""
+    if moon is None or not moon.semi_axes_m:
+        return Cloud(np.zeros((3, 1)), "centre of the body", "black", "plus")
+    longitude, polar = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 33), np.linspace(0.0, np.pi, 17))
+    unit = np.array([np.cos(longitude) * np.sin(polar), np.sin(longitude) * np.sin(polar),
+                     np.cos(polar)])  # fmt: skip
+    return Surface(
+        np.einsum("ij,jkl->ikl", _turned_axes(moon), unit) / 1e3, moon.body.capitalize() or "Body"
+    )
+
+
+def moon_outline(moon: Moon | None) -> Area | Points:
+    """Return the equator of the moon to scale, or its centre if it has no surface."""
+    if moon is None or not moon.semi_axes_m:
+        return Points([0.0], [0.0], "centre of the body", "black", "plus")
+    angle = np.linspace(0.0, 2.0 * np.pi, 181)
+    x, y = _turned_axes(moon)[:2, :2] @ np.array([np.cos(angle), np.sin(angle)]) / 1e3
+    return Area(x, y, moon.body.capitalize() or "Body")
+
+
+def _turned_axes(moon: Moon) -> Array:
+    """Return the semi-axes of the moon as columns (3, 3) in the frame of its orbit, m."""
+    c, s = np.cos(moon.prime_meridian_rad), np.sin(moon.prime_meridian_rad)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(turn * np.array(moon.semi_axes_m))
+
+
+def orbit_paths(tracks_m: Array, labels: Sequence[str], members: Sequence[int]) -> list[Path]:
+    """Return closed orbits as paths over their period.
+
+    Parameters
+    ----------
+    tracks_m : ndarray, shape (3, P, N)
+        Positions along one period, equally spaced in time.
+    labels : sequence of str
+        Names of all N orbits.
+    members : sequence of int
+        Orbits that are drawn; they are the rows of the figure's table.
+    """
+    phase = np.linspace(0.0, 1.0, tracks_m.shape[1])
+    return [
+        Path(
+            tracks_m[:, :, i] / 1e3,
+            labels[i],
+            LINE_COLOURS[k % len(LINE_COLOURS)],
+            times=phase,
+            rows=i,
+        )
+        for k, i in enumerate(members)
+    ]
+
+
+def scene_chart(
+    title: str, solids: Sequence[Path | Cloud], moon: Moon | None, caption: str, *,
+    table: str = "", time: Axis = _PHASE,
+) -> Chart:  # fmt: skip
+    """Return orbits and the body to scale: in space, or from above if all are in its plane.
+
+    Parameters
+    ----------
+    title, caption, table : str
+        As for `Chart`.
+    solids : sequence of Path or Cloud
+        Orbits, km.
+    moon : Moon or None
+        The body; None draws its centre.
+    time : Axis
+        Axis of the times of the paths.
+    """
+    sizes = [np.nanmax(np.abs(np.asarray(s.points)), axis=1, initial=0.0) for s in solids]
+    x, y, z = np.max(sizes, axis=0)
+    if z < NEARLY_PLANAR * max(x, y):
+        flat = [*map(_seen_from_above, solids), moon_outline(moon)]
+        panel = Panel(*AXES[:2], flat, is_equal=True, legend="right")
+        return Chart(title, [panel], caption, size_in=(6.0, 8.0), table=table)
+    space = Space([*solids, moon_solid(moon)], *AXES, time=time)
+    return Chart(title, [space], caption, size_in=(8.0, 7.5), table=table)
+
+
+def _seen_from_above(solid: Path | Cloud) -> Mark:
+    x, y, _ = np.asarray(solid.points)
+    if isinstance(solid, Path):
+        return Curve(x, y, solid.label, solid.colour, solid.dash, solid.width, solid.opacity,
+                     rows=solid.rows)  # fmt: skip
+    return Points(x, y, solid.label, solid.colour, solid.marker, solid.size, rows=solid.rows)
+
+
+def cylinder_solids(
+    ring_km: Array, height_km: float, colour: str, label: str
+) -> tuple[Surface, Path]:
+    """Return a transparent cylinder over a closed curve (2, K), km, and that curve."""
+    walls = np.empty((3, 2, ring_km.shape[1]))
+    walls[:2] = ring_km[:, None]
+    walls[2] = np.array([[-height_km], [height_km]])
+    middle = np.vstack([ring_km, np.zeros(ring_km.shape[1])])
+    return Surface(walls, "", colour, opacity=0.1), Path(middle, label, colour, width=1.6)

@@ -1,0 +1,36 @@
+"""Faults of a presentation that a report could not show."""
+
+from hillsphere.presentation import (
+    Axis,
+    Chart,
+    Cloud,
+    Column,
+    Panel,
+    Points,
+    Presentation,
+    Space,
+    Table,
+    presentation_faults,
+)
+
+
+def faults(chart: Chart) -> list[str]:
+    table = Table("T", [Column("a")], [{"a": 1.0}, {"a": 2.0}])
+    return presentation_faults(Presentation(tables={"t": table}, figures={"f": chart}))
+
+
+def flat(points: Points) -> Panel:
+    return Panel(Axis(), Axis(), [points])
+
+
+def test_marks_stand_for_rows_of_the_stages_own_table() -> None:
+    space = Space([Cloud([[0.0]] * 3, rows=1)])
+    assert faults(Chart("C", [flat(Points([0, 1], [0, 1], rows=[0, 1])), space], table="t")) == []
+    assert faults(Chart("C", [], table="u")) == ["figure 'f': its table 'u' is not one of ['t']"]
+    beyond = Chart("C", [flat(Points([0, 1], [0, 1], rows=range(1, 3)))], table="t")
+    assert faults(beyond) == [
+        "figure 'f': a Points stands for rows 1 to 2 of its table 't', which has 2"
+    ]
+    assert faults(Chart("C", [space])) == [
+        "figure 'f': a Cloud stands for rows 1 to 1 of its table '', which has 0"
+    ]
