@@ -39,6 +39,7 @@ from hillsphere.presentation import (
     Span,
     Surface,
 )
+from hillsphere.show.charts import even_indices
 from hillsphere.show.colours import PALETTE
 from hillsphere.show.drawing import draw
 from hillsphere.show.plotly_renderer import plotly_figure
@@ -200,6 +201,37 @@ def test_one_colour_bar_for_panels_with_the_same_scale() -> None:
     figure = plotly_figure(Chart("T", [one, one], columns=2))
     assert [key for key in figure["layout"] if key.startswith("coloraxis")] == ["coloraxis"]
     assert texts(draw(Chart("T", [one, one], columns=2)).svg).count("slope (deg)") == 1
+
+
+def test_the_colour_bar_of_one_panel_stands_beside_it() -> None:
+    maps = [
+        Panel(Axis("x"), Axis("y"), [Map([0, 1, 2], [0, 1], [[n, 1.23456]], replace(SCALE, high=n),
+                                         has_numbers=True)])
+        for n in (2.0, 3.0)
+    ]  # fmt: skip
+    figure = plotly_figure(Chart("T", maps, columns=2))
+    for layout in (figure["layout"], figure["narrow"]["layout"]):
+        for number in ("", "2"):
+            bar = layout[f"coloraxis{number}"]["colorbar"]
+            assert bar["x"] == layout[f"xaxis{number}"]["domain"][1] < 1.0
+            low, high = layout[f"yaxis{number}"]["domain"]
+            assert (bar["y"], bar["len"]) == (pytest.approx(0.5 * (low + high)), high - low)
+    assert figure["data"][1]["text"] == [["3", "1.235"]]
+
+
+def test_long_scenes_are_seen_whole() -> None:
+    def distance(sides: list[float]) -> float:
+        space = Space([Path(np.outer(sides, [0.0, 1.0])), Arrows([[0.0]] * 3, [[1.0]] * 3)])
+        return math.hypot(*plotly_figure(Chart("T", [space]))["layout"]["scene"]["camera"]["eye"]
+                          .values())  # fmt: skip
+
+    assert distance([5.0, 5.0, 5.0]) == distance([0.0, 0.0, 0.0]) < distance([1.0, 9.0, 1.0])
+
+
+def test_indices_are_even_and_hold_both_ends() -> None:
+    assert even_indices(5, 9).tolist() == [0, 1, 2, 3, 4]
+    assert even_indices(9, 3).tolist() == [0, 4, 8]
+    assert even_indices(0, 3).size == 0
 
 
 def test_colour_scales() -> None:

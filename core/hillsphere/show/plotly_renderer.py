@@ -597,7 +597,9 @@ def _space(made: _Builder, panel: Space, domain: _Domain) -> None:
     for solid in panel.solids:
         _SOLIDS[type(solid)](made, solid)
     azimuth, elevation = math.radians(panel.azimuth_deg), math.radians(panel.elevation_deg)
-    distance = 1.9  # in half extents: the whole scene is seen
+    # In half extents: the whole scene and the labels of its axes are seen. Of a long one the near
+    # end alone would touch the border, so that the square root is enough.
+    distance = 2.1 * math.sqrt(_elongation(panel))
     eye = {
         "x": distance * math.cos(elevation) * math.cos(azimuth),
         "y": distance * math.cos(elevation) * math.sin(azimuth),
@@ -617,6 +619,23 @@ def _space(made: _Builder, panel: Space, domain: _Domain) -> None:
         made.layout["meta"] = {"time": panel.time.text}
     if panel.title:
         _title(made, panel.title, domain)
+
+
+def _elongation(panel: Space) -> float:
+    """Return the longest side of a scene over the geometric mean of all, by which it is scaled."""
+    points = [
+        np.reshape(points, (3, -1))
+        for solid in panel.solids
+        for name in ("points", "vertices", "start")
+        if (points := getattr(solid, name, None)) is not None
+    ]
+    if not points:
+        return 1.0
+    every = np.concatenate(points, axis=1)
+    every = every[:, np.isfinite(every).all(axis=0)]
+    sides = np.ptp(every, axis=1) if every.size else np.ones(3)
+    longest = float(sides.max())
+    return float(1.0 / np.prod(np.maximum(sides / longest, 0.1)) ** (1 / 3)) if longest else 1.0
 
 
 def _xyz(points: ArrayLike) -> dict[str, Any]:

@@ -89,7 +89,7 @@ def _chart(product: StartingBelief) -> Chart:
     n, cases = product.means.shape
     share = (np.arange(cases) + 0.5) / cases
     marks = [
-        Curve(np.sort(product.nees), share, "cases", "blue", steps=True),
+        Curve(np.sort(product.nees), share + 0.5 / cases, "cases", "blue", steps=True),
         Curve(chi2(n).ppf(share), share, f"χ², {n} states", "vermillion", "dashed"),
     ]
     return Chart(

@@ -71,7 +71,7 @@ def present_formation(
 def _chart(
     places: list[Array], t_s: Array, spacecraft: tuple[str, ...], semi_axes_m: Array | None
 ) -> Chart:
-    """Return the paths about the asteroid; rows are distances from it."""
+    """Return the paths about the asteroid; a row is a spacecraft's distance from it."""
     unit, scale = time_unit(float(t_s[-1]))
     at = even_indices(t_s.size)
     solids: list[Solid] = []
@@ -85,10 +85,9 @@ def _chart(
             Path(r[:, at] / 1e3, craft, colour, times=t_s[at] / scale, rows=i),
             Cloud(r[:, :1] / 1e3, "", colour, rows=i),
         ]
-    axes = [Axis(name, "km") for name in ("x, away from the Sun", "y", "z, along the normal")]
     return Chart(
         "Reference trajectories of the formation",
-        [Space(solids, *axes, time=Axis("time", unit))],
+        [Space(solids, time=Axis("time", unit))],
         "In the Hill frame of the asteroid: x away from the Sun, z its orbit normal. Circles: the "
         "start; grey: what the asteroid sweeps as it turns.",
         table="formation_distances",
