@@ -172,10 +172,10 @@ def test_a_comparison_may_bring_its_own_values(tmp_path: Path) -> None:
     file.write_text("# source: A paper, Table 2\nname,low_km,high_km\nA,7.5,7.7\n", "utf-8")
     spec = ComparisonSpec(
         text="t",
-        stage="fly",
+        stage="fly",  # type: ignore[arg-type]
         table="orbits",
         reference=str(file),
-        on="name",  # type: ignore[arg-type]
+        on="name",
     )
     one = Comparison(spec).judge(EVIDENCE)
     assert (one.state, one.got, one.source) == ("refuted", "1 of 2 equal", "A paper, Table 2")

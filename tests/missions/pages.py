@@ -36,7 +36,7 @@ def find_browser() -> str:
 
 @contextmanager
 def open_page(
-    directory: Path, width: int = 1280, scheme: str = "light", scripts: bool = True
+    directory: Path, width: int = 1280, scheme: Any = "light", scripts: bool = True
 ) -> Iterator[tuple[Any, list[str]]]:
     """Yield the page of a run, and what it asked for or complained about."""
     executable = find_browser()

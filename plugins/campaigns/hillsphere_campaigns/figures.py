@@ -252,8 +252,9 @@ def correlation_chart(
         )
         if which.any()
     ]
+    low, high = found.interval[:, i, j]
     marks += [
-        Segments(rows, *found.interval[:, i, j], "x", width=1.2, rows=rows.tolist()),
+        Segments(rows, low, high, "x", width=1.2, rows=rows.tolist()),
         Rule("x", 0.0, "", "black", "solid", 0.8),
     ]
     names = [f"{format_name(found.inputs[a])} → {format_name(found.metrics[b])}" for a, b in pairs]
@@ -278,10 +279,10 @@ def sobol_chart(found: SobolIndices, metrics: Sequence[int], most: int, left: st
             (-0.2, "blue", found.first, found.first_interval, "first: alone"),
             (0.2, "orange", found.total, found.total_interval, "total: with others"),
         ):
-            at = places + shift
+            at, (low, high) = places + shift, interval[:, order, j]
             marks += [
                 Bars(at, index[order, j], "x", width=0.38, label=label, colour=colour, rows=rows),
-                Segments(at, *interval[:, order, j], "x", width=1.0, rows=rows),
+                Segments(at, low, high, "x", width=1.0, rows=rows),
             ]
         least = float(np.nanmin([*found.first_interval[0, order, j], found.first[order, j].min()]))
         label = f"share of the variance of {format_name(found.metrics[j])}"

@@ -6,7 +6,7 @@ import numpy as np
 
 from hillsphere.base.arrays import Array
 from hillsphere.cases.case_classes import decided_failures, is_undecided
-from hillsphere.presentation import Axis, Chart, Curve, Panel
+from hillsphere.presentation import Axis, Chart, Curve, Dash, Panel
 from hillsphere.products import CaseTable
 from hillsphere.products.products import Bands, Lines, LinesToEnds
 from hillsphere.show.charts import even_indices
@@ -62,11 +62,13 @@ def _curves(table: CaseTable, lines: Lines, quantity: int, scale: float) -> list
     failed = decided_failures(table)[places]
     undecided = is_undecided(table.status)[places]
     made = []
-    for name, which, colour, dash in (
-        ("case", ~failed & ~undecided, "black", "solid"),
-        ("failed case", failed, "vermillion", "dashed"),
-        ("undecided case", undecided, "orange", "dotted"),
-    ):
+    kinds: tuple[tuple[str, str, Dash], ...] = (
+        ("case", "black", "solid"),
+        ("failed case", "vermillion", "dashed"),
+        ("undecided case", "orange", "dotted"),
+    )
+    groups = (~failed & ~undecided, failed, undecided)
+    for (name, colour, dash), which in zip(kinds, groups, strict=True):
         some = np.flatnonzero(which).tolist()
         if not some:
             continue

@@ -171,9 +171,9 @@ def _map(layout: PointLayout, one: PointValues) -> Panel:
     known = cells[np.isfinite(cells)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     scale = ColourScale(one.axis.label, one.axis.unit, low, high)
-    axes = []
-    for axis, ticks in zip(layout.axes, layout.ticks, strict=True):
-        step = -(-len(ticks) // _MOST_TICKS[1])
-        axes.append(replace(axis, ticks=list(enumerate(ticks))[::step]))
+    x, y = (
+        replace(axis, ticks=list(enumerate(ticks))[:: -(-len(ticks) // _MOST_TICKS[1])])
+        for axis, ticks in zip(layout.axes, layout.ticks, strict=True)
+    )
     edges = [np.arange(count + 1) - 0.5 for count in (nx, ny)]
-    return Panel(*axes, [Map(edges[0], edges[1], cells, scale, has_numbers=nx * ny <= _NUMBERED)])
+    return Panel(x, y, [Map(edges[0], edges[1], cells, scale, has_numbers=nx * ny <= _NUMBERED)])

@@ -130,9 +130,9 @@ def path_chart(product: ClosedLoopFlight) -> Chart:
             solids.append(Cloud(goal[:, :1], f"reference{who}", "black", "cross"))
     if product.surface_m is not None and not near:
         solids.append(Surface(product.surface_m[:, ::3, ::3] / 1e3, colour="light", opacity=0.4))
-    axes = [Axis(f"Δ{name}", "m") if near else Axis(name, "km") for name in "xyz"]
+    axes = {n: Axis(f"Δ{n}", "m") if near else Axis(n, "km") for n in "xyz"}
     return Chart(
-        "Path", [Space(solids, *axes, time=axis)],
+        "Path", [Space(solids, axes["x"], axes["y"], axes["z"], time=axis)],
         f"In the frame {product.frame}; Δ: from where the reference begins. Dashed, or a cross: "
         "the reference.",
         size_in=(6.5, 5.5),
@@ -175,15 +175,15 @@ def acceleration_chart(product: ClosedLoopFlight) -> Chart:
     low, high = points.min(axis=1), points.max(axis=1)
     middle, half = 0.5 * (low + high), 0.52 * float((high - low).max())
     solids += _surface_within(product, middle, half)
-    axes = [
-        Axis(name, "km", low=centre - half, high=centre + half)
+    axes = {
+        name: Axis(name, "km", low=centre - half, high=centre + half)
         for name, centre in zip("xyz", middle.tolist(), strict=True)
-    ]
+    }
     # Seen from the body's limb.
     azimuth_deg = float(np.degrees(np.arctan2(middle[1], middle[0]))) - 75.0
     return Chart(
         "Accelerations along the path",
-        [Space(solids, *axes, azimuth_deg=azimuth_deg, elevation_deg=20.0)],
+        [Space(solids, axes["x"], axes["y"], axes["z"], "", azimuth_deg, 20.0)],
         f"In the frame {product.frame}: accelerations of the reference, of the law, and their sum, "
         "to one scale, before errors of the actuator.",
         size_in=(7.0, 6.0),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -337,7 +338,8 @@ def test_many_metrics_and_inputs_make_no_more_figures() -> None:
     )
     found = shown(table)
     assert len(found.figures) == 5
-    assert all(figure.size[1] < 9.0 for figure in found.figures.values())
+    charts: Any = found.figures.values()
+    assert all(chart.size[1] < 9.0 for chart in charts)
     assert len(found.tables["campaign_correlations"].rows) == 500
     assert len(found.metrics) < 50
 

@@ -384,7 +384,8 @@ def test_the_figure_of_a_descent_has_arrows() -> None:
     flown = made.run(RecordingContext(), reference=product)
     shown = made.present(flown, reference=product)
     check_presentation(shown)
-    solids = shown.figures["closed_loop_accelerations"].panels[0].solids
+    figures: Any = shown.figures
+    solids = figures["closed_loop_accelerations"].panels[0].solids
     assert sum(isinstance(solid, Arrows) for solid in solids) == 3
     assert sum(isinstance(solid, Surface) for solid in solids) == 1
     assert "closed_loop_accelerations" not in stage(
@@ -466,16 +467,17 @@ def test_figures_of_a_flight_go_on_to_the_contact() -> None:
     assert np.nanmax(flown.time_s) == 660.0
     shown = made.present(flown, reference=product)
     check_presentation(shown)
+    figures: Any = shown.figures
     for panel, error in zip(
-        shown.figures["closed_loop_errors"].panels, ("position", "velocity"), strict=True
+        figures["closed_loop_errors"].panels, ("position", "velocity"), strict=True
     ):
         line = np.array([panel.marks[0].x, panel.marks[0].y])
         here = line[:, np.isfinite(line).all(axis=0)]
         final = flown.values[flown.metrics.index(f"final_{error}_error")]
         assert_allclose(here[:, -1], [670.0 / 3600.0, final], rtol=1e-9)
-    times = np.asarray(shown.figures["closed_loop_command"].panels[0].marks[0].x)
+    times = np.asarray(figures["closed_loop_command"].panels[0].marks[0].x)
     assert_allclose(times[np.isfinite(times)][-1], 670.0 / 3600.0)
-    path = shown.figures["closed_loop_path"].panels[0].solids[0]
+    path = figures["closed_loop_path"].panels[0].solids[0]
     wanted = flown.end_x[:3] - flown.goal[:3, 0]  # less than a kilometre: from the reference
     assert_allclose(path.points[:, -1], wanted, rtol=1e-12)
     assert_allclose(path.times[-1], 670.0 / 3600.0)

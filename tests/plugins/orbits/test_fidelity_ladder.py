@@ -198,9 +198,9 @@ def test_periodic_orbits_of_autonomous_rungs(ladder: FidelityLadder) -> None:
 def test_flights_are_drawn_with_the_body(ladder: FidelityLadder) -> None:
     """The semi-axes 13.03 km along x and 11.4 km along y."""
     shown = present_ladder(ladder, "")
-    chart = shown.figures["fidelity_flights"]
+    chart: Any = shown.figures["fidelity_flights"]
     (panel,) = chart.panels
-    (outline,) = (mark for mark in panel.marks if isinstance(mark, Area))
+    outline: Any = next(mark for mark in panel.marks if isinstance(mark, Area))
     np.testing.assert_allclose([outline.x.max(), outline.y.max()], [13.03, 11.4], rtol=1e-3)
     assert outline.label == "Phobos"
     assert panel.y.text == "y, along the orbital velocity (km)"

@@ -360,7 +360,7 @@ def test_table_beside_published_values(
 
 def test_front_tells_amplitudes(low: ManifoldTransfers) -> None:
     known = replace(low, revolutions=np.array([17]), z_m=np.array([70e3]))
-    (panel,) = front_chart(known, None, "").panels
+    panel: Any = front_chart(known, None, "").panels[0]
     assert [mark.label for mark in panel.marks if mark.label] == ["n = 17", "Az = 70 km"]
 
 

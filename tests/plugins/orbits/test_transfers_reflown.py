@@ -282,7 +282,8 @@ def test_paths_are_in_space_if_there_is_something_to_see(
     coasts = found.coast_m.copy()
     coasts[2] = z_m * np.sign(coasts[0])
     shown = present_reflown(replace(found, coast_m=coasts), "")
-    (panel,) = shown.figures["transfers_reflown_paths"].panels
+    chart: Any = shown.figures["transfers_reflown_paths"]
+    (panel,) = chart.panels
     assert isinstance(panel, kind)
 
 

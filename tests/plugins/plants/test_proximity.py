@@ -319,7 +319,8 @@ def test_reference_stage() -> None:
     np.testing.assert_allclose([first.min(), first.max()], [1.55e3, 2.30e3], rtol=5e-3)
     np.testing.assert_allclose([second.min(), second.max()], [2.20e3, 3.24e3], rtol=5e-3)
     np.testing.assert_allclose([apart.min(), apart.max()], [0.63e3, 0.96e3], rtol=1e-2)
-    (chart,) = present_formation(product.flights, product.spacecraft, None).figures.values()
+    figures: Any = present_formation(product.flights, product.spacecraft, None).figures
+    (chart,) = figures.values()
     paths = chart.panels[0].solids[::2]
     np.testing.assert_array_equal([path.points for path in paths], [x[:3] / 1e3, x[6:9] / 1e3])
     # the velocities are the rates of the positions

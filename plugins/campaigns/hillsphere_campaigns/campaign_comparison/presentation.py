@@ -265,11 +265,11 @@ def _difference_chart(
     for row, one in shown[:_PANELS]:
         bars = histogram_bars(one.differences, "pairs", row)
         top = 1.06 * float(np.max(bars.values))
+        low, high = one.mean_interval
         marks: list[Mark] = [
             bars,
             Rule("x", 0.0, "", "black", "solid", 0.8),
-            Segments([top], *np.reshape(one.mean_interval, (2, 1)), "x", colour="vermillion",
-                     width=3.0),
+            Segments([top], [low], [high], "x", colour="vermillion", width=3.0),
             Points([one.mean], [top], "mean", "vermillion"),
         ]  # fmt: skip
         axis = quantity_axis(one.metric, one.unit)

@@ -36,7 +36,7 @@ def error_chart(product: NavigationFlight, called: str, table: str) -> Chart:
         error = product.position_error_m[i, at]
         low, high = np.nanquantile(error, [0.05, 0.95], axis=1)
         rms, sigma = np.sqrt(np.nanmean(error**2, axis=1)), product.position_sigma_m[i, at, 0]
-        marks = [
+        marks: list[Mark] = [
             Band(time[at], low, high, "5 to 95 %"),
             Curve(time[at], error[:, 0], "first flight", "blue", width=1.8, rows=i),
             Curve(time[at], rms, "rms", "green", width=0.9, rows=i),
