@@ -425,9 +425,9 @@ class _Run:
     def _is_lead(self, stage: str, name: str) -> bool:
         """Return whether a figure stands on the first screen of the report, where all see it."""
         lead = self.mission.report.figure
-        return f"{stage}.{name}" == lead if lead else not any(
-            record.figures for record in self.record.stages.values()
-        )  # fmt: skip
+        if lead.partition(".")[0] in self.specs:
+            return f"{stage}.{name}" == lead
+        return not any(record.figures for record in self.record.stages.values())
 
     def _show_figure(self, name: str, figure: AnyFigure, *, is_lead: bool) -> ShownFigure:
         """Return a figure for the report; write its data, and its pictures if they are wanted.

@@ -274,11 +274,14 @@ class _Page:
 
     def overview(self) -> str:
         """Return the figure that carries the answer, beside requirements and claims."""
-        lead = self.report.spec.figure or next(
-            (f"{s.stage}.{own}" for s in self.report.stages for own, name in s.own_names.items()
-             if name in s.figures), ""
-        )  # fmt: skip
+        lead = self.report.spec.figure
         figure = self._item(lead, "answer", is_open=True) if lead else ""
+        if not figure:  # its stage is no part of the run
+            first = next(
+                (f"{s.stage}.{own}" for s in self.report.stages
+                 for own, name in s.own_names.items() if name in s.figures), ""
+            )  # fmt: skip
+            figure = self._item(first, "answer", is_open=True)
         tables = _outcomes("requirement", "asked", self.report.requirements)
         tables += _outcomes("claim", "published", self.report.claims)
         if not (figure or tables):
