@@ -296,7 +296,7 @@ def test_a_chain_runs_in_order_and_leaves_everything(tmp_path: Path) -> None:
     assert summary["metrics"]["nothing"] == {"value": None, "unit": "-"}
     assert summary["metrics"]["mean"] == {"value": first.values.mean(), "unit": "m"}
     rows = summary["tables"]["rows"]
-    assert rows["columns"][1] == {"name": "v_m", "unit": "m"}
+    assert rows["columns"][1] == {"name": "v_m", "unit": "m", "label": "", "digits": 8}
     assert rows["rows"][2] == {"i": 2, "v_m": first.values[2], "v_m_paper": 0.1}
 
     csv = (result.directory / "tables/rows.csv").read_text().splitlines()
