@@ -137,6 +137,8 @@ def show_history(request: Request) -> Response:
     data = run.file("cases", f"{stage}-{number}.{kind}", max_bytes=MAX_HISTORY_BYTES)
     return Response(
         data, media_type="image/svg+xml" if kind == "svg" else "text/csv",
-        headers={"content-security-policy": "default-src 'none'; style-src 'unsafe-inline'; "
-                                            "sandbox"},
+        headers={
+            "content-security-policy": "default-src 'none'; style-src 'unsafe-inline'; sandbox",
+            "cross-origin-opener-policy": "unsafe-none",
+        },
     )  # fmt: skip

@@ -35,18 +35,21 @@ _REPORT_POLICY = (
     # they could do beside drawing is taken from the page.
     "; frame-ancestors 'none'; sandbox allow-scripts allow-same-origin allow-downloads"
 )
-_FILE_HEADERS = {"content-security-policy": "default-src 'none'; sandbox"}
+# A browser refuses a page that is sandboxed and wants an opener policy as well.
+_SANDBOXED = {"cross-origin-opener-policy": "unsafe-none"}
+_FILE_HEADERS = {"content-security-policy": "default-src 'none'; sandbox", **_SANDBOXED}
 
 
 def show_list(request: Request) -> Response:
     """Show the runs whose list entries hold a text."""
     service = service_of(request)
     wanted = request.query_params.get("q", "")[:200]
-    runs = [run for run in service.folders.runs() if run.has_text(wanted)]
+    listed = service.folders.runs()
+    runs = [run for run in listed if run.has_text(wanted)]
     pages = max(1, math.ceil(len(runs) / _PAGE_RUNS))
     number = min(max(number_of(request.query_params.get("page", "1")), 1), pages)
-    listed = {run.key for run in runs}
-    begun = [child for child in service.children.running() if child.key not in listed]
+    keys = {run.key for run in listed}
+    begun = [child for child in service.children.running() if child.key not in keys]
     return page(
         request, "list.html", runs=runs[(number - 1) * _PAGE_RUNS : number * _PAGE_RUNS],
         count=len(runs), wanted=wanted, number=number, pages=pages, begun=begun,
@@ -98,7 +101,9 @@ def show_report(request: Request) -> Response:
     """Serve the stored report with a policy of its own."""
     data = run_of(request).file("report.html", max_bytes=MAX_REPORT_BYTES)
     policy = content_policy(True) + _REPORT_POLICY
-    return Response(data, media_type="text/html", headers={"content-security-policy": policy})
+    return Response(
+        data, media_type="text/html", headers={"content-security-policy": policy, **_SANDBOXED}
+    )
 
 
 def show_file(request: Request) -> Response:

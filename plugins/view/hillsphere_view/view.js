@@ -33,7 +33,7 @@ for (const form of document.querySelectorAll("form[data-post]")) {
 /** Follow what is typed into the filter of a list. */
 for (const form of document.querySelectorAll("form[data-live]")) {
   let timer = 0;
-  const follow = async () => {
+  const update = async () => {
     const address = `${location.pathname}?${new URLSearchParams(new FormData(form))}`;
     const chosen = new Set(chosenRuns());
     if (!(await refresh(form.dataset.live, address))) return;
@@ -43,11 +43,11 @@ for (const form of document.querySelectorAll("form[data-live]")) {
   };
   form.addEventListener("input", () => {
     clearTimeout(timer);
-    timer = setTimeout(follow, 250);
+    timer = setTimeout(update, 250);
   });
   form.addEventListener("submit", (event) => {
     event.preventDefault();
-    follow();
+    update();
   });
 }
 

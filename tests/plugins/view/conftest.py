@@ -6,15 +6,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("starlette", reason="the extra web is not installed")
-pytest.importorskip("uvicorn", reason="the extra web is not installed")
-pytest.importorskip("jinja2", reason="the extra web is not installed")
-
+from starlette.testclient import TestClient
 from tests.core.wave_missions import WAVES
 from tests.plugins.view.serving import PORT, application, client_of, make_runs
 
 from hillsphere.plugins import default_registry
+from hillsphere_view.guard import Session
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -37,9 +34,7 @@ def place(_waves: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def client(place: Path):  # type: ignore[no-untyped-def]
+def client(place: Path) -> TestClient:
     """Client with the session's cookie."""
-    from hillsphere_view.guard import Session
-
     session = Session(PORT)
     return client_of(application(place, session), session)

@@ -14,9 +14,11 @@ from tests.plugins.view.serving import CASES
 
 from hillsphere.products import CaseTable
 from hillsphere.products.product_codec import load_product
+from hillsphere.runs.run_comparison import RunSummary
 from hillsphere_view.case_list import PAGE_ROWS
 from hillsphere_view.overlays import overlay, read_figure
 from hillsphere_view.run_folders import RunFolders
+from hillsphere_view.side_by_side import compare_side_by_side
 
 
 def cells(text: str) -> list[str]:
@@ -116,8 +118,6 @@ def test_equal_runs_differ_nowhere(client: TestClient, place: Path) -> None:
 
 
 def test_tables_are_joined_by_their_first_column() -> None:
-    from hillsphere_view.side_by_side import compare_side_by_side
-
     runs = [_run([("a", 1.0, 5.0), ("b", 2.0, 5.0)]), _run([("b", 3.0, 5.0), ("c", 4.0, 5.0)])]
     (table,) = compare_side_by_side(runs).tables
     assert [head[::2] for head in table.heads] == [
@@ -130,9 +130,7 @@ def test_tables_are_joined_by_their_first_column() -> None:
     assert marked[1] == [False, True, False]
 
 
-def _run(rows: list[tuple[str, float, float]]):  # type: ignore[no-untyped-def]
-    from hillsphere.runs.run_comparison import RunSummary
-
+def _run(rows: list[tuple[str, float, float]]) -> RunSummary:
     names = ("name", "value", "same")
     columns = [{"name": n, "unit": "", "label": "", "digits": 6} for n in names]
     table = {"columns": columns, "rows": [dict(zip(names, row, strict=True)) for row in rows]}
