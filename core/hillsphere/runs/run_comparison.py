@@ -17,7 +17,9 @@ from hillsphere.runs.earlier_run import EarlierRun
 from hillsphere.runs.run_differences import differences
 from hillsphere.runs.run_manifest import read_record
 
-__all__ = ["Difference", "RunComparison", "RunSummary", "compare_runs", "list_runs"]
+__all__ = [
+    "Difference", "RunComparison", "RunSummary", "compare_runs", "rows_by_key", "list_runs",
+]  # fmt: skip
 
 _METRIC_DIGITS = 8
 """Significant digits to which metrics are compared: those of a column that declares none."""
@@ -192,7 +194,7 @@ def _cells(
     """Yield the cells of two tables whose rows are joined by their first column."""
     columns = [{c["name"]: c.get("digits", _METRIC_DIGITS) for c in t["columns"]}
                for t in (first, second)]  # fmt: skip
-    keyed = [_rows_by_key(table) for table in (first, second)]
+    keyed = [rows_by_key(table) for table in (first, second)]
     for key in dict.fromkeys((*keyed[0], *keyed[1])):
         rows = [rows.get(key) for rows in keyed]
         if None in rows:
@@ -207,8 +209,11 @@ def _cells(
             yield name, f"{key}, {column}", cells[0], cells[1], digits
 
 
-def _rows_by_key(table: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """Return rows by their first cell; a cell that occurs again gets its number."""
+def rows_by_key(table: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """Return the rows of a table of ``summary.json`` by their first cells.
+
+    A cell that occurs again gets its number.
+    """
     first = table["columns"][0]["name"] if table["columns"] else ""
     keyed: dict[str, Mapping[str, Any]] = {}
     counts: dict[str, int] = {}

@@ -28,7 +28,7 @@ from hillsphere.show.html_tables import render_cell, render_table
 from hillsphere.show.outcomes import format_value
 from hillsphere.show.presentation import AnyFigure, Metric, Table
 
-__all__ = ["Report", "ShownFigure", "StageResult", "render"]
+__all__ = ["Report", "ShownFigure", "StageResult", "content_policy", "render"]
 
 _STATES = {"failed": "failed", "interrupted": "was interrupted", "not run": "was not run"}
 _FIRST_OUTCOMES = 6
@@ -169,7 +169,7 @@ def render(report: Report) -> str:
     main.append(_appendix(report))
     plots = page.plots()
     title = escape(report.spec.question or report.title or report.mission)
-    policy = _policy(bool(plots))
+    policy = content_policy(bool(plots))
     scripts = f"{plots}<script>{_own_script()}</script>"
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
@@ -182,7 +182,14 @@ def render(report: Report) -> str:
     )
 
 
-def _policy(has_plots: bool) -> str:
+def content_policy(has_plots: bool) -> str:
+    """Return the content security policy of a report: of scripts only those of this version run.
+
+    Parameters
+    ----------
+    has_plots : bool
+        Whether the report brings plotly.js.
+    """
     scripts = [_own_script(), *([_plotly()] if has_plots else [])]
     hashes = " ".join(
         f"'sha256-{b64encode(sha256(text.encode()).digest()).decode()}'" for text in scripts
