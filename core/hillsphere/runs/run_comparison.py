@@ -18,7 +18,12 @@ from hillsphere.runs.run_differences import differences
 from hillsphere.runs.run_manifest import read_record
 
 __all__ = [
-    "Difference", "RunComparison", "RunSummary", "compare_runs", "rows_by_key", "list_runs",
+    "Difference",
+    "RunComparison",
+    "RunSummary",
+    "compare_runs",
+    "list_runs",
+    "rows_by_key",
 ]  # fmt: skip
 
 _METRIC_DIGITS = 8

@@ -43,7 +43,7 @@ def page(request: pytest.FixtureRequest, browser: Any, command: Command) -> Iter
     made = context.new_page()
     complaints: list[str] = []
     made.on("pageerror", lambda error: complaints.append(str(error)))
-    made.on("console", lambda said: said.type == "error" and complaints.append(said.text))
+    made.on("console", lambda said: complaints.extend([said.text] * (said.type == "error")))
     made.goto(command.address)
     made.wait_for_selector("h1")
     yield made

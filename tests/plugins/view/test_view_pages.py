@@ -6,6 +6,7 @@ import json
 import re
 from base64 import b64decode
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -134,7 +135,7 @@ def _run(rows: list[tuple[str, float, float]]) -> RunSummary:
     names = ("name", "value", "same")
     columns = [{"name": n, "unit": "", "label": "", "digits": 6} for n in names]
     table = {"columns": columns, "rows": [dict(zip(names, row, strict=True)) for row in rows]}
-    manifest = {"mission": {}, "versions": {}, "platform": {}, "stages": {}}
+    manifest: dict[str, Any] = {"mission": {}, "versions": {}, "platform": {}, "stages": {}}
     return RunSummary(Path("x"), manifest, {"metrics": {}, "tables": {"t": table}, "verdict": {}})
 
 
