@@ -190,7 +190,7 @@ def test_other_claims() -> None:
     keys = {"text": "t", "stage": "fly", "table": "orbits", "row": {"name": "A"}}
     assert Answer(AnswerSpec.model_validate(keys)).judge(EVIDENCE).state == "confirmed"
     keys["row"] = {"name": "B"}
-    with pytest.raises(MissingResultError, match="must be one of confirmed, refuted, undecided"):
+    with pytest.raises(MissingResultError, match="must be confirmed, refuted or undecided"):
         Answer(AnswerSpec.model_validate(keys)).judge(EVIDENCE)
     lost = NotDerivable(NotDerivableSpec(text="t", reason="no weights")).judge(EVIDENCE)
     assert (lost.state, lost.reason) == ("not derivable", "no weights")

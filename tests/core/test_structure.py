@@ -339,3 +339,31 @@ def test_presentation_is_at_most_a_third_of_a_plugin() -> None:
         "shorten what shows results in these plugins: declare labels and digits with the fields of "
         "the product, and build tables with `hillsphere.show.tables`"
     )
+
+
+# --- figures
+
+
+def drawing_imports(text: str) -> list[str]:
+    """Return the drawing libraries that a module imports."""
+    names = [
+        alias.name if isinstance(node, ast.Import) else str(node.module)
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for alias in node.names
+    ]
+    return sorted({name for name in names if name.split(".")[0] in ("matplotlib", "plotly")})
+
+
+def test_no_plugin_draws() -> None:
+    found = {
+        str(path.relative_to(ROOT)): names
+        for path in (ROOT / "plugins").rglob("*.py")
+        if (names := drawing_imports(path.read_text("utf-8")))
+    }
+    assert found == {}, "declare these figures as data, `hillsphere.presentation.Chart`"
+
+
+def test_an_import_for_drawing_is_seen() -> None:
+    text = "def draw():\n    from matplotlib.ticker import LogLocator\n    import plotly\n"
+    assert drawing_imports(text) == ["matplotlib.ticker", "plotly"]

@@ -204,11 +204,12 @@ class Answer:
             raise MissingResultError(f"{len(rows)} rows are selected; an answer is one cell")
         answers: dict[Cell, State] = {
             "confirmed": "confirmed", "refuted": "refuted", "undecided": "undecided",
+            "undecidable": "undecided",  # the word of products of earlier versions
         }  # fmt: skip
         answer = rows[0].get(column.name)
         if answer not in answers:
             raise MissingResultError(
-                f"the answer must be one of {', '.join(map(str, answers))}, got {answer!r}"
+                f"the answer must be confirmed, refuted or undecided, got {answer!r}"
             )
         state = answers[answer]
         reason = rows[0].get("reason")

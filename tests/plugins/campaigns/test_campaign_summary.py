@@ -55,7 +55,7 @@ def test_means_and_failures_are_those_of_the_cases() -> None:
     [
         ({"of": "dv", "less": "A", "than": "B"}, "confirmed"),
         ({"of": "dv", "less": "B", "than": "A"}, "refuted"),
-        ({"of": "speed", "less": "A", "than": "B"}, "undecidable"),
+        ({"of": "speed", "less": "A", "than": "B"}, "undecided"),
         ({"of": "failures", "less": "A", "than": "B"}, "confirmed"),
         ({"of": "failures", "less": "B", "than": "A"}, "refuted"),
         ({"of": "worst", "less": "B", "than": "A"}, "confirmed"),
@@ -70,7 +70,7 @@ def test_two_campaigns_without_a_failure_decide_nothing() -> None:
     claim = ClaimSpec(text="said", of="failures", less="A", than="B")
     tables = (campaign(0.0, 0.0), campaign(0.3, 0.0))
     found = summary(tables, (), LABELS, [claim], 0.95).claims[0]
-    assert found.answer == "undecidable"
+    assert found.answer == "undecided"
     assert found.interval[0] < 0.0 < found.interval[1]
 
 
@@ -79,7 +79,7 @@ def test_two_campaigns_without_a_failure_decide_nothing() -> None:
     [
         ((0.1, 0.2), "confirmed", "of 2 pairs 2 confirmed; the differences are -0.2 to -0.1 m/s"),
         ((-0.1, -0.2), "refuted", "of 2 pairs 2 refuted"),
-        ((0.1, -0.2), "undecidable", "1 confirmed, 1 refuted; the differences are -0.1 to +0.2"),
+        ((0.1, -0.2), "undecided", "1 confirmed, 1 refuted; the differences are -0.1 to +0.2"),
     ],
 )
 def test_a_claim_about_groups_holds_for_all_pairs(

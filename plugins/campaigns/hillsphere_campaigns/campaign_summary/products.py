@@ -18,7 +18,7 @@ class Claim:
     text: str
     """The statement."""
     answer: str
-    """``"confirmed"``, ``"refuted"`` or ``"undecidable"``."""
+    """``"confirmed"``, ``"refuted"`` or ``"undecided"``."""
     difference: float
     """What the answer rests on: of a metric the mean difference over pairs, of failures the
     difference of their ratios; below zero speaks for the statement."""

@@ -255,7 +255,7 @@ def answer_claim(
     Returns
     -------
     Claim
-        Confirmed if the interval lies below zero, refuted if above, else undecidable. Chosen cases
+        Confirmed if the interval lies below zero, refuted if above, else undecided. Chosen cases
         are no sample: their ratios are compared as they are. Of several pairs of campaigns, which
         patterns name, all must have the answer; the interval holds those of all.
 
@@ -415,7 +415,7 @@ def _claim(
     claim: ClaimSpec, difference: float, interval: np.ndarray, unit: str, pairs: int, reason: str
 ) -> Claim:
     low, high = interval
-    answer = "confirmed" if high < 0.0 else "refuted" if low > 0.0 else "undecidable"
+    answer = "confirmed" if high < 0.0 else "refuted" if low > 0.0 else "undecided"
     return Claim(claim.text, answer, float(difference), interval, unit, int(pairs), reason)
 
 
