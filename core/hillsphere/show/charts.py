@@ -371,7 +371,8 @@ class Note:
     x, y : float, optional
         Point that it belongs to; by default it is written into a corner of the panel.
     corner : str
-        The corner, or ``"centre"``; with a point the side of it on which the text stands.
+        The corner, or ``"centre"``; with a point the side of it on which the text stands, or
+        ``"centre"`` for on it.
     colour : str
         As for `Curve`.
     """

@@ -299,9 +299,9 @@ def _note(axes: Axes, mark: Note, colours: Colours) -> None:
         is_centred = mark.corner == "centre"
         axes.annotate(
             mark.text, (mark.x, mark.y), fontsize=8, zorder=6, color=colour,
-            xytext=(0 if is_centred else 5 if right else -5, 4 if above else -4),
+            xytext=(0, 0) if is_centred else (5 if right else -5, 4 if above else -4),
             textcoords="offset points", ha="center" if is_centred else "left" if right else "right",
-            va="bottom" if above else "top",
+            va="center" if is_centred else "bottom" if above else "top",
         )  # fmt: skip
         return
     x, y, ha, va = _CORNERS[mark.corner]
@@ -403,19 +403,21 @@ def _set_log_ticks(axes: Any) -> None:
     Up to two decades and a half have more ticks than the powers of ten, and numbers near one are
     written in full.
     """
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
     for name in "xy":
         if getattr(axes, f"get_{name}scale")() != "log":
             continue
         low, high = sorted(getattr(axes, f"get_{name}lim")())
         line = getattr(axes, f"{name}axis")
+        line.set_minor_formatter(NullFormatter())
+        if isinstance(line.get_major_locator(), FixedLocator):
+            continue  # these ticks are the panel's own
         if high < 300.0 * low:
             steps = (1.0, 2.0, 5.0) if high > 6.0 * low else tuple(range(1, 10))
             line.set_major_locator(LogLocator(subs=steps))
         if low >= _PLAIN[0] and high <= _PLAIN[1]:
             line.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        line.set_minor_formatter(NullFormatter())
 
 
 def _legend(axes: Any, place: str) -> None:

@@ -558,7 +558,8 @@ def _note(made: _Builder, mark: Note) -> None:
         made.annotate(
             mark.text, x, y, xref=made.x, yref=made.y, font=font,
             xanchor="center" if is_centred else "left" if is_right else "right",
-            yanchor="bottom" if is_above else "top", yshift=3 if is_above else -3,
+            yanchor="middle" if is_centred else "bottom" if is_above else "top",
+            yshift=0 if is_centred else 3 if is_above else -3,
             xshift=0 if is_centred else 4 if is_right else -4,
         )  # fmt: skip
         return

@@ -24,6 +24,7 @@ from hillsphere.presentation import (
     Space,
     Surface,
 )
+from hillsphere.show.bodies import ellipsoid_points
 from hillsphere_orbits.survey import NEARLY_PLANAR
 
 __all__ = [
@@ -81,12 +82,8 @@ def moon_solid(moon: Moon | None) -> Surface | Cloud:
     """Return the ellipsoid of the moon to scale, or its centre if it has no surface."""
     if moon is None or not moon.semi_axes_m:
         return Cloud(np.zeros((3, 1)), "centre of the body", "black", "plus")
-    longitude, polar = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 33), np.linspace(0.0, np.pi, 17))
-    unit = np.array([np.cos(longitude) * np.sin(polar), np.sin(longitude) * np.sin(polar),
-                     np.cos(polar)])  # fmt: skip
-    return Surface(
-        np.einsum("ij,jkl->ikl", _turned_axes(moon), unit) / 1e3, moon.body.capitalize() or "Body"
-    )
+    points = ellipsoid_points(*(axis / 1e3 for axis in moon.semi_axes_m))
+    return Surface(np.tensordot(_turn(moon), points, 1), moon.body.capitalize() or "Body")
 
 
 def moon_outline(moon: Moon | None) -> Area | Points:
@@ -94,15 +91,15 @@ def moon_outline(moon: Moon | None) -> Area | Points:
     if moon is None or not moon.semi_axes_m:
         return Points([0.0], [0.0], "centre of the body", "black", "plus")
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
-    x, y = _turned_axes(moon)[:2, :2] @ np.array([np.cos(angle), np.sin(angle)]) / 1e3
+    a, b, _ = np.array(moon.semi_axes_m) / 1e3
+    x, y = _turn(moon)[:2, :2] @ np.array([a * np.cos(angle), b * np.sin(angle)])
     return Area(x, y, moon.body.capitalize() or "Body")
 
 
-def _turned_axes(moon: Moon) -> Array:
-    """Return the semi-axes of the moon as columns (3, 3) in the frame of its orbit, m."""
+def _turn(moon: Moon) -> Array:
+    """Return the rotation (3, 3) from the axes of the moon to those of its orbit."""
     c, s = np.cos(moon.prime_meridian_rad), np.sin(moon.prime_meridian_rad)
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return np.asarray(turn * np.array(moon.semi_axes_m))
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def orbit_paths(tracks_m: Array, labels: Sequence[str], members: Sequence[int]) -> list[Path]:
@@ -117,7 +114,7 @@ def orbit_paths(tracks_m: Array, labels: Sequence[str], members: Sequence[int]) 
     members : sequence of int
         Orbits that are drawn; they are the rows of the figure's table.
     """
-    phase = np.linspace(0.0, 1.0, tracks_m.shape[1])
+    phase = np.linspace(0.0, 1.0, tracks_m.shape[1]).round(5)
     return [
         Path(
             tracks_m[:, :, i] / 1e3,

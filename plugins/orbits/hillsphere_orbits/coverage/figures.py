@@ -23,6 +23,8 @@ __all__ = ["coverage_chart", "track_chart"]
 
 # A planar orbit spends all its time in a band, one in space a tenth: the root shows both.
 _TIME = ColourScale("part of the time", power=0.5, reversed=True)
+_POINTS = 2000
+"""Points of a ground track: an orbit of 30 revolutions has some 60 on each."""
 
 
 def coverage_chart(product: Coverage, table: str) -> Chart:
@@ -58,7 +60,8 @@ def track_chart(product: Coverage, table: str) -> Chart:
     for colour, i in zip(
         LINE_COLOURS, dict.fromkeys(int(order[k]) for k in (-1, order.size // 2, 0)), strict=False
     ):
-        longitude, latitude = np.degrees(product.track_rad[:, :, i])
+        stride = -(-product.track_rad.shape[1] // _POINTS)
+        longitude, latitude = np.degrees(product.track_rad[:, ::stride, i])
         # A line must not cross the map where the longitude turns from 180° to −180°.
         turns = np.flatnonzero(np.abs(np.diff(longitude)) > 180.0) + 1
         x, y = np.insert(np.array([longitude, latitude]), turns, np.nan, axis=1)

@@ -239,12 +239,18 @@ def _flight_chart(product: FidelityLadder, table: str) -> Chart:
     stride = -(-product.times_s.size // _NODES)
     orbits = orbit_paths(product.track_m, product.members, members)
     nodes = [
-        Cloud(product.hill[:3, ::stride, m, -1] / 1e3, "", colour, "dot", 3.0, rows=own + m)
+        Cloud(product.hill[:3, ::stride, m, -1] / 1e3, "", colour, "dot", 5.0, rows=own + m)
         for colour, m in zip(LINE_COLOURS, members, strict=False)
     ]
     return scene_chart(
         f"Flights on {product.rungs[-1]}",
-        [*(replace(orbit, rows=own + m) for orbit, m in zip(orbits, members, strict=True)), *nodes],
+        [
+            *(
+                replace(orbit, rows=own + m, width=0.7)
+                for orbit, m in zip(orbits, members, strict=True)
+            ),
+            *nodes,
+        ],
         product,
         "Nodes of the flights (dots) over the orbits of the first rung (lines), in the frame that "
         "turns with the line to the primary; the body to scale, as it is oriented in the mean.",

@@ -83,7 +83,7 @@ def _edge_panel(product: NonlinearStability, velocity: bool, x: Axis, factor: fl
     if sigma > 0.0:
         marks.append(Rule("x", factor * sigma, "σ at injection", "ink", "dashed"))
         low = min(low, factor * sigma / _MARGIN)
-    marks += [Note("0", low, float(i), "centre") for i in orbits[~is_shown]]
+    marks += [Note("0", 1.1 * low, float(i), "centre") for i in orbits[~is_shown]]
     return Panel(replace(x, low=low, high=high), name_axis(product.labels), marks)
 
 

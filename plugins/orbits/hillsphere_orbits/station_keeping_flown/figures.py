@@ -43,6 +43,10 @@ _MOST_CELLS = 160
 _SURVIVAL = ColourScale("survival probability", "%", 0.0, 100.0)
 
 
+def _strategy_title(name: str) -> str:
+    return name.replace("_", " ").replace("lqr", "LQR")
+
+
 def survival_chart(product: StationKeepingFlown) -> Chart:
     """Return the survival probability over orbits and intervals, a strategy per panel."""
     rows, most = len(product.labels), len(product.intervals)
@@ -80,7 +84,7 @@ def _survival_panel(
     return Panel(
         Axis(what, ticks=list(enumerate(intervals))),
         name_axis(product.labels, 0.5),
-        marks, name.replace("_", " "),
+        marks, _strategy_title(name),
     )  # fmt: skip
 
 
@@ -92,7 +96,7 @@ def cost_chart(product: StationKeepingFlown, table: str) -> Chart:
     hours, total = product.interval_s / HOUR_S, len(product.labels)
     chosen = np.unique(np.linspace(0, total - 1, min(total, _MOST_ORBITS)).round().astype(int))
     known = hours[np.isfinite(hours)]
-    x = Axis("time between corrections", "h", "log", ticks=[(tick, f"{tick:g}") for tick in _TICKS])
+    x = Axis("interval", "h", "log", ticks=[(tick, f"{tick:g}") for tick in _TICKS])
     if known.size:
         x = replace(x, low=known.min() / _MARGIN, high=known.max() * _MARGIN)
     y = Axis(f"Δv in {product.duration_s / DAY_S:g} days", "m/s", low=0.0)
@@ -103,7 +107,7 @@ def cost_chart(product: StationKeepingFlown, table: str) -> Chart:
             # Side by side, not upon each other.
             aside = np.exp(_APART * (k - 0.5 * (len(chosen) - 1)))
             marks += _cost_marks(product, i, s, k, hours[i] * aside)
-        panels.append(Panel(x, y, marks, name.replace("_", " ")))
+        panels.append(Panel(x, y, marks, _strategy_title(name)))
     caption = (
         "Mean Δv of the flights that survived, and its 95th percentile (bar), against the time "
         f"between corrections. Full marks: at least {100 * product.survival_required:g} % "
