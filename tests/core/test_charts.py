@@ -155,12 +155,16 @@ def test_axes() -> None:
         assert text in shown
 
 
-def test_a_text_is_at_its_point_of_a_logarithmic_axis() -> None:
-    marks = [Note("here", 100.0, 3.0), Note("corner")]
-    panel = Panel(Axis("error", "m", "log"), Axis("time", "h"), marks)
-    here, corner = plotly_figure(Chart("C", [panel]))["layout"]["annotations"]
-    assert (here["x"], here["y"]) == (2.0, 3.0)
+def test_texts_and_ticks_of_a_logarithmic_axis() -> None:
+    marks = [Note("here", 100.0, 3.0, "centre"), Note("corner")]
+    x = Axis("error", "m", "log", 60.0, 150.0, ticks=[(70.0, "seventy")])
+    chart = Chart("C", [Panel(x, Axis("time", "h", low=0.0, high=6.0), marks)])
+    here, corner = plotly_figure(chart)["layout"]["annotations"]
+    assert (here["x"], here["y"], here["yanchor"], here["yshift"]) == (2.0, 3.0, "middle", 0)
     assert (corner["x"], corner["xref"]) == (0.98, "x domain")
+    shown = texts(draw(chart).svg)
+    assert "seventy" in shown
+    assert not {"60", "80", "100"} & set(shown)
 
 
 def test_panels_share_axes_and_one_legend() -> None:
