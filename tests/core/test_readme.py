@@ -41,7 +41,7 @@ def test_robust_control_example_runs(capsys: pytest.CaptureFixture[str]) -> None
 
 
 def test_mission_example_is_short_and_valid(tmp_path: Path) -> None:
-    example, _, _, _ = blocks("toml")
+    example, *_ = blocks("toml")
     assert len(example.splitlines()) <= 30
     path = tmp_path / "deimos.toml"
     path.write_text(example, encoding="utf-8")
@@ -56,7 +56,7 @@ def tables_of(mission: str, begins: tuple[str, ...]) -> str:
 
 
 def test_example_of_named_elements(tmp_path: Path) -> None:
-    _, elements, _, _ = blocks("toml")
+    elements = blocks("toml")[1]
     begins = ("[body", "[gravity.phobos]", "[plant.descent]", "[guidance.energy]")
     head = tables_of("phobos-landing", begins)
     head = re.sub(r"^drop = .*\n", "", head, flags=re.MULTILINE)
@@ -76,7 +76,7 @@ def test_example_of_named_elements(tmp_path: Path) -> None:
 
 
 def test_example_of_tables_that_stand_for_several(tmp_path: Path) -> None:
-    example, _, several, _ = blocks("toml")
+    example, _, several, *_ = blocks("toml")
     path = tmp_path / "deimos.toml"
     path.write_text(example + several, encoding="utf-8")
     stages = load_mission(str(path), sets=["stage.orbit.curve_members=50"]).specs["stage"]
@@ -86,8 +86,15 @@ def test_example_of_tables_that_stand_for_several(tmp_path: Path) -> None:
     assert load_mission(str(path), profile="fast").order() == ["family", "orbit_60"]
 
 
+def test_requirement_example_is_about_the_mission(tmp_path: Path) -> None:
+    example, _, _, requirement, _ = blocks("toml")
+    path = tmp_path / "deimos.toml"
+    path.write_text(example + requirement, encoding="utf-8")
+    assert list(load_mission(str(path)).specs["requirement"]) == ["closed"]
+
+
 def test_campaign_example_repeats_the_stage_of_the_packaged_mission(tmp_path: Path) -> None:
-    _, _, _, campaign = blocks("toml")
+    campaign = blocks("toml")[-1]
     begins = ("[body", "[gravity", "[plant", "[compensator.integral]", "[stage.hover]")
     path = tmp_path / "hover.toml"
     path.write_text(tables_of("phobos-hover", begins) + campaign, encoding="utf-8")
