@@ -23,7 +23,7 @@ from hillsphere_tracking.assisted_tracking.products import AssistedTracking
 
 __all__ = [
     "AFTER_ACQUISITION", "FLOOR_DEG", "ROWS_PER_FIGURE", "SKIES_PER_FIGURE", "error_chart",
-    "lock_marks", "sky_chart", "spread_chart", "tracker_style",
+    "lock_marks", "sky_chart", "spread_chart", "tracker_label", "tracker_style",
 ]  # fmt: skip
 
 ROWS_PER_FIGURE = 3
@@ -48,6 +48,11 @@ def tracker_style(number: int) -> tuple[str, Dash]:
     """Return colour and dashes of a tracker by its number, the same in every figure."""
     turn, place = divmod(number, len(LINE_COLOURS))
     return LINE_COLOURS[place], _DASHES[turn % len(_DASHES)]
+
+
+def tracker_label(name: str) -> str:
+    """Return the name of a tracker in words."""
+    return name.replace("_", " ")
 
 
 def lock_marks(loss_s: float, lock_angle_rad: float | None = None) -> list[Mark]:
@@ -98,7 +103,8 @@ def _error_panel(product: AssistedTracking, outage: int, axis: Axis) -> Panel:
         AFTER_ACQUISITION, axis,
         [
             *lock_marks(loss_s, product.lock_angle_rad),
-            *(Curve(minutes, errors[t], name, *tracker_style(t), 1.2, rows=outage * count + t)
+            *(Curve(minutes, errors[t], tracker_label(name), *tracker_style(t), 1.2,
+                    rows=outage * count + t)
               for t, name in enumerate(product.trackers)),
         ],
         f"{product.passes[p]}, lost after {loss_s / 60.0:g} min",
@@ -130,7 +136,7 @@ def spread_chart(product: AssistedTracking, outage: int, chosen: Integers, table
         ]  # fmt: skip
         row = outage * count + t
         marks.append(Curve(minutes, error, "error on the sky", "blue", width=1.2, rows=row))
-        panels.append(Panel(AFTER_ACQUISITION, angle, marks, product.trackers[t]))
+        panels.append(Panel(AFTER_ACQUISITION, angle, marks, tracker_label(product.trackers[t])))
     columns = min(3, len(panels))
     return Chart(
         f"Errors and their standard deviations, {product.passes[p]}",

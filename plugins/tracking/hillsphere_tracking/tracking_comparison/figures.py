@@ -26,6 +26,7 @@ from hillsphere_tracking.assisted_tracking.figures import (
     AFTER_ACQUISITION,
     FLOOR_DEG,
     lock_marks,
+    tracker_label,
     tracker_style,
 )
 from hillsphere_tracking.tracking_comparison.products import (
@@ -65,7 +66,7 @@ def outage_chart(
         rows = range(t, places.size * count, count)
         marks += [
             Segments(x, low, high, "y", "", colour, 1.6, 0.7, rows=rows),
-            Points(x, middle, name, colour, _MARKS[t % len(_MARKS)], rows=rows),
+            Points(x, middle, tracker_label(name), colour, _MARKS[t % len(_MARKS)], rows=rows),
         ]
     keys = zip(product.passes, product.outages, strict=True)
     reference = np.array([published.get(key, np.nan) for key in keys])
@@ -112,7 +113,7 @@ def age_chart(product: AgeComparison, styles: Sequence[str], table: str) -> Char
             here = np.flatnonzero([one == group for one in product.group])
             here = here[np.argsort(product.value[here], kind="stable")]
             x, rows = places[here], (here * len(product.trackers) + t).tolist()
-            label = f"{name}, {group}" if group else name
+            label = tracker_label(name) + (f", {group}" if group else "")
             mean_deg = np.degrees(product.mean_median_rad[t, here])
             median, most = product.reacquire_s[:, t, here]
             for marks, y in ((means, mean_deg), (times, median)):
@@ -167,8 +168,8 @@ def consistency_chart(product: Consistency, level: float, table: str) -> Chart:
     for t, name in enumerate(product.trackers):
         x = places + 0.6 * ((t + 0.5) / count - 0.5)
         marks.append(
-            Points(x, product.mean[t], name, tracker_style(t)[0], _MARKS[t % len(_MARKS)],
-                   rows=range(t, places.size * count, count))
+            Points(x, product.mean[t], tracker_label(name), tracker_style(t)[0],
+                   _MARKS[t % len(_MARKS)], rows=range(t, places.size * count, count))
         )  # fmt: skip
     return Chart(
         "Consistency of the trackers",
@@ -201,7 +202,7 @@ def band_chart(product: TrackingComparison, bands: Bands) -> Chart | None:
             colour, _ = tracker_style(t)
             curves += [
                 Band(x, values[0], values[-1], "", colour, 0.25),
-                Curve(x, values[middle], tracker, colour, width=1.2),
+                Curve(x, values[middle], tracker_label(tracker), colour, width=1.2),
             ]
         if curves:
             error = Axis("error √(ΔA² + Δh²)", "deg", scale="log")

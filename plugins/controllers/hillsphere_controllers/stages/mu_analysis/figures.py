@@ -47,7 +47,7 @@ def bound_chart(product: MuAnalysis, table: str) -> Chart:
         for one, colour in zip(drawn[:_DRAWN], LINE_COLOURS, strict=False):
             omega, positive = one.omega_rad_s, one.curve_lower > 0.0
             marks += [
-                Curve(omega, one.curve_upper, product.label(one.loop), colour, rows=one.loop),
+                Curve(omega, one.curve_upper, _loop_label(product, one), colour, rows=one.loop),
                 Points(
                     omega[positive], one.curve_lower[positive], "", colour, "dot", rows=one.loop
                 ),
@@ -66,6 +66,11 @@ def bound_chart(product: MuAnalysis, table: str) -> Chart:
         size_in=(7.4, 0.8 + 3.2 * len(panels)),
         table=table,
     )
+
+
+def _loop_label(product: MuAnalysis, one: Analysed) -> str:
+    """Return the name of an analysis' loop in words."""
+    return product.label(one.loop).replace("_", " ")
 
 
 def _intervals(one: Analysed, colour: str) -> Segments:
@@ -93,7 +98,7 @@ def share_chart(product: MuAnalysis, table: str) -> Chart:
         Bars(
             [names.index(name) + (k - 0.5 * (len(drawn) - 1)) * width for name in one.blocks],
             one.shares, "x", width=width, rows=range(end - one.shares.size, end),
-            label=f"{product.label(one.loop)}: {_TITLES[one.analysis].lower()}",
+            label=f"{_loop_label(product, one)}: {_TITLES[one.analysis].lower()}",
         )
         for k, (one, end) in enumerate(zip(drawn, ends, strict=False))
     ]  # fmt: skip
@@ -140,7 +145,7 @@ def _frequencies_differ(columns: Sequence[tuple[MuAnalysis, Analysed]]) -> str:
     if all(max(ends) <= (1.0 + _SAME_FREQUENCY) * min(ends) for ends in zip(*spans, strict=True)):
         return ""
     told = "; ".join(
-        f"{product.label(one.loop)}: {low:.2g} to {high:.2g} rad/s"
+        f"{_loop_label(product, one)}: {low:.2g} to {high:.2g} rad/s"
         for (product, one), (low, high) in zip(columns, spans, strict=True)
     )
     return f" The columns span different frequencies: {told}."
@@ -155,7 +160,7 @@ def _bound_panel(product: MuAnalysis, one: Analysed) -> Panel:
     if one.curve_nominal.size:
         marks.append(Curve(omega, one.curve_nominal, "nominal gain", "black"))
     marks += [_intervals(one, "blue"), Rule("y", 1.0)]
-    controller, _, rest = product.label(one.loop).partition(", ")
+    controller, _, rest = _loop_label(product, one).partition(", ")
     kind = f"{_TITLES[one.analysis].lower()} {one.channel}".rstrip()
     return Panel(_FREQUENCY, Axis("µ, gain"), marks, f"{controller}\n{rest}\n{kind}")
 
