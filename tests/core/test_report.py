@@ -343,8 +343,16 @@ def test_faults_of_a_presentation_are_all_named() -> None:
     bad = Presentation(
         metrics={"../a": Metric(1), "b": Metric([])},  # type: ignore[arg-type]
         tables={"T": Table("T", [Column("a"), Column("a")], [{"b": 1}])},
-        figures={"1": FIGURE},
+        figures={"1": FIGURE, "f": replace(CHART, table="t2")},
     )
     faults = "\n".join(presentation_faults(bad))
-    for part in ("'../a'", "a list", "'T': an id", "is listed twice", "['b']", "figure '1'"):
+    for part in (
+        "'../a'",
+        "a list",
+        "'T': an id",
+        "is listed twice",
+        "['b']",
+        "figure '1'",
+        "refers to a table 't2'",
+    ):
         assert part in faults

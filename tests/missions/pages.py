@@ -73,10 +73,10 @@ def check_page(directory: Path) -> None:
         with open_page(directory, width, "dark" if width == 1600 else "light") as (page, told):
             _wait_for_plots(page)
             page.evaluate("document.querySelectorAll('details').forEach(d => d.open = true)")
-            _wait_for_plots(page)
             size = page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
             assert size[0] <= size[1], f"at {width} px the page is {size[0]} px wide"
             if width == 1280:
+                _wait_for_plots(page)
                 _check_tables(page)
                 _check_scenes(page)
             if width > 390:  # one in each scheme
@@ -84,6 +84,7 @@ def check_page(directory: Path) -> None:
             assert told == []
     with open_page(directory, scripts=False) as (page, _):
         assert page.locator("h1").is_visible()
+        assert page.locator(".picture").first.is_visible()
     _check_print(directory)
 
 

@@ -171,5 +171,6 @@ def test_the_lightest_set_of_the_trade_is_as_precise_as_required(fast: Run) -> N
     assert rms["cameras, ranges"] == first
 
 
+@pytest.mark.slow
 def test_its_page_works_in_a_browser(fast: Run) -> None:
     check_page(fast.directory)

@@ -226,5 +226,6 @@ def test_no_case_fails(run: Path) -> None:
     assert metric(solid, "final_position_error").min() > np.median(errors)
 
 
+@pytest.mark.slow
 def test_its_page_works_in_a_browser(run: Path) -> None:
     check_page(run)

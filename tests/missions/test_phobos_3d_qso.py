@@ -327,5 +327,6 @@ def test_the_ladder_and_what_is_flown(closer: Run) -> None:
     assert flown["1:17, 70 km", "periodic_lqr"]["survival"] == 1.0
 
 
+@pytest.mark.slow
 def test_its_page_works_in_a_browser(closer: Run) -> None:
     check_page(closer.directory)

@@ -31,6 +31,8 @@ from hillsphere.show.presentation import AnyFigure, Metric, Table
 __all__ = ["Report", "ShownFigure", "StageResult", "content_policy", "render"]
 
 _STATES = {"failed": "failed", "interrupted": "was interrupted", "not run": "was not run"}
+_WITHOUT_SCRIPTS = ".plot { display: none; } .plot + .picture { display: block; }"
+"""Style that shows the pictures where no script draws the plots."""
 _FIRST_OUTCOMES = 6
 """Requirements, and claims, on the first screen; the others are folded."""
 _DEFAULT_NUMBERS = 4
@@ -175,7 +177,8 @@ def render(report: Report) -> str:
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{title}</title>\n<style>\n{_asset('report.css')}</style>\n</head>\n<body>\n"
+        f"<title>{title}</title>\n<style>\n{_asset('report.css')}</style>\n"
+        f"<noscript><style>{_WITHOUT_SCRIPTS}</style></noscript>\n</head>\n<body>\n"
         f"{page.contents()}\n<main>\n"
         + "\n".join(part for part in main if part)
         + f"\n</main>\n{scripts}\n</body>\n</html>\n"
