@@ -35,6 +35,7 @@ __all__ = [
 
 Direction: TypeAlias = Literal["x", "y"]
 Dash: TypeAlias = Literal["solid", "dashed", "dotted", "dashdot"]
+"""Kind of line."""
 MarkerShape: TypeAlias = Literal[
     "dot",
     "circle",
@@ -47,7 +48,9 @@ MarkerShape: TypeAlias = Literal[
     "star",
     "bar",
 ]
+"""Shape of a marker."""
 Side: TypeAlias = Literal["top right", "top left", "bottom right", "bottom left", "centre"]
+"""Corner of a panel, or the side of a point on which its text stands."""
 Rows: TypeAlias = int | Sequence[int] | None
 """Row of the figure's table that a mark stands for, or one row per point."""
 
@@ -385,6 +388,7 @@ class Note:
 
 
 Mark: TypeAlias = Curve | Points | Band | Area | Rule | Span | Bars | Segments | Boxes | Map | Note
+"""What a panel shows."""
 
 
 @dataclass(frozen=True)
@@ -552,6 +556,7 @@ class Arrows:
 
 
 Solid: TypeAlias = Path | Cloud | Surface | Mesh | Arrows
+"""What a panel in three dimensions shows."""
 
 
 @dataclass(frozen=True)

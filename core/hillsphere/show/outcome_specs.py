@@ -109,7 +109,8 @@ class ComparisonSpec(_OutcomeSpec):
         },
         {
             "text": "initial states of the orbits", "source": "Table 1", "stage": "family",
-            "table": "orbits", "columns": ["x0_km"], "reference": "orbits.csv", "on": "name",
+            "table": "table_1", "columns": ["period_h"], "reference": "phobos-qso-table1.csv",
+            "on": "x0_km",
         },
     )  # fmt: skip
 

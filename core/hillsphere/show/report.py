@@ -525,7 +525,8 @@ def _appendix(report: Report) -> str:
         else ""
     )
     body = (
-        f"<h3>To get these results again</h3><pre tabindex=0>{escape(report.command)}</pre>{mission}"
+        "<h3>To get these results again</h3>"
+        f"<pre tabindex=0>{escape(report.command)}</pre>{mission}"
         "<h3>Time</h3><div class=wide tabindex=0 role=region aria-label=\"Time\"><table><thead><tr>"
         "<th scope=col class=text>stage</th><th scope=col class=text>type</th>"
         "<th scope=col class=text>state</th><th scope=col>time<span class=unit>s</span></th></tr>"

@@ -82,7 +82,8 @@ def moon_solid(moon: Moon | None) -> Surface | Cloud:
     """Return the ellipsoid of the moon to scale, or its centre if it has no surface."""
     if moon is None or not moon.semi_axes_m:
         return Cloud(np.zeros((3, 1)), "centre of the body", "black", "plus")
-    points = ellipsoid_points(*(axis / 1e3 for axis in moon.semi_axes_m))
+    a, b, c = (axis / 1e3 for axis in moon.semi_axes_m)
+    points = ellipsoid_points(a, b, c)
     return Surface(np.tensordot(_turn(moon), points, 1), moon.body.capitalize() or "Body")
 
 
