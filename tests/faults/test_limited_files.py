@@ -49,7 +49,9 @@ def limit_files(commands: CommandLines, undisturbed: dict[str, str], runs: int) 
             load_product(path)
         assert not list(place.rglob("*.part"))
         if (place / "manifest.json").is_file():
-            again = commands("resume", out, "--quiet", "--workers", 0, draws=False)
+            again = commands(
+                "resume", out, "--mission", HOVER, "--quiet", "--workers", 0, draws=False
+            )
             assert again.code == 0, again.text
             assert digests(place) == undisturbed
         else:

@@ -28,7 +28,7 @@ _FRAMEWORK = frozenset(
     f"hillsphere{part}"
     for part in (
         "", "_campaigns", "_controllers", "_dask", "_estimators", "_flight", "_gravity",
-        "_guidance", "_orbits", "_plants", "_sensors", "_tracking",
+        "_guidance", "_orbits", "_plants", "_sensors", "_tracking", "_view",
     )
 )  # fmt: skip
 """Packages to which a child must not come back: this one and those that come with it, which call

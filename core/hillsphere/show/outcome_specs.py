@@ -107,11 +107,6 @@ class ComparisonSpec(_OutcomeSpec):
             "text": "initial states of the orbits", "source": "Table 1", "stage": "family",
             "table": "orbits",
         },
-        {
-            "text": "initial states of the orbits", "source": "Table 1", "stage": "family",
-            "table": "table_1", "columns": ["period_h"], "reference": "phobos-qso-table1.csv",
-            "on": "x0_km",
-        },
     )  # fmt: skip
 
     stage: Ref = reference("stage", "the stage whose table is compared")
