@@ -82,8 +82,10 @@ def moon_solid(moon: Moon | None) -> Surface | Cloud:
     """Return the ellipsoid of the moon to scale, or its centre if it has no surface."""
     if moon is None or not moon.semi_axes_m:
         return Cloud(np.zeros((3, 1)), "centre of the body", "black", "plus")
-    points = ellipsoid_points(*(axis / 1e3 for axis in moon.semi_axes_m))
-    return Surface(np.tensordot(_turn(moon), points, 1), moon.body.capitalize() or "Body")
+    a, b, c = (axis / 1e3 for axis in moon.semi_axes_m)
+    return Surface(
+        np.tensordot(_turn(moon), ellipsoid_points(a, b, c), 1), moon.body.capitalize() or "Body"
+    )
 
 
 def moon_outline(moon: Moon | None) -> Area | Points:
