@@ -83,8 +83,9 @@ def moon_solid(moon: Moon | None) -> Surface | Cloud:
     if moon is None or not moon.semi_axes_m:
         return Cloud(np.zeros((3, 1)), "centre of the body", "black", "plus")
     a, b, c = (axis / 1e3 for axis in moon.semi_axes_m)
-    points = ellipsoid_points(a, b, c)
-    return Surface(np.tensordot(_turn(moon), points, 1), moon.body.capitalize() or "Body")
+    return Surface(
+        np.tensordot(_turn(moon), ellipsoid_points(a, b, c), 1), moon.body.capitalize() or "Body"
+    )
 
 
 def moon_outline(moon: Moon | None) -> Area | Points:
