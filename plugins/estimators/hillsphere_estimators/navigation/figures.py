@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hillsphere.base.constants import DAY_S
-from hillsphere.interfaces import Array
+from hillsphere.interfaces import Array, Integers
 from hillsphere.presentation import LINE_COLOURS, Axis, Band, Chart, Curve, Mark, Panel, Span
 from hillsphere.show.charts import even_indices
 from hillsphere_estimators.consistency import chi_square_band
@@ -30,9 +30,9 @@ def hours_or_days(time_s: Array) -> tuple[Array, Axis]:
 def error_chart(product: NavigationFlight, called: str, table: str) -> Chart:
     """Return the errors of the estimated positions; `table` lists the spacecraft."""
     time, axis = hours_or_days(product.time_s)
-    at = even_indices(time.size)
     panels = []
     for i, name in enumerate(product.spacecraft):
+        at = _flown_indices(product.position_error_m[i])
         error = product.position_error_m[i, at]
         low, high = np.nanquantile(error, [0.05, 0.95], axis=1)
         rms, sigma = np.sqrt(np.nanmean(error**2, axis=1)), product.position_sigma_m[i, at, 0]
@@ -79,11 +79,12 @@ def nees_chart(product: NavigationFlight, called: str) -> Chart:
     time, axis = hours_or_days(product.time_s)
     n, count = len(product.states), product.nees.shape[1]
     low, high = chi_square_band(n, max(count - product.lost, 1))
-    mean, at = np.nanmean(product.nees, axis=1), even_indices(time.size)
+    at = _flown_indices(product.nees)
+    mean = np.nanmean(product.nees[at], axis=1)
     flights = f"mean of {count - product.lost} flights"
     marks: list[Mark] = [
         Span("y", float(low), float(high), "99.9 % band", "body"),
-        Curve(time[at], mean[at], flights, "blue"),
+        Curve(time[at], mean, flights, "blue"),
         Curve(time[at], np.nanmedian(product.nees[at], axis=1), "median", "vermillion", "dotted"),
     ]
     scale = nees_axis(f"NEES of {n} states", mean, float(high))
@@ -93,6 +94,16 @@ def nees_chart(product: NavigationFlight, called: str) -> Chart:
     )  # fmt: skip
 
 
+def _flown_indices(values: Array) -> Integers:
+    """Return indices, at most so many as a figure needs, of times (K,) at which flights go on.
+
+    Flights that are lost have no values (K, flights); when the last one is lost, no statistics
+    are left.
+    """
+    flown = np.flatnonzero(np.isfinite(values).any(axis=1))
+    return flown[even_indices(flown.size)]
+
+
 def nees_axis(label: str, mean: Array, high: float) -> Axis:
     """Return the axis of a mean NEES, logarithmic if it goes far above the end of its band."""
-    return Axis(label, scale="log" if np.nanmax(mean) > _FAR * high else "linear")
+    return Axis(label, scale="log" if np.nanmax(mean, initial=0.0) > _FAR * high else "linear")
