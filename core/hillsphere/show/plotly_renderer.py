@@ -360,10 +360,16 @@ def _line(colour: str, dash: str, width: float) -> dict[str, Any]:
     return {"color": colour, "dash": _DASHES[dash], "width": width * _PIXELS}
 
 
+def _marker_px(shape: str, size: float) -> float:
+    """Return the size of a marker; a small dot of matplotlib has half of its nominal size."""
+    return size * _PIXELS * (0.5 if shape == "dot" else 1.0)
+
+
 def _marker(shape: str, size: float, colour: str, is_filled: bool = True) -> dict[str, Any]:
-    # A thin marker has only a border, and a small dot of matplotlib has half of its nominal size.
-    pixels = size * _PIXELS * (0.5 if shape == "dot" else 1.0)
-    made: dict[str, Any] = {"symbol": _MARKERS[shape], "size": pixels, "color": colour}
+    made: dict[str, Any] = {
+        "symbol": _MARKERS[shape], "size": _marker_px(shape, size), "color": colour,
+    }  # fmt: skip
+    # A thin marker has only a border.
     if shape in _THIN or not is_filled:
         made["line"] = {"color": colour, "width": 1.5}
         if shape not in _THIN:
@@ -657,7 +663,7 @@ def _path(made: _Builder, solid: Path) -> None:
 
 def _cloud(made: _Builder, solid: Cloud) -> None:
     marker: dict[str, Any] = {
-        "symbol": _SOLID_MARKERS.get(solid.marker, "circle"), "size": solid.size * _PIXELS,
+        "symbol": _SOLID_MARKERS.get(solid.marker, "circle"), "size": _marker_px(solid.marker, solid.size),
     }  # fmt: skip
     if solid.values is not None and solid.scale is not None:
         marker |= _colour_keys(solid.values, solid.scale)

@@ -80,7 +80,7 @@ def _survival_panel(
         for i, j in np.argwhere(np.isnan(survival)).tolist():
             is_stable = product.stable[i] and np.isfinite(product.interval_s[i, j])
             marks.append(Note("stable" if is_stable else "–", j, i, "centre"))
-    what = "corrected" if name == UNCORRECTED else "time between corrections"
+    what = "corrected" if name == UNCORRECTED else "interval"
     return Panel(
         Axis(what, ticks=list(enumerate(intervals))),
         name_axis(product.labels, 0.5),
