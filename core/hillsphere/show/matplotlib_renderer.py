@@ -250,15 +250,19 @@ def _segments(axes: Axes, mark: Segments, colours: Colours) -> None:
 
 
 def _boxes(axes: Axes, mark: Boxes, colours: Colours) -> None:
-    colour = _colour(mark.colour, colours)
-    names = ("whislo", "q1", "med", "q3", "whishi")
-    boxes = [dict(zip(names, column, strict=True)) for column in np.asarray(mark.quantiles).T]
-    axes.bxp(
-        boxes, positions=np.asarray(mark.at, dtype=float).tolist(), widths=mark.width,
-        orientation="vertical" if mark.direction == "y" else "horizontal", showfliers=False,
-        patch_artist=True, manage_ticks=False, boxprops={"facecolor": colour, "alpha": 0.5},
-        medianprops={"color": "black"}, label=_label(mark.label),
-    )  # fmt: skip
+    colour, at = _colour(mark.colour, colours), np.asarray(mark.at, dtype=float)
+    least, first, median, third, largest = np.asarray(mark.quantiles, dtype=float)
+    half = np.full(at.shape, 0.5 * mark.width)
+    options: dict[str, Any] = {"color": colour, "alpha": 0.5, "label": _label(mark.label)}
+    if mark.direction == "y":
+        axes.bar(at, third - first, width=mark.width, bottom=first, **options)
+        along, across = axes.vlines, axes.hlines
+    else:
+        axes.barh(at, third - first, height=mark.width, left=first, **options)
+        along, across = axes.hlines, axes.vlines
+    along(at, least, first, color="black", linewidth=1.0)
+    along(at, third, largest, color="black", linewidth=1.0)
+    across(median, at - half, at + half, color="black", linewidth=1.4)
 
 
 def _map(axes: Axes, mark: Map, colours: Colours) -> None:
