@@ -256,10 +256,11 @@ def _boxes(axes: Axes, mark: Boxes, colours: Colours) -> None:
     options: dict[str, Any] = {"color": colour, "alpha": 0.5, "label": _label(mark.label)}
     if mark.direction == "y":
         axes.bar(at, third - first, width=mark.width, bottom=first, **options)
-        along, across = axes.vlines, axes.hlines
+        lines: tuple[Any, Any] = (axes.vlines, axes.hlines)
     else:
         axes.barh(at, third - first, height=mark.width, left=first, **options)
-        along, across = axes.hlines, axes.vlines
+        lines = (axes.hlines, axes.vlines)
+    along, across = lines
     along(at, least, first, color="black", linewidth=1.0)
     along(at, third, largest, color="black", linewidth=1.0)
     across(median, at - half, at + half, color="black", linewidth=1.4)
