@@ -663,7 +663,8 @@ def _path(made: _Builder, solid: Path) -> None:
 
 def _cloud(made: _Builder, solid: Cloud) -> None:
     marker: dict[str, Any] = {
-        "symbol": _SOLID_MARKERS.get(solid.marker, "circle"), "size": _marker_px(solid.marker, solid.size),
+        "symbol": _SOLID_MARKERS.get(solid.marker, "circle"),
+        "size": _marker_px(solid.marker, solid.size),
     }  # fmt: skip
     if solid.values is not None and solid.scale is not None:
         marker |= _colour_keys(solid.values, solid.scale)
