@@ -237,9 +237,9 @@ def test_the_stable_manifold_without_a_mirror(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     """Departure legs flown backwards along the stable manifold are those of the mirror."""
-    for module in ("manifold_stage", "manifold_orbit"):
+    for module in ("stage", "orbit"):
         monkeypatch.setattr(
-            f"hillsphere_orbits.transfers.{module}.mirror_of", lambda flow, targets: None
+            f"hillsphere_orbits.manifold_transfers.{module}.mirror_of", lambda flow, targets: None
         )
     found = run(plant, family, orbits, members=["1:17, 70 km"], leg_limit_d=4.7)
     assert not found.mirrored
