@@ -197,7 +197,7 @@ def test_cases_are_filtered(client: TestClient, place: Path) -> None:
     low, high = np.nanquantile(folded, [0.5, 0.6])
     inside = table.case[(folded >= low) & (folded <= high)].tolist()
 
-    def listed(**query: object) -> list[int]:
+    def listed(**query: Any) -> list[int]:
         text = client.get("/runs/0/one/cases/many", params=query).text
         return [int(n) for n in re.findall(r"cases/many/(\d+)\"", text)]
 
