@@ -84,7 +84,7 @@ def check_page(directory: Path) -> None:
             assert told == []
     with open_page(directory, scripts=False) as (page, _):
         assert page.locator("h1").is_visible()
-        assert page.locator(".picture").first.is_visible()
+        page.locator(".picture").first.wait_for(state="visible")
     _check_print(directory)
 
 
