@@ -59,12 +59,12 @@ def judge(**keys: Any) -> Judgement:
     [
         ({"metric": "speed", "value": 2}, "met", "≤ 2 m/s", "1.19 m/s", 0.81),
         ({"metric": "speed", "value": 1}, "not met", "≤ 1 m/s", "1.19 m/s", -0.19),
-        ({"metric": "speed", "value": 119, "unit": "cm/s"}, "met", "≤ 1.19 m/s", "1.19 m/s", 0.0),
+        ({"metric": "speed", "value": 119, "unit": "cm/s"}, "met", "≤ 119 cm/s", "1.19 m/s", 0.0),
         ({"metric": "speed", "op": ">=", "value": 1}, "met", "≥ 1 m/s", "1.19 m/s", 0.19),
         ({"metric": "stable", "op": "==", "value": True}, "met", "yes", "yes", None),
         ({"metric": "word", "op": "!=", "value": "flat"}, "met", "not flat", "round", None),
         ({"metric": "count", "op": "==", "value": 3}, "met", "3", "3", 0.0),
-        ({"metric": "pull", "value": 3, "unit": "mm/s²"}, "met", "≤ 0.003 m/s2", "0.002 m/s2",
+        ({"metric": "pull", "value": 3, "unit": "mm/s²"}, "met", "≤ 3 mm/s²", "0.002 m/s2",
          0.001),
         ({"metric": "nan", "value": 3}, "undecided", "≤ 3 m", "nan m", None),
         # every row must comply, the worst is shown
@@ -126,7 +126,6 @@ def test_a_column_has_intervals_too() -> None:
         ({"table": "orbits", "column": "x", "value": 1}, "no column 'x'"),
         ({"table": "orbits", "column": "x_km", "row": {"name": "C"}, "value": 1},
          "no row with name = 'C'"),
-        ({"table": "orbits", "column": "v_m_s", "value": 1}, "has no value in the row B"),
         ({"metric": "speed", "value": 1, "unit": "km"}, "is in m/s, and the value in km"),
         ({"metric": "word", "value": 1}, "is a text, and is compared with a number"),
     ],
@@ -290,3 +289,100 @@ def test_exit_code_and_summary(write: Callable[[str], Path], tmp_path: Path) -> 
     code, summary = ends("--set", "stage.points=false")
     assert code == 0
     assert summary["requirements"][0]["state"] == "not evaluated"
+
+
+def test_a_blank_cell_hides_no_violation() -> None:
+    column = {"table": "orbits", "column": "v_m_s"}
+    one = judge(**column, value=2)
+    assert (one.state, one.reason) == ("undecided", "column 'v_m_s' has no value in the row B")
+    assert judge(**column, value=0.5).state == "not met"
+
+
+@pytest.mark.parametrize(
+    ("value", "limit", "unit", "op", "state", "asked", "got"),
+    [
+        (1.00004, 1.0, "", "<=", "not met", "≤ 1 m", "1.00004 m"),
+        (12345.62, 12345.6, "", "<=", "not met", "≤ 12345.6 m", "12345.62 m"),
+        (0.35, 35, "cm", "==", "met", "35 cm", "0.35 m"),
+        (0.35, 35, "cm", ">=", "met", "≥ 35 cm", "0.35 m"),
+        (0.35, 35, "cm", "<", "not met", "< 35 cm", "0.35 m"),
+        (1e4, 10, "km", "<=", "met", "≤ 10 km", "1e4 m"),
+    ],
+)
+def test_rows_show_why_they_are_met(
+    value: float, limit: float, unit: str, op: str, state: str, asked: str, got: str
+) -> None:
+    evidence = RunEvidence({"fly": Presentation(metrics={"a": Metric(value, "m")})})
+    keys = {"text": "t", "stage": "fly", "metric": "a", "op": op, "value": limit, "unit": unit}
+    one = Value(ValueSpec.model_validate(keys)).judge(evidence)
+    assert (one.state, one.asked, one.got) == (state, asked, got)
+
+
+def test_a_truth_value_is_no_number() -> None:
+    with pytest.raises(MissingResultError, match="is true or false, and is compared with a number"):
+        judge(metric="stable", op="<=", value=1)
+
+
+def test_every_published_row_and_column_must_be_computed(tmp_path: Path) -> None:
+    file = tmp_path / "paper.csv"
+
+    def compare(text: str, **keys: Any) -> Judgement:
+        file.write_text(f"# source: A paper\n{text}", "utf-8")
+        spec = {
+            "text": "t",
+            "stage": "fly",
+            "table": "orbits",
+            "reference": str(file),
+            "on": "name",
+        }
+        return Comparison(ComparisonSpec.model_validate(spec | keys)).judge(EVIDENCE)
+
+    for text, message in (
+        ("name,x_kn\nA,7.59\n", "published column 'x_kn' is not computed; did you mean 'x_km'"),
+        ("name,x_km\nA,7.59\nC,1.0\n", "not computed: published rows with name C"),
+        ("nam,x_km\nA,7.59\n", "have no column 'name'"),
+    ):
+        with pytest.raises(MissingResultError, match=message):
+            compare(text)
+    # a number belongs to the printed one that it agrees with
+    assert compare("x_km,high_km\n7.59,7.6\n5.77,6.0\n", on="x_km").got == "2 of 2 equal"
+    with pytest.raises(MissingResultError, match="column 'v_m_s' has no published values"):
+        compare("name,x_km\nA,7.59\nB,5.77\n", columns=["x_km", "v_m_s"])
+
+
+def test_a_finished_run_that_is_resumed_ends_with_its_verdict(
+    write: Callable[[str], Path], tmp_path: Path
+) -> None:
+    from hillsphere.cli.endings import run
+
+    path, out = write(""), str(tmp_path / "out")
+    arguments = ("--set", "requirement.near.value=10", "--workers", "0")
+    assert run(["run", str(path), "--out", out, *arguments]) == 4
+    assert run(["report", out]) == 4
+    assert run(["resume", out, "--mission", str(path)]) == 4
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "message"),
+    [
+        ('answer = "It is {requirement.naer}."', "report.answer", "did you mean 'near'"),
+        ('answer = "{pionts.metric}"', "report.answer", "no stage table is named 'pionts'"),
+        ('answer = "{Requirement.near}"', "report.answer", "is no placeholder"),
+        ('numbers = ["naer"]', "report.numbers[0]", "did you mean 'near'"),
+        ('figure = "pionts.orbits"', "report.figure", "did you mean 'points'"),
+        ('[[report.section]]\ntitle = "A"\nshow = ["pionts"]', "report.section[0].show[0]",
+         "did you mean 'points'"),
+    ],
+)  # fmt: skip
+def test_names_in_the_report_are_checked(
+    write: Callable[[str], Path], text: str, key: str, message: str
+) -> None:
+    with pytest.raises(MissionError) as caught:
+        load_mission(write(f"[report]\n{text}\n"))
+    assert f"{key}: " in str(caught.value)
+    assert message in str(caught.value)
+
+
+def test_the_report_may_name_what_a_profile_drops(write: Callable[[str], Path]) -> None:
+    path = write('[report]\nanswer = "{more.metric}"\nfigure = "more.orbits"\n')
+    assert load_mission(path, profile="few").report.figure == "more.orbits"

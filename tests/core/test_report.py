@@ -177,7 +177,7 @@ def test_first_screen_answers_with_numbers() -> None:
     stage = StageResult(
         "one", "make", own_metrics={"mass": Metric(2.5, "kg")},
         tables={"t_one": Table("Sizes", [Column("a_km", "km")], [{"a_km": 1.0}])},
-        figures={"f_one": shown()}, own_names={"t": "t_one", "f": "f_one"},
+        figures={"f_one": shown()}, own_tables={"t": "t_one"}, own_figures={"f": "f_one"},
     )  # fmt: skip
     outcomes = {
         "small": Judgement("met", "size", "≤ 2 m", "1.5 m", 1.5, 2.0, "m"),
@@ -192,6 +192,23 @@ def test_first_screen_answers_with_numbers() -> None:
     assert "— By care" in text
     assert text.count('id="figure-f_one"') == 1
     assert "shown above" in text  # in the section, which names it too
+
+
+def test_a_table_and_a_figure_may_share_a_name() -> None:
+    spec = ReportSpec(section=(SectionSpec(title="Both", show=("one.orbits",)),))
+    stage = StageResult(
+        "one", "make", tables={"orbits": Table("Table", [Column("a")], [{"a": 1}])},
+        figures={"orbits": shown(CHART), "first": shown()}, own_tables={"orbits": "orbits"},
+        own_figures={"first": "first", "orbits": "orbits"},
+    )  # fmt: skip
+    text, _ = page(stage, spec=replace_figure(spec, "one.first"))
+    section = text.partition('<details id="section-1">')[2].partition("</details>")[0]
+    assert 'id="table-orbits"' in section
+    assert 'id="figure-orbits"' in section
+
+
+def replace_figure(spec: ReportSpec, figure: str) -> ReportSpec:
+    return spec.model_copy(update={"figure": figure})
 
 
 def test_wide_tables_hide_columns_and_lift_constants() -> None:
@@ -353,6 +370,6 @@ def test_faults_of_a_presentation_are_all_named() -> None:
         "is listed twice",
         "['b']",
         "figure '1'",
-        "refers to a table 't2'",
+        "one of ['T']",
     ):
         assert part in faults

@@ -56,7 +56,7 @@ def report(
     json: Json = False,
 ) -> int:
     """Show the verdict of a finished run, and where its report is."""
-    from hillsphere.cli.verdict import show_verdict
+    from hillsphere.cli.verdict import exit_code, show_verdict
     from hillsphere.runs.run_comparison import RunSummary
 
     summary = RunSummary.read(run).summary
@@ -64,10 +64,7 @@ def report(
         write_json(summary)
     else:
         show_verdict(summary, run / "report.html", verbose=verbose)
-    if summary["verdict"]["state"] != "success":
-        return ExitCode.FAILED
-    states = {row["state"] for row in summary.get("requirements", ())}
-    return ExitCode.NOT_MET if states & {"not met", "undecided"} else ExitCode.SUCCESS
+    return exit_code(summary)
 
 
 @app.command()
@@ -109,6 +106,8 @@ def compare(
         most = None if verbose else _MOST_LINES
         for line in found.configuration[:most]:
             write(f"  {line}")
+        if not verbose and len(found.configuration) > _MOST_LINES:
+            write(f"  and {len(found.configuration) - _MOST_LINES} more changes (-v shows them)")
         rows = [(d.where, d.name, _text(d.first), _text(d.second)) for d in found.results[:most]]
         if rows:
             write("")

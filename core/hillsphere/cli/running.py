@@ -10,7 +10,7 @@ from hillsphere.base.progress import Progress
 from hillsphere.cli.exit_codes import ExitCode
 from hillsphere.cli.output import write, write_json
 from hillsphere.cli.streams import say
-from hillsphere.cli.verdict import show_verdict
+from hillsphere.cli.verdict import exit_code, show_verdict
 from hillsphere.mission.load import Mission
 from hillsphere.plugins.registry import Registry
 from hillsphere.runs.earlier_run import EarlierRun
@@ -107,7 +107,7 @@ def resume_and_show(
     Returns
     -------
     ExitCode
-        As of `run_and_show`; ``SUCCESS`` if nothing was left to do.
+        As of `run_and_show`, also if nothing was left to do.
     """
     earlier = EarlierRun.open(run)
     name = str(earlier.manifest["mission"].get("name"))
@@ -116,15 +116,15 @@ def resume_and_show(
         drawn: tuple[Path, ...] = ()
         if figures:
             drawn = draw_figures(run, mission=mission, allow_path=allow_path, registry=registry)
+        summary = read_record(run / "summary.json", ("mission", "verdict", "metrics"))
         if json:
-            keys = ("mission", "verdict", "metrics")
-            _write_summary(read_record(run / "summary.json", keys), run)
+            _write_summary(summary, run)
         else:
             count = len({path.stem for path in drawn})
             done = f"{count} figures were drawn" if drawn else "nothing is left to do"
             write(f"{name}: this run is finished; {done}")
             write(f"report: {run / 'report.html'}")
-        return ExitCode.SUCCESS
+        return exit_code(summary)
     # What the command line runs by default; a run from Python may have had an executor of its own.
     chosen = executor or (None if earlier.local.get("executor") else {"type": "pool"})
     result = resume_run(
@@ -141,9 +141,7 @@ def _show_end(result: RunResult, json: bool, verbose: bool) -> ExitCode:
         _write_summary(result.summary, result.directory)
     else:
         show_verdict(result.summary, result.report, verbose=verbose)
-    if not result.ok:
-        return ExitCode.FAILED
-    return ExitCode.SUCCESS if result.is_met else ExitCode.NOT_MET
+    return exit_code(result.summary)
 
 
 def _write_summary(summary: Mapping[str, Any], directory: Path) -> None:

@@ -7,10 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from hillsphere.cli.exit_codes import ExitCode
 from hillsphere.cli.output import number, write, write_table
 from hillsphere.interfaces.outcomes import CLAIM_STATES, REQUIREMENT_STATES
 
-__all__ = ["format_margin", "show_verdict"]
+__all__ = ["exit_code", "format_margin", "show_verdict"]
 
 _MOST_ROWS = 15
 """Most rows of requirements, claims or sentences: with headings the verdict then fits into the 25
@@ -60,6 +61,15 @@ def show_verdict(summary: Mapping[str, Any], report: Path, *, verbose: bool) -> 
         )
     write("")
     write(f"report: {report}")
+
+
+def exit_code(summary: Mapping[str, Any]) -> ExitCode:
+    """Return the exit code of a run from its ``summary.json``."""
+    state = summary["verdict"]["state"]
+    if state != "success":
+        return ExitCode.INTERRUPTED if state == "interrupted" else ExitCode.FAILED
+    states = {row["state"] for row in summary.get("requirements", ())}
+    return ExitCode.NOT_MET if states & {"not met", "undecided"} else ExitCode.SUCCESS
 
 
 def format_margin(row: Mapping[str, Any]) -> str:

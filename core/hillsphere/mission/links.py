@@ -14,7 +14,7 @@ from hillsphere.mission.tables import MOST_PROBLEMS, Tables
 from hillsphere.plugins.registry import OUTCOME_KINDS, Registered
 from hillsphere.spec.base import Spec
 
-__all__ = ["Node", "check_links", "links_of", "resolve_data_paths", "topological"]
+__all__ = ["Node", "check_links", "check_report", "links_of", "resolve_data_paths", "topological"]
 
 Node: TypeAlias = tuple[str, str]
 """Kind and name of a table."""
@@ -79,6 +79,32 @@ def check_links(tables: Tables, layers: Derived) -> None:
         key = edges[circle[0]][circle[1]]
         message = f"goes in a circle: {' → '.join(steps)}"
         tables.problems.append(layers.problem(key, message))
+
+
+def check_report(tables: Tables, layers: Derived) -> None:
+    """Add a problem for every stage, requirement or claim that the report names and nobody states.
+
+    Parameters
+    ----------
+    tables : Tables
+        The validated tables; problems are added to theirs.
+    layers : Derived
+        Tables with the origin of every value, for messages. What a profile drops may be named.
+    """
+    if tables.head is None:
+        return
+    for where, kind, name in tables.head.report.names():
+        kinds = OUTCOME_KINDS if kind == "outcome" else (kind,)
+        names = [other for one in kinds for other in tables.names.get(one, [])]
+        if not kind:
+            message = f"{name} is no placeholder; write {{requirement.NAME}} or {{STAGE.METRIC}}"
+        elif name in names or any(layers.layers.dropped_at(one, name) for one in kinds):
+            continue
+        else:
+            words = "requirement or claim" if kind == "outcome" else f"{kind} table"
+            hint = did_you_mean(name, names, otherwise="there are")
+            message = f"no {words} is named {name[:60]!r}{hint}"
+        tables.problems.append(layers.problem(("report", *where), message))
 
 
 def _dropped_message(kind: str, other_kind: str, other: str, place: str) -> str:

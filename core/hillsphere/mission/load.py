@@ -13,7 +13,7 @@ from hillsphere.base.problems import Key, MissionError, Problem, did_you_mean, f
 from hillsphere.mission.each import expand_tables
 from hillsphere.mission.layers import Layers, parse_setting
 from hillsphere.mission.likes import Derived, resolve_likes
-from hillsphere.mission.links import check_links, resolve_data_paths, topological
+from hillsphere.mission.links import check_links, check_report, resolve_data_paths, topological
 from hillsphere.mission.report_spec import ReportSpec
 from hillsphere.mission.tables import (
     FORMAT,
@@ -172,6 +172,7 @@ def load_mission(
     written = resolve_likes(each, MISSION_KINDS)
     validated = validate_tables(written, registry)
     check_links(validated, written)
+    check_report(validated, written)
     directory = os.path.dirname(os.path.realpath(path))
     resolve_data_paths(validated, written, directory, allow_path=allow_path)
     problems += written.problems + validated.problems

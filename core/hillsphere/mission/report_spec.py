@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
+
 from hillsphere.spec.base import Spec, option
 
-__all__ = ["ReportSpec", "SectionSpec"]
+__all__ = ["PLACEHOLDER", "ReportSpec", "SectionSpec"]
+
+PLACEHOLDER = re.compile(r"\{([a-z][a-z0-9_-]*(?:\.[a-z0-9_-]+)+)\}")
+"""What a text has in place of a value: ``{requirement.NAME}``, ``{STAGE.METRIC}``."""
 
 
 class SectionSpec(Spec):
@@ -57,3 +63,28 @@ class ReportSpec(Spec):
     section: tuple[SectionSpec, ...] = option(
         "sections in the order of the mission; by default one per stage", default=()
     )
+
+    def names(self) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
+        """Yield (place of the key, kind, name) of every table that the report refers to.
+
+        The kind is ``"outcome"`` for a requirement or claim, and ``""`` for braces in a text that
+        are no placeholder.
+        """
+        texts: list[tuple[tuple[str | int, ...], str]] = [(("answer",), self.answer)]
+        for index, section in enumerate(self.section):
+            texts.append((("section", index, "text"), section.text))
+            for place, item in enumerate(section.show):
+                yield ("section", index, "show", place), "stage", item.partition(".")[0]
+        for key, text in texts:
+            for found in re.findall(r"\{[^{}]*\}", text):
+                if (match := PLACEHOLDER.fullmatch(found)) is None:
+                    yield key, "", found
+                    continue
+                first, second, *_ = match[1].split(".")
+                is_outcome = first in ("requirement", "claim")
+                yield key, first if is_outcome else "stage", second if is_outcome else first
+        for index, name in enumerate(self.numbers):
+            stage, dot, _ = name.partition(".")
+            yield ("numbers", index), "stage" if dot else "outcome", stage
+        if self.figure:
+            yield ("figure",), "stage", self.figure.partition(".")[0]

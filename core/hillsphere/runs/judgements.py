@@ -99,7 +99,9 @@ def _count(rows: Iterable[Judgement], state: str, word: str) -> str:
     judged = [one for one in states if one not in ("not evaluated", "not derivable")]
     if not judged:
         return f"no {word} evaluated" if states else ""
-    return f"{judged.count(state)} of {len(judged)} {word}{'s' * (len(judged) != 1)} {state}"  # type: ignore[arg-type]
+    told = f"{judged.count(state)} of {len(judged)} {word}{'s' * (len(judged) != 1)} {state}"  # type: ignore[arg-type]
+    left = states.count("not evaluated")
+    return f"{told} ({left} not evaluated)" if left else told
 
 
 def judge_run(

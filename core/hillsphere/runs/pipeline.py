@@ -411,11 +411,11 @@ class _Run:
             free = self.record.free_name("tables", key, name)
             self.directory.put_table(free, table)
             record.tables[free] = table
-            record.own_names[key] = free
+            record.own_tables[key] = free
         figures = shown.figures if getattr(self.specs[name], "figures", True) else {}
         for key, figure in figures.items():
             free = self.record.free_name("figures", key, name)
-            record.own_names[key] = free
+            record.own_figures[key] = free
             is_lead = self._is_lead(name, key)
             record.figures[free] = self._show_figure(free, figure, is_lead=is_lead)
         for key, text in shown.files.items():

@@ -135,7 +135,7 @@ def compare_runs(
     unequal = [
         Difference(where, name, _or_none(a), _or_none(b))
         for where, name, a, b, digits in pairs
-        if not _are_equal(a, b, tolerance if tolerance is not None else 0.5 * 10.0 ** (1 - digits))
+        if not _are_equal(a, b, tolerance, digits)
     ]
     return RunComparison(differences(first.manifest, second.manifest), unequal, len(shared))
 
@@ -182,6 +182,9 @@ def _pairs(
             yield word, name, *(s.get(name, _MISSING) for s in states), _METRIC_DIGITS
     metrics = [run["metrics"] for run in (first, second)]
     for name in dict.fromkeys((*metrics[0], *metrics[1])):
+        units = [m[name]["unit"] for m in metrics if name in m]
+        if len(set(units)) > 1:
+            yield "metric", f"{name}, unit", units[0], units[1], _METRIC_DIGITS
         values = [m[name]["value"] if name in m else _MISSING for m in metrics]
         yield "metric", name, values[0], values[1], _METRIC_DIGITS
     tables = [run["tables"] for run in (first, second)]
@@ -199,6 +202,10 @@ def _cells(
     """Yield the cells of two tables whose rows are joined by their first column."""
     columns = [{c["name"]: c.get("digits", _METRIC_DIGITS) for c in t["columns"]}
                for t in (first, second)]  # fmt: skip
+    units = [{c["name"]: c["unit"] for c in t["columns"]} for t in (first, second)]
+    for column, unit in units[0].items():
+        if units[1].get(column, unit) != unit:
+            yield name, f"{column}, unit", unit, units[1][column], _METRIC_DIGITS
     keyed = [rows_by_key(table) for table in (first, second)]
     for key in dict.fromkeys((*keyed[0], *keyed[1])):
         rows = [rows.get(key) for rows in keyed]
@@ -225,13 +232,24 @@ def rows_by_key(table: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     for row in table["rows"]:
         cell = row.get(first)
         key = f"{cell:.6g}" if isinstance(cell, float) else str(cell)
-        counts[key] = counts.get(key, 0) + 1
-        keyed[key if counts[key] == 1 else f"{key} ({counts[key]})"] = row
+        number = counts[key] = counts.get(key, 0) + 1
+        free = key if number == 1 else f"{key} ({number})"
+        while free in keyed:  # a cell may look like a numbered one
+            number += 1
+            free = f"{key} ({number})"
+        keyed[free] = row
     return keyed
 
 
-def _are_equal(first: Any, second: Any, tolerance: float) -> bool:
+def _are_equal(first: Any, second: Any, tolerance: float | None, digits: int) -> bool:
+    """Return whether two values are equal to a relative tolerance, or to significant digits."""
     numbers = [v for v in (first, second) if isinstance(v, float | int) and not isinstance(v, bool)]
-    if len(numbers) < 2:
+    if len(numbers) < 2 or all(isinstance(v, int) for v in numbers):
         return type(first) is type(second) and bool(first == second)
-    return math.isclose(*numbers, rel_tol=tolerance, abs_tol=0.0)
+    difference, largest = abs(numbers[0] - numbers[1]), max(map(abs, numbers))
+    if tolerance is not None:
+        return bool(difference <= tolerance * largest)
+    if difference == 0.0:
+        return True
+    last_digit = 10.0 ** (math.floor(math.log10(largest)) + 1 - digits)
+    return bool(difference <= 0.5 * last_digit)

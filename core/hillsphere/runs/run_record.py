@@ -55,8 +55,8 @@ class StageRecord:
     """Facts about one stage, which are completed while it runs.
 
     `product` is the SHA-256 of the file of its product, once that is written. `metrics`, `tables`
-    and `figures` have the names of the run; `shown` has the stage's own, `own_names` gives the
-    names in the run of its tables and figures.
+    and `figures` have the names of the run; `shown` has the stage's own, `own_tables` and
+    `own_figures` give the names in the run.
     """
 
     name: str
@@ -72,7 +72,8 @@ class StageRecord:
     metrics: dict[str, Metric] = field(default_factory=dict)
     tables: dict[str, Table] = field(default_factory=dict)
     figures: dict[str, ShownFigure] = field(default_factory=dict)
-    own_names: dict[str, str] = field(default_factory=dict)
+    own_tables: dict[str, str] = field(default_factory=dict)
+    own_figures: dict[str, str] = field(default_factory=dict)
     files: tuple[str, ...] = ()
     shown: Presentation | None = None
 
@@ -237,7 +238,7 @@ class RunRecord:
                     StageResult(
                         s.name, s.type, components[s.name].component.summary, s.state, s.seconds,
                         s.cached, s.message, s.notes, s.metrics, s.tables, s.figures,
-                        s.own_names, s.shown.metrics if s.shown else {}, s.files,
+                        s.own_tables, s.own_figures, s.shown.metrics if s.shown else {}, s.files,
                     )
                     for s in self.stages.values()
                 ],

@@ -23,7 +23,7 @@ from hillsphere.show.outcome_specs import (
     ValueSpec,
 )
 from hillsphere.show.presentation import Cell, Column, Printed, Table
-from hillsphere.show.reference import PAPER_SUFFIX, ReferenceTable, beside, computed_columns
+from hillsphere.show.reference import PAPER_SUFFIX, ReferenceTable, computed_columns
 from hillsphere.spec.units import UNITS
 
 __all__ = ["Answer", "Comparison", "NotDerivable", "Statement", "Value", "format_value"]
@@ -36,8 +36,14 @@ _RELATIONS: Mapping[str, Callable[[Any, Any], bool]] = {
 _SIGNS = {"<=": "≤", "<": "<", ">=": "≥", ">": ">", "==": "", "!=": "not"}
 _SHOWN_DEVIATIONS = 3
 """Number of deviating cells that a comparison names; the table shows all."""
-_PLAIN_DIGITS = str.maketrans("²³", "23")
+_DIGITS, _MOST_DIGITS = 4, 15
+"""Significant digits of a shown result, and the most that a double keeps of a decimal number."""
+_CONVERSION_ERROR = 4e-16
+"""Relative rounding error of two factors of units: two units in the last place."""
+_PLAIN_DIGITS = str.maketrans({"²": "2", "³": "3", "°": "deg"})
 """Powers of units as they are typed: a mission may write m/s2 or m/s²."""
+_MOST_NAMES = 3
+"""Cells that name a row at most; more would be the row itself."""
 _KEY_TOLERANCE = 1e-9
 """Relative difference up to which a number in `row` selects a cell: far below printed digits, far
 above the rounding of a unit's conversion."""
@@ -65,14 +71,19 @@ class _Compared:
 
     def judge(self, evidence: Evidence) -> Judgement:
         """Return the outcome for the worst of the compared values."""
-        outcomes = [self._judge_one(candidate) for candidate in self._candidates(evidence)]
+        outcomes = [
+            one if isinstance(one, Judgement) else self._judge_one(one)
+            for one in self._candidates(evidence)
+        ]
         order = (self.is_broken, "undecided", self.is_kept)
         return min(outcomes, key=lambda o: (order.index(o.state), _or_inf(o.margin)))
 
-    def _candidates(self, evidence: Evidence) -> Iterator[_Candidate]:
+    def _candidates(self, evidence: Evidence) -> Iterator[_Candidate | Judgement]:
         spec = self.spec
         if spec.metric:
             metric = evidence.metric(spec.stage.name, spec.metric)
+            if metric.value is None:
+                raise MissingResultError(f"metric {spec.metric!r} has no value")
             unit = "" if metric.unit == "-" else metric.unit
             yield _Candidate(_plain(metric.value), unit, metric.interval, metric.confidence)
             return
@@ -81,9 +92,10 @@ class _Compared:
         rows = _rows(table, spec.row)
         for row in rows:
             cell = row.get(column.name)
-            if cell is None:
-                where = f" in the row {_row_name(table, row)}"
-                raise MissingResultError(f"column {column.name!r} has no value{where}")
+            if cell is None:  # another row may break the limit all the same
+                reason = f"column {column.name!r} has no value in the row {_row_name(table, row)}"
+                yield Judgement("undecided", spec.text, reason=reason, source=spec.source)
+                continue
             unit = "" if column.unit == "-" else column.unit
             name = "" if len(rows) == 1 else _row_name(table, row)
             yield _Candidate(_plain(cell), unit, _interval(column, row), column.confidence, name)
@@ -91,15 +103,16 @@ class _Compared:
     def _judge_one(self, one: _Candidate) -> Judgement:
         spec = self.spec
         limit = _in_unit(spec.value, spec.unit, one.unit)
-        if isinstance(limit, str) != isinstance(one.value, str):
-            kinds = ("a number", "a text")
+        if _kind(limit) != _kind(one.value):
             raise MissingResultError(
-                f"the result is {kinds[isinstance(one.value, str)]}, and is compared with "
-                f"{kinds[isinstance(limit, str)]}"
+                f"the result is {_kind(one.value)}, and is compared with {_kind(limit)}"
             )
+        if limit != spec.value and math.isclose(limit, one.value, rel_tol=_CONVERSION_ERROR):  # type: ignore[arg-type]
+            limit = one.value  # they differ by the rounding of the unit's conversion only
         state, reason = self._decide(one, limit)
-        sign, shown = _SIGNS[spec.op], format_value(limit, one.unit)
-        got = format_value(one.value, one.unit)
+        # As the mission writes it, and the result with as many digits as tell it from the limit.
+        sign, shown = _SIGNS[spec.op], _write_limit(spec.value, spec.unit or one.unit)
+        got = format_value(one.value, one.unit, apart_from=limit)
         if spec.confidence is not None and one.interval is not None:
             ends = " to ".join(format_value(end, "") for end in one.interval)
             got += f" ({ends})"
@@ -241,8 +254,7 @@ class Comparison:
         rows: Sequence[Mapping[str, Cell]] = _rows(table, spec.row)
         source, twins = spec.source, computed_columns(table.columns)
         if self.reference is not None:
-            own = [{name: row.get(name) for name in row if name not in twins} for row in rows]
-            rows = beside(own, self.reference, on=spec.on)
+            rows = self._beside(table, rows, twins)
             source = source or self.reference.source
             twins = {f"{column.name}{PAPER_SUFFIX}": column.name for column in table.columns}
         compared = [
@@ -254,10 +266,12 @@ class Comparison:
         ]
         if not compared:
             raise MissingResultError(f"table {spec.table!r} has no published values to compare")
+        if idle := [name for name in spec.columns if name not in {c[1] for c in compared}]:
+            raise MissingResultError(f"column {idle[0]!r} has no published values to compare")
         apart = [
-            f"{_row_name(table, row)}, {name}: {_deviation(row[name], printed)}"
+            f"{_row_name(table, row)}, {name}: {_deviation(row.get(name), printed)}"
             for row, name, printed in compared
-            if not _agrees(row[name], printed, spec.last_digits)
+            if not _agrees(row.get(name), printed, spec.last_digits)
         ]
         more = len(apart) - _SHOWN_DEVIATIONS
         shown = [*apart[:_SHOWN_DEVIATIONS], *([f"and {more} more"] if more > 0 else [])]
@@ -266,7 +280,7 @@ class Comparison:
         return Judgement(
             state="refuted" if apart else "confirmed",
             text=spec.text,
-            asked=f"{len(compared)} printed values{digits}",
+            asked=f"{len(compared)} printed value{'s' * (len(compared) != 1)}{digits}",
             got=f"{equal} of {len(compared)} equal",
             value=equal,
             limit=len(compared),
@@ -274,6 +288,41 @@ class Comparison:
             reason="; ".join(shown),
             source=source,
         )
+
+    def _beside(
+        self, table: Table, rows: Sequence[Mapping[str, Cell]], twins: Mapping[str, str]
+    ) -> list[dict[str, Cell]]:
+        """Return the rows with the published values of the reference, all of which are used.
+
+        A row belongs to the published one whose cell it agrees with to the printed digit.
+        """
+        spec, reference = self.spec, self.reference
+        assert reference is not None  # it was read with the Spec
+        if spec.on not in reference.columns:
+            raise MissingResultError(f"the published values have no column {spec.on!r}")
+        known = [column.name for column in table.columns]
+        for name in reference.columns:
+            is_number = any(isinstance(row[name], Printed) for row in reference.rows)
+            if is_number and not spec.columns and name not in known:
+                hint = did_you_mean(name, known, otherwise="the table has")
+                raise MissingResultError(f"the published column {name!r} is not computed{hint}")
+        made, used = [], set()
+        for row in rows:
+            wide = {name: value for name, value in row.items() if name not in twins}
+            for index, published in enumerate(reference.rows):
+                if _is_same_key(row.get(spec.on), published[spec.on]):
+                    used.add(index)
+                    wide |= {
+                        f"{name}{PAPER_SUFFIX}": value
+                        for name, value in published.items()
+                        if name != spec.on and isinstance(value, Printed)
+                    }
+            made.append(wide)
+        lost = [row[spec.on] for index, row in enumerate(reference.rows) if index not in used]
+        if lost and not spec.row:
+            names = ", ".join(getattr(key, "text", str(key)) for key in lost[:_SHOWN_DEVIATIONS])
+            raise MissingResultError(f"not computed: published rows with {spec.on} {names}")
+        return made
 
 
 class NotDerivable:
@@ -294,21 +343,49 @@ class NotDerivable:
         return Judgement("not derivable", spec.text, reason=spec.reason, source=spec.source)
 
 
-def format_value(value: _Plain | None, unit: str) -> str:
-    """Return a value with its unit as a reader sees it: ``"1.19 m/s"``, ``"yes"``."""
+def format_value(value: _Plain | None, unit: str, *, apart_from: _Plain | None = None) -> str:
+    """Return a value with its unit as a reader sees it: ``"1.19 m/s"``, ``"yes"``.
+
+    Parameters
+    ----------
+    value : float, int, bool, str or None
+        The value; numbers have four significant digits.
+    unit : str
+        Its unit, ``""`` for none.
+    apart_from : float, int, bool or str, optional
+        Another number: further digits are shown until the two look different.
+    """
     if value is None:
         return "–"
     if isinstance(value, bool):
         return "yes" if value else "no"
-    text = value if isinstance(value, str) else _number(value)
+    text = value if isinstance(value, str) else _number(value, _DIGITS)
+    if isinstance(value, float) and isinstance(apart_from, float | int) and value != apart_from:
+        digits = _DIGITS
+        while text == _number(float(apart_from), digits) and digits < _MOST_DIGITS:
+            digits += 1
+            text = _number(value, digits)
     return f"{text} {unit}".strip() if unit != "°" else f"{text}°"
 
 
-def _number(value: float | int) -> str:
-    """Return a number with four significant digits, a whole number with all of its digits."""
-    text = str(value) if isinstance(value, int) else f"{value:.4g}"
+def _write_limit(value: _Plain, unit: str) -> str:
+    """Return a limit as the mission writes it."""
+    if isinstance(value, bool | str):
+        return format_value(value, "")
+    return f"{_number(value, _MOST_DIGITS)} {unit}".strip()
+
+
+def _number(value: float | int, digits: int) -> str:
+    """Return a number with so many significant digits, a whole number with all of its digits."""
+    text = str(value) if isinstance(value, int) else f"{value:.{digits}g}"
     mantissa, e, exponent = text.partition("e")
     return (f"{mantissa}e{int(exponent)}" if e else text).replace("-", "−")
+
+
+def _kind(value: _Plain) -> str:
+    if isinstance(value, bool):
+        return "true or false"
+    return "a text" if isinstance(value, str) else "a number"
 
 
 def _plain(cell: Any) -> _Plain:
@@ -375,9 +452,16 @@ def _is_selected(row: Mapping[str, Cell], selected: Mapping[str, _Plain]) -> boo
 
 
 def _row_name(table: Table, row: Mapping[str, Cell]) -> str:
-    """Return the first cell of a row, which names it."""
-    cell = row.get(table.columns[0].name)
-    return format_value(None if cell is None else _plain(cell), "")
+    """Return the first cells of a row, as many as tell it from the others."""
+    names: list[str] = []
+    alike: list[Mapping[str, Cell]] = list(table.rows)
+    for column in table.columns:
+        cell = row.get(column.name)
+        names.append(format_value(None if cell is None else _plain(cell), ""))
+        alike = [other for other in alike if other.get(column.name) == cell]
+        if len(alike) <= 1 or len(names) == _MOST_NAMES:
+            break
+    return ", ".join(names)
 
 
 def _interval(column: Column, row: Mapping[str, Cell]) -> tuple[float, float] | None:
@@ -385,6 +469,12 @@ def _interval(column: Column, row: Mapping[str, Cell]) -> tuple[float, float] | 
     if len(ends) != 2 or any(isinstance(end, str | bool | None) for end in ends):
         return None
     return float(ends[0]), float(ends[1])  # type: ignore[arg-type]
+
+
+def _is_same_key(cell: Cell, key: Printed | str | None) -> bool:
+    if isinstance(key, Printed) and isinstance(cell, float | int):
+        return key.agrees(cell)
+    return cell is not None and cell == key
 
 
 def _agrees(cell: Cell, printed: Printed, last_digits: float) -> bool:

@@ -276,11 +276,6 @@ def presentation_faults(presentation: Presentation) -> list[str]:
                 for key, value in row.items()
                 if not _is_cell(value)
             ]
-    faults += [
-        f"figure {name!r} refers to a table {figure.table!r}, which the stage does not show"
-        for name, figure in presentation.figures.items()
-        if isinstance(figure, Chart) and figure.table and figure.table not in presentation.tables
-    ]
     return faults
 
 

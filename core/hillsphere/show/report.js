@@ -137,11 +137,12 @@ isDark.addEventListener("change", () => plots.filter((box) => box.dataset.drawn)
   draw(box);
 }));
 
-/** Return the value of a cell for sorting: its exact number, or its text. */
+/** Return the value of a cell for sorting: its exact number, its text, or null for a blank. */
 function keyOf(row, index) {
   const cell = row.cells[index];
-  const number = Number(cell.dataset.v ?? cell.textContent.replace("−", "-"));
-  return Number.isNaN(number) ? cell.textContent : number;
+  const text = (cell.dataset.v ?? cell.textContent).trim().replace("−", "-").replace("inf", "Infinity");
+  if (text === "" || text === "–") return null;
+  return Number.isNaN(Number(text)) ? text : Number(text);
 }
 
 function sortBy(heading) {
@@ -150,6 +151,7 @@ function sortBy(heading) {
   const sign = down ? -1 : 1;
   const sorted = [...body.rows].sort((a, b) => {
     const [p, q] = [keyOf(a, heading.cellIndex), keyOf(b, heading.cellIndex)];
+    if (p === null || q === null) return (p === null) - (q === null); // blanks last
     const isNumber = typeof p === "number" && typeof q === "number";
     return sign * (isNumber ? p - q : String(p).localeCompare(String(q)));
   });

@@ -8,7 +8,6 @@ and nothing else. All text is escaped. Without scripts the page shows the static
 from __future__ import annotations
 
 import json
-import re
 import zlib
 from base64 import b64encode
 from collections import Counter
@@ -21,7 +20,7 @@ from importlib.resources import files
 from typing import Any
 
 from hillsphere.interfaces.outcomes import CLAIM_STATES, REQUIREMENT_STATES, Judgement
-from hillsphere.mission.report_spec import ReportSpec, SectionSpec
+from hillsphere.mission.report_spec import PLACEHOLDER, ReportSpec, SectionSpec
 from hillsphere.show.charts import Chart
 from hillsphere.show.drawing import Drawing
 from hillsphere.show.html_tables import render_cell, render_table
@@ -31,13 +30,12 @@ from hillsphere.show.presentation import AnyFigure, Metric, Table
 __all__ = ["Report", "ShownFigure", "StageResult", "content_policy", "render"]
 
 _STATES = {"failed": "failed", "interrupted": "was interrupted", "not run": "was not run"}
-_WITHOUT_SCRIPTS = ".plot { display: none; } .plot + .picture { display: block; }"
+_WITHOUT_SCRIPTS = ".plot { display: none; } .plot ~ .picture, .hint { display: block; }"
 """Style that shows the pictures where no script draws the plots."""
 _FIRST_OUTCOMES = 6
 """Requirements, and claims, on the first screen; the others are folded."""
 _DEFAULT_NUMBERS = 4
 """Large numbers on the first screen: one row at 1280 pixels."""
-_PLACEHOLDER = re.compile(r"\{([a-z][a-z0-9_.-]*)\}")
 _COMPRESSION = 4
 """Level of zlib for plotly.js: 0.07 s of CPU; the highest needs 0.18 s for 4 % less."""
 _LONGEST_LEAD = 110
@@ -83,8 +81,8 @@ class StageResult:
         Its sentences of the verdict.
     metrics, tables, figures : mapping
         Its presentation, by identifier in the run.
-    own_names : mapping
-        The stage's own name of a table or figure → that in the run.
+    own_tables, own_figures : mapping
+        The stage's own name of a table, or of a figure → that in the run.
     own_metrics : mapping
         Its metrics by the stage's own names.
     files : tuple of str
@@ -102,7 +100,8 @@ class StageResult:
     metrics: Mapping[str, Metric] = field(default_factory=dict)
     tables: Mapping[str, Table] = field(default_factory=dict)
     figures: Mapping[str, ShownFigure] = field(default_factory=dict)
-    own_names: Mapping[str, str] = field(default_factory=dict)
+    own_tables: Mapping[str, str] = field(default_factory=dict)
+    own_figures: Mapping[str, str] = field(default_factory=dict)
     own_metrics: Mapping[str, Metric] = field(default_factory=dict)
     files: tuple[str, ...] = ()
 
@@ -225,13 +224,13 @@ class _Page:
     def __init__(self, report: Report) -> None:
         self.report = report
         self.by_stage = {stage.stage: stage for stage in report.stages}
-        self.shown: dict[str, str] = {}
+        self.shown: set[str] = set()
         self.embedded: dict[str, Mapping[str, Any]] = {}
         self.values = dict(_values(report))
 
     def head(self) -> str:
         report, spec = self.report, self.report.spec
-        profile = f", profile {escape(report.profile)}" if report.profile else ""
+        profile = f", changed by its profile {escape(report.profile)}" if report.profile else ""
         faults = "".join(
             f"<p class=differs>Stage {escape(s.stage)} {_STATES[s.state]}"
             f"{': ' + escape(s.message) if s.message else '.'}</p>"
@@ -249,7 +248,7 @@ class _Page:
 
     def fill(self, text: str) -> str:
         """Return escaped text with the values of its placeholders."""
-        return _PLACEHOLDER.sub(
+        return PLACEHOLDER.sub(
             lambda match: f"<b>{escape(self.values.get(match[1], '–'))}</b>",
             escape(text, quote=False),
         )
@@ -284,14 +283,18 @@ class _Page:
 
     def overview(self) -> str:
         """Return the figure that carries the answer, beside requirements and claims."""
-        lead = self.report.spec.figure
-        figure = self._item(lead, "answer", is_open=True) if lead else ""
-        if not figure:  # its stage is no part of the run
-            first = next(
-                (f"{s.stage}.{own}" for s in self.report.stages
-                 for own, name in s.own_names.items() if name in s.figures), ""
-            )  # fmt: skip
-            figure = self._item(first, "answer", is_open=True)
+        figures = [(stage, name) for stage in self.report.stages for name in stage.figures]
+        wanted, _, own = self.report.spec.figure.partition(".")
+        # The first of the run if that of the mission, or its stage, is no part of it.
+        lead = next(
+            (
+                (s, name)
+                for s, name in figures
+                if (s.stage, name) == (wanted, s.own_figures.get(own))
+            ),
+            figures[0] if figures else None,
+        )
+        figure = self._show_figure(*lead, is_open=True) if lead else ""
         tables = _outcomes("requirement", "asked", self.report.requirements)
         tables += _outcomes("claim", "published", self.report.claims)
         if not (figure or tables):
@@ -302,7 +305,7 @@ class _Page:
     def sections(self) -> Iterator[str]:
         for number, section in enumerate(self.report.spec.section, 1):
             text = self.fill(section.text)
-            body = "".join(self._item(item, f"section-{number}") for item in section.show)
+            body = "".join(map(self._item, section.show))
             yield _fold(f"section-{number}", f"{number} {escape(section.title)}",
                         _lead(section), f"<p>{text}</p>{body}" if text else body)  # fmt: skip
 
@@ -317,7 +320,7 @@ class _Page:
                     f"<ul>{''.join(f'<li>{escape(note)}</li>' for note in stage.notes)}</ul>"
                 )
             parts.append(_metrics(stage.metrics))
-            parts += [self._show(stage, name, key) for name in (*stage.tables, *stage.figures)]
+            parts.append(self._show_all(stage))
             if stage.files:
                 links = ", ".join(f'<a href="{escape(n)}">{escape(n)}</a>' for n in stage.files)
                 parts.append(f"<p class=soft>Further files: {links}</p>")
@@ -327,27 +330,40 @@ class _Page:
             name = escape(stage.stage.replace("_", " "))
             yield _fold(key, title, f"{name}, {escape(state)}", "".join(parts))
 
-    def _item(self, item: str, where: str, *, is_open: bool = False) -> str:
-        """Return a table or figure ``STAGE.NAME``, or all of a stage; empty if it is not there."""
+    def _item(self, item: str) -> str:
+        """Return the table and the figure ``STAGE.NAME``, or all of a stage; empty for none."""
         name, _, own = item.partition(".")
         stage = self.by_stage.get(name)
         if stage is None or stage.state != "done":
             return ""
-        if own:
-            return self._show(stage, stage.own_names.get(own, ""), where, is_open=is_open)
-        names = (*stage.tables, *stage.figures)
-        return "".join(self._show(stage, free, where) for free in names)
+        if not own:
+            return self._show_all(stage)
+        table, figure = stage.own_tables.get(own), stage.own_figures.get(own)
+        parts = [self._show_table(stage, table) if table else ""]
+        parts.append(self._show_figure(stage, figure) if figure else "")
+        return "".join(parts)
 
-    def _show(self, stage: StageResult, name: str, where: str, *, is_open: bool = False) -> str:
-        if name in self.shown:
-            title = escape((stage.tables.get(name) or stage.figures[name].figure).title)
-            return f'<p class=soft>{title}: <a href="#{self.shown[name]}">shown above</a>.</p>'
-        if name in stage.tables:
-            self.shown[name] = f"table-{name}"
-            return render_table(name, stage.tables[name], f"tables/{name}.csv")
-        if name in stage.figures:
-            self.shown[name] = f"figure-{name}"
-            return self._figure(stage, name, is_open=is_open)
+    def _show_all(self, stage: StageResult) -> str:
+        return "".join(
+            [self._show_table(stage, name) for name in stage.tables]
+            + [self._show_figure(stage, name) for name in stage.figures]
+        )
+
+    def _show_table(self, stage: StageResult, name: str) -> str:
+        table = stage.tables[name]
+        return self._once(f"table-{name}", table.title) or render_table(
+            name, table, f"tables/{name}.csv"
+        )
+
+    def _show_figure(self, stage: StageResult, name: str, *, is_open: bool = False) -> str:
+        title = stage.figures[name].figure.title
+        return self._once(f"figure-{name}", title) or self._figure(stage, name, is_open=is_open)
+
+    def _once(self, key: str, title: str) -> str:
+        """Return a link to what was shown before; empty at the first time."""
+        if key in self.shown:
+            return f'<p class=soft>{escape(title)}: <a href="#{escape(key)}">shown above</a>.</p>'
+        self.shown.add(key)
         return ""
 
     def _figure(self, stage: StageResult, name: str, *, is_open: bool) -> str:
@@ -362,14 +378,14 @@ class _Page:
             height = shown.plot["height"]
             table = ""
             if isinstance(figure, Chart) and figure.table:
-                table = f' data-table="table-{escape(stage.own_names[figure.table])}"'
+                table = f' data-table="table-{escape(stage.own_tables[figure.table])}"'
             plot = (
                 f'<div class=plot data-plot="{escape(name)}"{table} style="height:{height}px" '
                 f'role=group aria-label="{escape(alt)}"></div>'
             )
         command = (
-            "" if picture else f"<noscript><p class=soft>To draw it: <code>hillsphere figures RUN "
-            f"{escape(name)}</code></p></noscript>"
+            "" if picture else "<p class='soft hint'>Its picture: "
+            f"<code>hillsphere figures RUN {escape(name)}</code></p>"
         )  # fmt: skip
         css = " class=panel" if is_open else ""
         return (
