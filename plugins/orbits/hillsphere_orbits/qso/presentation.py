@@ -88,6 +88,11 @@ def present_family(
         "determinant_error_max": Metric(
             float(np.max(np.abs(determinant_error(product.members.monodromy))))
         ),
+        **{
+            # A missing index, of complex multipliers, is one beyond every limit.
+            f"{plane}_index_largest": Metric(float(np.nan_to_num(np.abs(b), nan=np.inf).max()))
+            for plane, b in zip(("planar", "vertical"), product.member_indices, strict=True)
+        },
         "x0_largest": Metric(float(product.curve.x0[0, 0] / 1e3), "km"),
         "x0_smallest": Metric(float(product.curve.x0[0, -1] / 1e3), "km"),
     }
