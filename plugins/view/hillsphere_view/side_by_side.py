@@ -167,13 +167,18 @@ def _tables(summaries: Sequence[Mapping[str, Any]], unequal: _Unequal) -> Iterab
 
 
 def _join(name: str, tables: Mapping[str, Mapping[str, Any]], unequal: _Unequal) -> Joined:
-    """Join tables by their first columns; a column in which all runs agree is shown once."""
+    """Join tables by their first columns.
+
+    A column in which all runs agree is shown once, unless a run lacks a row.
+    """
     keyed = {letter: rows_by_key(table) for letter, table in tables.items()}
     keys = list(dict.fromkeys(key for rows in keyed.values() for key in rows))
     columns = {c["name"]: c for table in tables.values() for c in table["columns"]}
     first, *others = columns
     split = {where[1] for _, table, cell in unequal
              if table == name and (where := cell.rpartition(", ")[::2])}  # fmt: skip
+    if any(key not in rows for rows in keyed.values() for key in keys):
+        split = set(others)  # a row of some runs only is shown as theirs
     heads = [(_label(columns[first]), columns[first].get("unit", ""), "")]
     parts: list[tuple[str, str]] = []
     for column in others:
