@@ -96,10 +96,11 @@ function loadPlotly() {
 /** Return a layout with the colours of the page. */
 function themed(layout) {
   const css = getComputedStyle(document.documentElement);
-  const [ink, soft, grid] = ["--ink", "--soft", "--grid"].map((name) => css.getPropertyValue(name).trim());
+  const [ink, soft, grid, accent] = ["--ink", "--soft", "--grid", "--accent"].map((name) => css.getPropertyValue(name).trim());
   const axis = { gridcolor: grid, linecolor: soft, zeroline: false, showline: true, ticks: "outside", tickcolor: soft };
   const clear = "rgba(0,0,0,0)";
   const made = { ...layout, font: { color: ink, size: 12, family: "system-ui, sans-serif" }, paper_bgcolor: clear, plot_bgcolor: clear };
+  made.modebar = { bgcolor: clear, color: soft, activecolor: accent };
   for (const [key, value] of Object.entries(made)) {
     if (/^[xy]axis\d*$/.test(key)) made[key] = { ...axis, ...value };
     if (/^scene\d*$/.test(key)) {
@@ -124,6 +125,7 @@ async function draw(box) {
     await plotly.newPlot(box, figure.data, themed(figure.layout), options);
     box.dataset.drawn = "yes";
   } catch (error) {
+    box.dataset.drawn = "no";
     box.style.height = "auto";
     box.textContent = `This figure cannot be drawn (${error.message}).`;
   }
@@ -138,4 +140,4 @@ const seen = new IntersectionObserver((entries) => {
 }, { rootMargin: "300px" });
 const plots = [...document.querySelectorAll(".plot")];
 plots.forEach((box) => seen.observe(box));
-isDark.addEventListener("change", () => plots.filter((box) => box.dataset.drawn).forEach(draw));
+isDark.addEventListener("change", () => plots.filter((box) => box.dataset.drawn === "yes").forEach(draw));

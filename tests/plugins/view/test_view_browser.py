@@ -78,8 +78,20 @@ def test_list_is_searched_and_runs_are_compared(page: Any) -> None:
     page.keyboard.press("Enter")
     page.wait_for_selector("text=2 runs side by side")
     page.locator(".plot").scroll_into_view_if_needed()
-    page.wait_for_selector(".plot[data-drawn] .legendtext")
+    page.wait_for_selector(".plot[data-drawn=yes] .legendtext")
     assert page.locator(".plot .legendtext").all_inner_texts() == ["A: wave", "B: wave"]
+    assert fits(page)
+
+
+def test_figures_of_a_run_stay_in_their_panels(page: Any) -> None:
+    page.click("text=two")
+    page.click("summary >> text=Figure wave")
+    page.wait_for_selector(".plot[data-drawn=yes]")
+    widths = page.evaluate(
+        "[document.querySelector('.plot').getBoundingClientRect().right,"
+        " document.querySelector('details').getBoundingClientRect().right]"
+    )
+    assert widths[0] <= widths[1]
     assert fits(page)
 
 
