@@ -192,7 +192,7 @@ def mutate_npz(chance: random.Random, data: bytes, payloads: Payloads) -> bytes:
         with_value = members["__product__.npy"]
         try:
             header(other_value)
-        except ValueError:
+        except (ValueError, RecursionError):  # the value may be arrays in arrays without end
             members["__product__.npy"] = with_value[:-5]
     elif changed == 7:
         members[name] = _npy(np.full((2, 3), np.nan))

@@ -103,6 +103,10 @@ def test_runs_side_by_side(client: TestClient, place: Path) -> None:
     assert shown[at + 1 : at + 3] == [str(CASES)] * 2
 
 
+FORM = {"Content-Type": "application/x-www-form-urlencoded"}
+"""Header of an empty form, which the client leaves out."""
+
+
 def test_equal_runs_differ_nowhere(client: TestClient, place: Path) -> None:
     twin = place / "runs" / "twin"
     twin.mkdir()
@@ -122,13 +126,15 @@ def test_tables_are_joined_by_their_first_column() -> None:
     runs = [_run([("a", 1.0, 5.0), ("b", 2.0, 5.0)]), _run([("b", 3.0, 5.0), ("c", 4.0, 5.0)])]
     (table,) = compare_side_by_side(runs).tables
     assert [head[::2] for head in table.heads] == [
-        ("name", ""), ("value", "A"), ("value", "B"), ("same", ""),
+        ("name", ""), ("value", "A"), ("value", "B"), ("same", "A"), ("same", "B"),
     ]  # fmt: skip
     assert [(key, [c.text for c in row]) for key, row in table.rows] == [
-        ("a", ["1", "–", "5"]), ("b", ["2", "3", "5"]), ("c", ["–", "4", "5"]),
+        ("a", ["1", "–", "5", "–"]), ("b", ["2", "3", "5", "5"]), ("c", ["–", "4", "–", "5"]),
     ]  # fmt: skip
     marked = [[c.differs for c in row] for _, row in table.rows]
-    assert marked[1] == [False, True, False]
+    assert marked == [
+        [False, True, False, True], [False, True, False, False], [False, True, False, True],
+    ]  # fmt: skip
 
 
 def _run(rows: list[tuple[str, float, float]]) -> RunSummary:
@@ -242,7 +248,7 @@ def test_problems_are_shown_with_their_lines(client: TestClient, place: Path) ->
     text = mission.read_text("utf-8")
     try:
         mission.write_text(text.replace('type = "wave"', 'type = "weve"'), "utf-8")
-        (problem, *_) = client.post("/start/file:0/run", data={}).json()["problems"]
+        (problem, *_) = client.post("/start/file:0/run", headers=FORM).json()["problems"]
         assert re.search(r"waves\.toml:\d+: stage\.wave\.type: ", problem)
     finally:
         mission.write_text(text, "utf-8")

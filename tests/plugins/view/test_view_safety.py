@@ -212,7 +212,7 @@ def test_templates_have_no_script_of_their_own() -> None:
     folder = Path(hillsphere_view.__file__).parent / "templates"
     for path in folder.glob("*.html"):
         text = path.read_text("utf-8")
-        assert re.search(r"\son\w+\s*=", text) is None, path
+        assert re.search(r"<[^<>%]*\son\w+\s*=", text) is None, path
         assert "style=" not in text, path
         assert "|safe" not in text, path
 
