@@ -249,5 +249,6 @@ def test_the_whole_mission(tmp_path: Path, mission_run: Callable[..., Run]) -> N
     assert np.count_nonzero(inside[default]) >= 15
 
 
+@pytest.mark.slow
 def test_its_page_works_in_a_browser(run: Run) -> None:
     check_page(run.directory)

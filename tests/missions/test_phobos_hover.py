@@ -216,5 +216,6 @@ def test_the_report_says_what_failed(run: Run) -> None:
     assert json.loads((run.directory / "manifest.json").read_text("utf-8"))["seed"] == 1
 
 
+@pytest.mark.slow
 def test_its_page_works_in_a_browser(run: Run) -> None:
     check_page(run.directory)

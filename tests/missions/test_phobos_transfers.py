@@ -136,5 +136,6 @@ def test_reflown_on_truer_equations(run: Run) -> None:
     assert {r["rung"] for r in rows} == {"hill", "circular", "elliptic"}
 
 
+@pytest.mark.slow
 def test_its_page_works_in_a_browser(run: Run) -> None:
     check_page(run.directory)
