@@ -23,8 +23,8 @@ from hillsphere_view.child_processes import MOST, BusyError, ChildProcesses
 
 LIMIT_S = 10.0
 """Time after which a slow request must have been cut off."""
-SLOW = "stage.wave.steps=40000\nstage.many.cases=2000"
-"""A campaign of 32 blocks that take about a third of a second each."""
+SLOW = "stage.wave.steps=40000\nstage.many.cases=6000"
+"""A campaign of 94 blocks of a third of a second each, which outlives the server that began it."""
 PROFILE = {"sets": SLOW}
 
 
@@ -109,6 +109,7 @@ def state_of(client: httpx.Client, to: str) -> str:
     return shown.group(1) if shown else "begins"
 
 
+@pytest.mark.slow
 def test_runs_are_started_stopped_resumed_and_outlive_the_server(folder: Path) -> None:
     with viewing(folder) as first:
         client = first.client()
