@@ -23,6 +23,8 @@ MISSION_AGAIN = ("--mission", "waves.toml")
 COMMANDS = {
     "resume": ("resume", "out", *MISSION_AGAIN, "--workers", "0"),
     "resume as JSON": ("resume", "out", "--json"),
+    "report": ("report", "out", "--verbose"),
+    "compare": ("compare", "out", "sound"),
     "rerun": ("rerun", "out", "--case", "3", *MISSION_AGAIN),
     "figures": ("figures", "out", *MISSION_AGAIN),
     "export": ("export", "out"),

@@ -301,8 +301,8 @@ def test_a_run_without_figures(ran: Place, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("patched", "message"),
     [
-        ("draw", "figure 'sweep_lines' cannot be drawn: ValueError: no ink"),
-        ("check_presentation", "stage 'wave' cannot be shown: ValueError: no ink"),
+        ("run_figures.draw", "figure 'sweep_lines' cannot be drawn: ValueError: no ink"),
+        ("stored_results.check_presentation", "stage 'wave' cannot be shown: ValueError: no ink"),
     ],
 )
 def test_what_a_plugin_raises_is_told_in_one_sentence(
@@ -311,7 +311,7 @@ def test_what_a_plugin_raises_is_told_in_one_sentence(
     def fail(*_: object, **__: object) -> NoReturn:
         raise ValueError("no\nink")
 
-    monkeypatch.setattr(f"hillsphere.runs.run_figures.{patched}", fail)
+    monkeypatch.setattr(f"hillsphere.runs.{patched}", fail)
     with chdir(place.path), pytest.raises(StageError) as told:
         draw_figures("out", mission="waves.toml")
     assert str(told.value) == message

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import re
 from pathlib import Path
@@ -38,8 +39,15 @@ def test_a_run_confirms_the_record(phobos_qso: Run) -> None:
         assert ours["table_1"] == recorded["table_1"] if key == "claims" else True
 
 
-def test_readme_says_what_the_record_says() -> None:
-    text = (ROOT / "README.md").read_text("utf-8")
+def test_pages_say_what_the_record_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    pages = importlib.import_module("record_claims")
+    assert (ROOT / "docs" / "papers.md").read_text("utf-8") == pages.papers_page(RECORD)
+    assert pages.readme_table(RECORD) in (ROOT / "README.md").read_text("utf-8")
+
+
+def test_the_discussion_says_what_the_record_says() -> None:
+    text = (ROOT / "docs" / "results.md").read_text("utf-8")
     (equal,) = (row["got"] for row in RECORD["phobos-qso"]["claims"] if row["name"] == "table_1")
     counts = re.search(r"(\d+) of the (\d+) cells agree to the printed digit", text)
     assert counts is not None

@@ -18,7 +18,8 @@ RECORD = "record.json"
 """Outcomes of recorded runs of the packaged missions, beside these."""
 _MOST_BYTES = 4 << 20
 """Largest size of the record; a mission's claims take some 20 kB."""
-_OUTCOMES = {"confirmed": "reproduced", "refuted": "deviates"}
+CLAIM_WORDS = {"confirmed": "reproduced", "refuted": "deviates"}
+"""What a list of published results calls these states of a claim; others keep their word."""
 _Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show everything.")]
 
 
@@ -30,7 +31,7 @@ def runs(
     json: Json = False,
 ) -> None:
     """List the runs in a folder with their verdicts, the latest first."""
-    from hillsphere.runs.run_comparison import list_runs
+    from hillsphere.runs.run_summary import list_runs
 
     listed = [
         {
@@ -57,7 +58,7 @@ def report(
 ) -> int:
     """Show the verdict of a finished run, and where its report is."""
     from hillsphere.cli.verdict import exit_code, show_verdict
-    from hillsphere.runs.run_comparison import RunSummary
+    from hillsphere.runs.run_summary import RunSummary
 
     summary = RunSummary.read(run).summary
     if json:
@@ -88,7 +89,8 @@ def compare(
 
     Exit codes: 0 all results are equal, 4 some differ, 2 they cannot be compared.
     """
-    from hillsphere.runs.run_comparison import RunSummary, compare_runs
+    from hillsphere.runs.run_comparison import compare_runs
+    from hillsphere.runs.run_summary import RunSummary
 
     one, other = RunSummary.read(first), RunSummary.read(second)
     found = compare_runs(one, other, tolerance)
@@ -148,13 +150,13 @@ def papers(
         write_json(recorded)
         return
     for name, run in recorded.items():
-        counts = Counter(_OUTCOMES.get(row["state"], row["state"]) for row in run["claims"])
+        counts = Counter(CLAIM_WORDS.get(row["state"], row["state"]) for row in run["claims"])
         told = ", ".join(f"{count} {word}" for word, count in counts.items())
         write(f"{name}: {told}")
         write(f"  {run['command']}, commit {run['commit']}, {run['date']}")
         write_table(
             [f"  {row['source'] or '–'}", row["text"], row["got"] or row["reason"], row["asked"],
-             _OUTCOMES.get(row["state"], row["state"])]
+             CLAIM_WORDS.get(row["state"], row["state"])]
             for row in run["claims"]
         )  # fmt: skip
         write("")

@@ -16,7 +16,7 @@ from hillsphere.plugins.registry import Registry
 from hillsphere.runs.earlier_run import EarlierRun
 from hillsphere.runs.pipeline import RunResult, resume_run, run_mission
 from hillsphere.runs.run_figures import draw_figures
-from hillsphere.runs.run_manifest import read_record
+from hillsphere.runs.run_summary import RunSummary
 
 __all__ = ["resume_and_show", "run_and_show"]
 
@@ -116,7 +116,7 @@ def resume_and_show(
         drawn: tuple[Path, ...] = ()
         if figures:
             drawn = draw_figures(run, mission=mission, allow_path=allow_path, registry=registry)
-        summary = read_record(run / "summary.json", ("mission", "verdict", "metrics"))
+        summary = RunSummary.read(run).summary
         if json:
             _write_summary(summary, run)
         else:

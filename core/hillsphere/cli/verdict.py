@@ -9,7 +9,7 @@ from typing import Any
 
 from hillsphere.cli.exit_codes import ExitCode
 from hillsphere.cli.output import number, write, write_table
-from hillsphere.interfaces.outcomes import CLAIM_STATES, REQUIREMENT_STATES
+from hillsphere.interfaces.outcomes import CLAIM_STATES, FAILING_STATES, REQUIREMENT_STATES
 
 __all__ = ["exit_code", "format_margin", "show_verdict"]
 
@@ -69,7 +69,7 @@ def exit_code(summary: Mapping[str, Any]) -> ExitCode:
     if state != "success":
         return ExitCode.INTERRUPTED if state == "interrupted" else ExitCode.FAILED
     states = {row["state"] for row in summary.get("requirements", ())}
-    return ExitCode.NOT_MET if states & {"not met", "undecided"} else ExitCode.SUCCESS
+    return ExitCode.SUCCESS if states.isdisjoint(FAILING_STATES) else ExitCode.NOT_MET
 
 
 def format_margin(row: Mapping[str, Any]) -> str:

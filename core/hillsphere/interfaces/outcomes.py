@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from hillsphere.show.presentation import Metric, Table
 
 __all__ = [
-    "CLAIM_STATES", "REQUIREMENT_STATES", "Evidence", "Judge", "Judgement", "MissingResultError",
-    "State",
+    "CLAIM_STATES", "FAILING_STATES", "REQUIREMENT_STATES", "Evidence", "Judge", "Judgement",
+    "MissingResultError", "State",
 ]  # fmt: skip
 
 State: TypeAlias = Literal[
@@ -20,6 +20,8 @@ State: TypeAlias = Literal[
 ]
 REQUIREMENT_STATES: tuple[State, ...] = ("not met", "undecided", "met", "not evaluated")
 """States of a requirement, in the order in which rows are shown."""
+FAILING_STATES: tuple[State, ...] = ("not met", "undecided")
+"""States of a requirement with which a run does not fulfil its mission."""
 CLAIM_STATES: tuple[State, ...] = (
     "refuted", "undecided", "confirmed", "not derivable", "not evaluated"
 )  # fmt: skip

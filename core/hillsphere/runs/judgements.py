@@ -10,6 +10,7 @@ from hillsphere.base.errors import StageError, describe_error
 from hillsphere.base.problems import did_you_mean
 from hillsphere.interfaces.outcomes import (
     CLAIM_STATES,
+    FAILING_STATES,
     REQUIREMENT_STATES,
     Judge,
     Judgement,
@@ -63,7 +64,7 @@ class Judgements:
     @property
     def are_met(self) -> bool:
         """Whether no requirement is missed or undecided."""
-        return all(one.state in ("met", "not evaluated") for one in self.requirements.values())
+        return all(one.state not in FAILING_STATES for one in self.requirements.values())
 
 
 @dataclass(frozen=True)
@@ -95,11 +96,11 @@ class RunEvidence:
 
 def _count(rows: Iterable[Judgement], state: str, word: str) -> str:
     """Return ``"3 of 4 requirements met"`` of the rows that could be judged, ``""`` for none."""
-    states = [row.state for row in rows]
+    states = [str(row.state) for row in rows]
     judged = [one for one in states if one not in ("not evaluated", "not derivable")]
     if not judged:
         return f"no {word} evaluated" if states else ""
-    told = f"{judged.count(state)} of {len(judged)} {word}{'s' * (len(judged) != 1)} {state}"  # type: ignore[arg-type]
+    told = f"{judged.count(state)} of {len(judged)} {word}{'s' * (len(judged) != 1)} {state}"
     left = states.count("not evaluated")
     return f"{told} ({left} not evaluated)" if left else told
 

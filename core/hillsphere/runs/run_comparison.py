@@ -9,54 +9,21 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 from hillsphere.base.errors import InputError
-from hillsphere.runs.earlier_run import EarlierRun
 from hillsphere.runs.run_differences import differences
-from hillsphere.runs.run_manifest import read_record
+from hillsphere.runs.run_summary import RunSummary
 
 __all__ = [
     "Difference",
     "RunComparison",
-    "RunSummary",
     "compare_runs",
-    "list_runs",
     "rows_by_key",
 ]  # fmt: skip
 
 _METRIC_DIGITS = 8
 """Significant digits to which metrics are compared: those of a column that declares none."""
-
-
-@dataclass(frozen=True)
-class RunSummary:
-    """Manifest and summary of a run.
-
-    Parameters
-    ----------
-    path : Path
-        The run directory.
-    manifest, summary : mapping
-        Contents of ``manifest.json`` and ``summary.json``; the summary is empty while a run lasts.
-    """
-
-    path: Path
-    manifest: Mapping[str, Any]
-    summary: Mapping[str, Any]
-
-    @classmethod
-    def read(cls, path: str | Path) -> RunSummary:
-        """Read a run directory; `InputError` if it is none, or has no summary yet."""
-        earlier = EarlierRun.open(path)
-        keys = ("mission", "verdict", "metrics", "tables")
-        return cls(Path(path), earlier.manifest, read_record(Path(path) / "summary.json", keys))
-
-    @property
-    def mission(self) -> str:
-        """Name of the mission."""
-        return str(self.manifest["mission"].get("name", ""))
 
 
 @dataclass(frozen=True)
@@ -138,29 +105,6 @@ def compare_runs(
         if not _are_equal(a, b, tolerance, digits)
     ]
     return RunComparison(differences(first.manifest, second.manifest), unequal, len(shared))
-
-
-def list_runs(folder: str | Path) -> list[RunSummary]:
-    """Return the runs in a folder, the latest first; a run that still lasts has an empty summary.
-
-    Raises
-    ------
-    InputError
-        If there is no such folder.
-    """
-    place = Path(folder)
-    if not place.is_dir():
-        raise InputError(f"{str(folder)!r} is no folder of runs")
-    runs = []
-    for path in place.iterdir():
-        try:
-            runs.append(RunSummary.read(path))
-        except InputError:
-            try:
-                runs.append(RunSummary(path, EarlierRun.open(path).manifest, {}))
-            except InputError:
-                continue  # no run
-    return sorted(runs, key=lambda run: str(run.manifest.get("started_utc", "")), reverse=True)
 
 
 _MISSING = object()

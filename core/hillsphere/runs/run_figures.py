@@ -5,19 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from hillsphere.base.errors import InputError, StageError, describe_error
 from hillsphere.base.problems import did_you_mean
 from hillsphere.mission.load import Mission
 from hillsphere.plugins.registry import Registry
-from hillsphere.runs.assembly import Assembly
 from hillsphere.runs.earlier_run import EarlierRun
 from hillsphere.runs.resume_choices import ResumeChoices, resume_command
 from hillsphere.runs.run_record import RunRecord, free_name
-from hillsphere.runs.wiring import inputs_of, product_class
+from hillsphere.runs.stored_results import present_again
 from hillsphere.show.drawing import draw
-from hillsphere.show.presentation import AnyFigure, check_presentation
+from hillsphere.show.presentation import AnyFigure
 
 __all__ = ["draw_figures"]
 
@@ -108,25 +106,11 @@ def _figures(
 
     A name depends on the figures of all earlier stages, so that these present their products too.
     """
-    assembly = Assembly(mission)
     is_stage = name in earlier.manifest["stages"]
-    products: dict[str, Any] = {}
+    drawn = [s for s, spec in mission.specs["stage"].items() if getattr(spec, "figures", True)]
     used: set[str] = set()
-    for stage in mission.order():
-        spec = mission.specs["stage"][stage]
-        if not getattr(spec, "figures", True):
-            continue
-        for other in (stage, *(ref.name for _, _, ref in spec.needs_of())):
-            if other not in products:
-                products[other] = earlier.product(other, product_class(mission, other))
-        try:
-            component = assembly.get("stage", stage)
-            shown = component.present(products[stage], **inputs_of(spec, products))
-            figures = check_presentation(shown).figures
-        # The border between the framework and a stage, as when the mission ran.
-        except (Exception, SystemExit) as error:
-            raise StageError(f"stage {stage!r} cannot be shown: {describe_error(error)}") from error
-        for key, figure in figures.items():
+    for stage, shown in present_again(earlier, mission, drawn):
+        for key, figure in shown.figures.items():
             free = free_name(used, key, stage)
             used.add(free)
             if name in (None, stage if is_stage else free):

@@ -147,15 +147,9 @@ class _Compared:
         low, high = one.interval
         if math.isnan(low) or math.isnan(high):
             return "undecided", "the confidence interval has an end that is not a number"
-        is_inside = low <= float(limit) <= high
-        if self.spec.op in ("==", "!="):
-            # An interval of positive width can exclude a single value, but never confirm it.
-            agree = [low == high] if is_inside else [False]
-            ends = agree if self.spec.op == "==" else [not end for end in agree]
-            if is_inside and low < high:
-                ends = [True, False]
-        else:
-            ends = [relation(end, limit) for end in one.interval]
+        ends = [relation(end, limit) for end in one.interval]
+        if self.spec.op in ("==", "!=") and low < high and low <= float(limit) <= high:
+            ends = [True, False]  # such an interval holds the limit and other values
         if all(ends):
             return self.is_kept, ""
         if not any(ends):
@@ -282,9 +276,6 @@ class Comparison:
             text=spec.text,
             asked=f"{len(compared)} printed value{'s' * (len(compared) != 1)}{digits}",
             got=f"{equal} of {len(compared)} equal",
-            value=equal,
-            limit=len(compared),
-            margin=float(-len(apart)),
             reason="; ".join(shown),
             source=source,
         )

@@ -13,8 +13,7 @@ from urllib.parse import quote
 from hillsphere.base.errors import InputError
 from hillsphere.base.regular_files import check_regular, read_bytes
 from hillsphere.runs.earlier_run import EarlierRun
-from hillsphere.runs.run_comparison import RunSummary
-from hillsphere_view.summary_check import check_summary
+from hillsphere.runs.run_summary import RunSummary
 
 if sys.platform != "win32":
     import fcntl
@@ -93,9 +92,7 @@ class ServedRun:
 
     def summary(self) -> RunSummary:
         """Read manifest and summary, which must have the form that a run writes."""
-        summary = RunSummary.read(self.path)
-        check_summary(summary.summary, self.path)
-        return summary
+        return RunSummary.read(self.path)
 
     def state(self, manifest: Mapping[str, Any]) -> str:
         """Return the state; a run whose process has ended without a word is interrupted."""

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from hillsphere.base.errors import InputError
-from hillsphere.runs.run_comparison import RunSummary, compare_runs, rows_by_key
+from hillsphere.runs.run_comparison import compare_runs, rows_by_key
+from hillsphere.runs.run_summary import RunSummary
 
 __all__ = ["LETTERS", "Cell", "SideBySide", "compare_side_by_side"]
 

@@ -15,7 +15,7 @@ from tests.plugins.view.serving import CASES
 
 from hillsphere.products import CaseTable
 from hillsphere.products.product_codec import load_product
-from hillsphere.runs.run_comparison import RunSummary
+from hillsphere.runs.run_summary import RunSummary
 from hillsphere_view.case_list import PAGE_ROWS
 from hillsphere_view.overlays import overlay, read_figure
 from hillsphere_view.run_folders import RunFolders
