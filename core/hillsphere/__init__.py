@@ -12,17 +12,33 @@ from typing import TYPE_CHECKING, Any
 from hillsphere.base import stray_processes
 
 if TYPE_CHECKING:
-    from hillsphere.mission.load import load_mission
+    from hillsphere.mission.load import Mission, load_mission
     from hillsphere.plugins.registry import create
     from hillsphere.runs.pipeline import resume_run, run_mission
+    from hillsphere.runs.run_calls import load_run, run
+    from hillsphere.runs.run_result import RunResult
 
-__all__ = ["__version__", "create", "load_mission", "resume_run", "run_mission"]
+__all__ = [
+    "Mission",
+    "RunResult",
+    "__version__",
+    "create",
+    "load_mission",
+    "load_run",
+    "resume_run",
+    "run",
+    "run_mission",
+]
 __version__ = "0.1.0"
 
 _LAZY = {
+    "Mission": "hillsphere.mission",
+    "RunResult": "hillsphere.runs.run_result",
     "create": "hillsphere.plugins",
     "load_mission": "hillsphere.mission",
+    "load_run": "hillsphere.runs.run_calls",
     "resume_run": "hillsphere.runs.pipeline",
+    "run": "hillsphere.runs.run_calls",
     "run_mission": "hillsphere.runs.pipeline",
 }
 
@@ -34,3 +50,7 @@ def __getattr__(name: str) -> Any:
     if name in _LAZY:
         return getattr(import_module(_LAZY[name]), name)
     raise AttributeError(f"module 'hillsphere' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -24,7 +24,8 @@ from hillsphere.mission.tables import (
     unknown_top_key,
     validate_tables,
 )
-from hillsphere.mission.toml_source import Locations, read_toml
+from hillsphere.mission.toml_source import Locations, parse_toml, read_toml
+from hillsphere.mission.toml_text import settings_of, toml_text
 from hillsphere.plugins.registry import Registered, Registry, default_registry
 from hillsphere.spec.base import Spec
 
@@ -85,6 +86,103 @@ class Mission:
     specs: Mapping[str, Mapping[str, Spec]] = field(repr=False)
     components: Mapping[str, Mapping[str, Registered]] = field(repr=False)
     places: Mapping[Key, str] = field(repr=False)
+
+    @classmethod
+    def load(
+        cls,
+        name_or_path: str | os.PathLike[str],
+        *,
+        set: Mapping[str, Any] | None = None,  # noqa: A002 - the word of the command line
+        profile: str | None = None,
+        allow_path: bool = False,
+        registry: Registry | None = None,
+    ) -> Mission:
+        """Read a mission; as `load_mission`, with settings as values.
+
+        Parameters
+        ----------
+        name_or_path : str or path
+            Name of a packaged mission, or path of a mission file.
+        set : mapping, optional
+            Settings by key: ``{"stage.family.x_amplitudes_km": [90]}``. Arrays are taken too.
+        profile, allow_path, registry : optional
+            As for `load_mission`.
+
+        Raises
+        ------
+        MissionError
+            As `load_mission`.
+        """
+        return load_mission(
+            name_or_path, sets=settings_of(set), profile=profile, allow_path=allow_path,
+            registry=registry,
+        )  # fmt: skip
+
+    @classmethod
+    def from_dict(
+        cls,
+        tables: Mapping[str, Any],
+        *,
+        directory: str | os.PathLike[str] = ".",
+        set: Mapping[str, Any] | None = None,  # noqa: A002 - the word of the command line
+        profile: str | None = None,
+        allow_path: bool = False,
+        registry: Registry | None = None,
+    ) -> Mission:
+        """Make a mission from the tables of a mission file.
+
+        Parameters
+        ----------
+        tables : mapping
+            What the file would hold, by key; ``format`` is 1 and ``name`` is ``"mission"`` if they
+            are left out.
+        directory : str or path
+            Directory in which its input files are.
+        set, profile, allow_path, registry : optional
+            As for `load`.
+
+        Raises
+        ------
+        MissionError
+            As `load_mission`; lines are those of the text of the mission.
+        """
+        text = toml_text({"format": FORMAT, "name": "mission", **tables})
+        path = Path(os.path.abspath(directory)) / "mission.toml"
+        read = parse_toml(text.encode(), "mission.toml (from Python)")
+        return _load(read, path, settings_of(set), profile, registry, allow_path)
+
+    def with_(
+        self,
+        *,
+        set: Mapping[str, Any] | None = None,  # noqa: A002 - the word of the command line
+        profile: str | None = None,
+        registry: Registry | None = None,
+        allow_path: bool = False,
+    ) -> Mission:
+        """Return the mission with other settings.
+
+        Parameters
+        ----------
+        set : mapping, optional
+            Settings by key, applied after those that the mission has.
+        profile : str, optional
+            Another profile; by default the same.
+        registry, allow_path : optional
+            As for `load_mission`.
+
+        Raises
+        ------
+        MissionError
+            As `load_mission`.
+        """
+        read = parse_toml(self.text.encode(), str(self.path))
+        sets = (*self.sets, *settings_of(set))
+        profile = self.profile if profile is None else profile
+        return _load(read, self.path, sets, profile, registry, allow_path)
+
+    def __repr__(self) -> str:
+        changes = "".join(f", {text}" for text in (self.profile, *self.sets) if text)
+        return f"<Mission {self.name!r}: {len(self.specs['stage'])} stages{changes}>"
 
     def order(self) -> list[str]:
         """Return the names of the stages, each after those it needs, else in file order."""
@@ -157,7 +255,22 @@ def load_mission(
     'phobos-qso'
     """
     path, source = _find(name_or_path)
-    tables, locations, text = read_toml(path, source)
+    return _load(
+        read_toml(path, source), Path(os.path.abspath(path)), sets, profile, registry, allow_path
+    )
+
+
+def _load(
+    read: tuple[dict[str, Any], Locations, str],
+    path: Path,
+    sets: Sequence[str],
+    profile: str | None,
+    registry: Registry | None,
+    allow_path: bool,
+) -> Mission:
+    """Validate the tables of a mission's text, which need not be that of its file."""
+    tables, locations, text = read
+    source = locations.source
     registry = default_registry() if registry is None else registry
     problems: list[Problem] = []
     profiles = _profiles(tables, locations, problems)
@@ -185,7 +298,7 @@ def load_mission(
         seed=validated.head.seed,
         description=validated.head.description,
         report=validated.head.report,
-        path=Path(os.path.abspath(path)),
+        path=path,
         directory=Path(directory),
         text=text,
         profile=profile,

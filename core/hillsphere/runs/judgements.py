@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from hillsphere.base.errors import StageError, describe_error
@@ -60,6 +60,19 @@ class Judgements:
             key: [{"name": name, **asdict(one)} for name, one in group.items()]
             for key, group in (("requirements", self.requirements), ("claims", self.claims))
         }
+
+    @classmethod
+    def from_json(cls, summary: Mapping[str, Any]) -> Judgements:
+        """Return the outcomes of a checked ``summary.json``."""
+        known = {field.name for field in fields(Judgement)}
+        read = {
+            key: {
+                row["name"]: Judgement(**{k: v for k, v in row.items() if k in known})
+                for row in summary.get(key, ())
+            }
+            for key in ("requirements", "claims")
+        }
+        return cls(**read)
 
     @property
     def are_met(self) -> bool:

@@ -23,7 +23,7 @@ from hillsphere.base.errors import InputError, Interrupted, StageError, describe
 from hillsphere.base.paths import cache_directory
 from hillsphere.base.progress import Progress
 from hillsphere.base.signals import remedy, stop_signals
-from hillsphere.mission.load import Mission
+from hillsphere.mission.load import Mission, load_mission
 from hillsphere.plugins.registry import Registry, default_registry
 from hillsphere.products.product_codec import canonical
 from hillsphere.runs.earlier_run import EarlierRun
@@ -47,7 +47,7 @@ __all__ = ["RunResult", "resume_run", "run_mission"]
 
 
 def run_mission(
-    mission: Mission,
+    mission: Mission | str | os.PathLike[str],
     *,
     out: str | Path | None = None,
     use_cache: bool = True,
@@ -60,8 +60,8 @@ def run_mission(
 
     Parameters
     ----------
-    mission : Mission
-        From `hillsphere.load_mission`.
+    mission : Mission, str or path
+        From `hillsphere.load_mission`, or what that takes.
     out : str or Path, optional
         Run directory, empty or absent; by default ``runs/<mission>-<UTC>-<8 hex>`` in the working
         directory.
@@ -99,6 +99,8 @@ def run_mission(
         If the run was stopped by SIGINT, SIGTERM or SIGHUP. The run directory holds the finished
         stages, its manifest says ``"interrupted"``, and `resume_run` continues it.
     """
+    if not isinstance(mission, Mission):
+        mission = load_mission(mission, registry=registry)
     RunDirectory.check(out)
     with _watch_signals(progress) as (bars, stopped):
         try:
@@ -263,6 +265,7 @@ class _Run:
             notes=tuple(self.record.notes()),
             metrics=self.record.metrics(),
             tables=self.record.tables(),
+            figures=self.record.figures(),
             products=self.products,
             failures=tuple(self.record.failures()),
             summary=summary,

@@ -15,7 +15,7 @@ from hillsphere.mission.load import Mission
 from hillsphere.runs.judgements import Judgements, RunEvidence
 from hillsphere.runs.run_manifest import SCHEMA
 from hillsphere.runs.stage_cache import StageKeys, file_digest
-from hillsphere.show.presentation import Metric, Presentation, Table
+from hillsphere.show.presentation import AnyFigure, Metric, Presentation, Table
 from hillsphere.show.report import Report, ShownFigure, StageResult, render
 
 __all__ = ["Failure", "RunRecord", "StageRecord", "free_name"]
@@ -125,6 +125,10 @@ class RunRecord:
     def tables(self) -> dict[str, Table]:
         """Return the tables of all stages."""
         return {key: item for s in self.stages.values() for key, item in s.tables.items()}
+
+    def figures(self) -> dict[str, AnyFigure]:
+        """Return the figures of all stages."""
+        return {key: shown.figure for s in self.stages.values() for key, shown in s.figures.items()}
 
     def evidence(self) -> RunEvidence:
         """Return the metrics and tables of the finished stages, under the stages' own names."""

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from hillsphere.base.errors import InputError, StageError
+from hillsphere.base.problems import did_you_mean
 from hillsphere.runs.judgements import Judgements
 from hillsphere.runs.run_record import Failure
-from hillsphere.show.presentation import Metric, Table
+from hillsphere.show.presentation import AnyFigure, Metric, Table
+
+if TYPE_CHECKING:
+    import xarray
 
 __all__ = ["RunResult"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RunResult:
     """The result of a run.
 
@@ -29,8 +33,8 @@ class RunResult:
         Outcomes of the mission's requirements and claims.
     notes : tuple of str
         Sentences of the verdict.
-    metrics, tables : mapping
-        Metrics and tables of the stages, by identifier.
+    metrics, tables, figures : mapping
+        Metrics, tables and figures of the stages, by identifier.
     products : mapping
         Stage name → product, for the stages that finished.
     failures : tuple of Failure
@@ -43,11 +47,12 @@ class RunResult:
     state: str
     judgements: Judgements
     notes: tuple[str, ...]
-    metrics: Mapping[str, Metric] = field(repr=False)
-    tables: Mapping[str, Table] = field(repr=False)
-    products: Mapping[str, Any] = field(repr=False)
+    metrics: Mapping[str, Metric]
+    tables: Mapping[str, Table]
+    figures: Mapping[str, AnyFigure]
+    products: Mapping[str, Any]
     failures: tuple[Failure, ...]
-    summary: Mapping[str, Any] = field(repr=False)
+    summary: Mapping[str, Any]
 
     @property
     def ok(self) -> bool:
@@ -63,6 +68,61 @@ class RunResult:
     def report(self) -> Path:
         """Path of the report."""
         return self.directory / "report.html"
+
+    def __repr__(self) -> str:
+        return f"<RunResult {self.directory.name!r}: {self.summary['verdict']['text']}>"
+
+    def _repr_html_(self) -> str:
+        """Return verdict, outcomes and metrics for a notebook."""
+        from hillsphere.show.notebook_html import result_html
+
+        return result_html(self)
+
+    def plot(self, name: str, renderer: Literal["plotly", "matplotlib"] = "plotly") -> Any:
+        """Return a figure as an object that a notebook shows.
+
+        Parameters
+        ----------
+        name : str
+            One of `figures`.
+        renderer : {"plotly", "matplotlib"}
+            Library of the object.
+
+        Returns
+        -------
+        plotly.graph_objects.Figure or matplotlib.figure.Figure
+            The drawn figure.
+
+        Raises
+        ------
+        InputError
+            If there is no such figure or renderer.
+        """
+        from hillsphere.show.plotting import plot
+
+        if name not in self.figures:
+            hint = did_you_mean(name, list(self.figures), otherwise="it has")
+            raise InputError(f"this run has no figure {name!r}{hint or '; it has none'}")
+        return plot(self.figures[name], renderer)
+
+    def to_xarray(self, stage: str) -> xarray.Dataset:
+        """Return the arrays of a stage's product; see `hillsphere.products.to_xarray`.
+
+        Parameters
+        ----------
+        stage : str
+            Its name.
+
+        Raises
+        ------
+        StageError, InputError
+            As `product`.
+        ImportError
+            If xarray is not installed; the extra ``notebook`` brings it.
+        """
+        from hillsphere.products.labelled_arrays import to_xarray
+
+        return to_xarray(self.product(stage))
 
     def product(self, stage: str) -> Any:
         """Return the product of a stage.

@@ -16,7 +16,10 @@ __all__ = ["present_again"]
 
 
 def present_again(
-    earlier: EarlierRun, mission: Mission, stages: Collection[str]
+    earlier: EarlierRun,
+    mission: Mission,
+    stages: Collection[str],
+    products: dict[str, Any] | None = None,
 ) -> Iterator[tuple[str, Presentation]]:
     """Present the stored products of stages; no stage is computed again.
 
@@ -28,6 +31,8 @@ def present_again(
         Its mission.
     stages : collection of str
         Names of the stages; they are presented in the order in which they ran.
+    products : dict, optional
+        Receives the products by stage, also those that the stages need.
 
     Yields
     ------
@@ -42,7 +47,7 @@ def present_again(
         If a product cannot be shown.
     """
     assembly = Assembly(mission)
-    products: dict[str, Any] = {}
+    products = {} if products is None else products
     for stage in mission.order():
         if stage not in stages:
             continue

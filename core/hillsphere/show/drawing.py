@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure
     from matplotlib.transforms import BboxBase
 
-__all__ = ["MAX_SVG_BYTES", "STYLE", "Drawing", "draw"]
+__all__ = ["MAX_SVG_BYTES", "STYLE", "Drawing", "draw", "laid_out"]
 
 MAX_SVG_BYTES = 1 << 20
 """Largest SVG in a report. A larger one, of tens of thousands of points, is shown as PNG, which
@@ -86,7 +86,7 @@ def draw(figure: AnyFigure, *, png: bool = False) -> Drawing:
     matplotlib's object interface only: pyplot would keep every figure alive and may look for a
     display.
     """
-    with _laid_out(figure) as (made, whole):
+    with laid_out(figure) as (made, whole):
         drawing = Drawing(_save_svg(made, whole))
         if png or drawing.is_large:
             drawing = replace(drawing, png=_save_png(made, whole))
@@ -107,7 +107,7 @@ def _save_png(made: MatplotlibFigure, whole: BboxBase) -> bytes:
 
 
 @contextmanager
-def _laid_out(figure: AnyFigure) -> Iterator[tuple[MatplotlibFigure, BboxBase]]:
+def laid_out(figure: AnyFigure) -> Iterator[tuple[MatplotlibFigure, BboxBase]]:
     """Yield the laid-out figure and its box in inches, within the context of our style."""
     import matplotlib as mpl
     from cycler import cycler

@@ -14,6 +14,7 @@ from hillsphere.show.charts import Chart, Space
 from hillsphere.show.colours import PALETTE
 
 if TYPE_CHECKING:
+    import pandas
     from matplotlib.figure import Figure as MatplotlibFigure
 
 __all__ = [
@@ -133,7 +134,7 @@ class Column:
     confidence: float | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Table:
     """A table of a result.
 
@@ -153,6 +154,42 @@ class Table:
     columns: Sequence[Column]
     rows: Sequence[Mapping[str, Cell]]
     notes: Sequence[str] = ()
+
+    def __repr__(self) -> str:
+        names = ", ".join(column.name for column in self.columns)
+        return f"<Table {self.title!r}: {len(self.rows)} rows of {names}>"
+
+    def _repr_html_(self) -> str:
+        """Return the table for a notebook, as in the report."""
+        from hillsphere.show.notebook_html import table_html
+
+        return table_html(self)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return the table as a data frame.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A column per column, by name; blank cells are missing values. ``attrs`` holds title,
+            units by column and notes.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed; the extra ``notebook`` brings it.
+        """
+        import pandas
+
+        names = [column.name for column in self.columns]
+        frame = pandas.DataFrame([[row.get(name) for name in names] for row in self.rows],
+                                 columns=names)  # fmt: skip
+        frame.attrs = {
+            "title": self.title,
+            "units": {column.name: column.unit for column in self.columns},
+            "notes": list(self.notes),
+        }
+        return frame
 
 
 @dataclass(frozen=True)
