@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from hillsphere.base import stray_processes
 
 if TYPE_CHECKING:
+    from hillsphere.engine.motion import Motion
     from hillsphere.mission.load import Mission, load_mission
     from hillsphere.plugins.registry import create
     from hillsphere.runs.pipeline import resume_run, run_mission
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Mission",
+    "Motion",
     "RunResult",
     "__version__",
     "create",
@@ -33,6 +35,7 @@ __version__ = "0.1.0"
 
 _LAZY = {
     "Mission": "hillsphere.mission",
+    "Motion": "hillsphere.engine.motion",
     "RunResult": "hillsphere.runs.run_result",
     "create": "hillsphere.plugins",
     "load_mission": "hillsphere.mission",

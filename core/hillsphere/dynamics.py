@@ -1,7 +1,7 @@
 """Compilation and propagation of equations of motion in `hillsphere.symbolic` expressions.
 
-`system` makes equations of a plant; `StepMap` and `Taylor` propagate them, `Derivatives` and
-`ArrayFunction` evaluate them.
+`Motion` propagates a plant in SI units. Below it, `system` makes equations of a plant, `StepMap`
+and `Taylor` propagate them, `Derivatives` and `ArrayFunction` evaluate them.
 """
 
 from hillsphere.engine.dynamics.brackets import Brackets, ProvedBrackets
@@ -13,19 +13,23 @@ from hillsphere.engine.dynamics.system import External, System, system
 from hillsphere.engine.dynamics.tableaux import Tableau, tableau
 from hillsphere.engine.dynamics.taylor import Flight, Taylor
 from hillsphere.engine.dynamics.variational import Derivatives, variational_equations
+from hillsphere.engine.motion import Event, Motion, Trajectory
 
 __all__ = [
     "ArrayFunction",
     "Brackets",
     "Crossing",
     "Derivatives",
+    "Event",
     "External",
     "Flight",
+    "Motion",
     "ProvedBrackets",
     "StepMap",
     "System",
     "Tableau",
     "Taylor",
+    "Trajectory",
     "bracketed_roots",
     "system",
     "tableau",

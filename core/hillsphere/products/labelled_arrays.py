@@ -48,7 +48,7 @@ def to_xarray(product: Any) -> xarray.Dataset:
 
 
 def _arrays(product: Any, before: str) -> Iterator[tuple[str, tuple[str, ...], Any]]:
-    declared = declared_fields(type(product))
+    declared = declared_fields(type(product))  # type: ignore[arg-type]
     for field in fields(product):
         value, name = getattr(product, field.name), before + field.name
         if is_dataclass(value):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -11,6 +12,7 @@ from hillsphere.base.errors import InputError, StageError
 from hillsphere.base.problems import did_you_mean
 from hillsphere.runs.judgements import Judgements
 from hillsphere.runs.run_record import Failure
+from hillsphere.show.notebook_html import grid_html, metrics_html
 from hillsphere.show.presentation import AnyFigure, Metric, Table
 
 if TYPE_CHECKING:
@@ -73,10 +75,19 @@ class RunResult:
         return f"<RunResult {self.directory.name!r}: {self.summary['verdict']['text']}>"
 
     def _repr_html_(self) -> str:
-        """Return verdict, outcomes and metrics for a notebook."""
-        from hillsphere.show.notebook_html import result_html
-
-        return result_html(self)
+        """Return verdict, outcomes, metrics and names of tables and figures for a notebook."""
+        parts = [f"<p><b>{escape(self.summary['verdict']['text'])}</b></p>"]
+        for heads, group in (
+            (("requirement", "asked", "got", "outcome"), self.judgements.requirements),
+            (("claim", "published", "got", "outcome"), self.judgements.claims),
+        ):
+            rows = [(one.text, one.asked, one.got, one.state) for one in group.values()]
+            if rows:
+                parts.append(grid_html(heads, [map(escape, row) for row in rows]))
+        parts.append(metrics_html(self.metrics))
+        for what, names in (("tables", self.tables), ("figures", self.figures)):
+            parts.append(f"<p>{what}: {', '.join(map(escape, names)) or '–'}</p>")
+        return "".join(parts)
 
     def plot(self, name: str, renderer: Literal["plotly", "matplotlib"] = "plotly") -> Any:
         """Return a figure as an object that a notebook shows.

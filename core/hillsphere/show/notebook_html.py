@@ -4,34 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING
 
 from hillsphere.show.html_tables import render_cell
 from hillsphere.show.presentation import Metric, Table
 
-if TYPE_CHECKING:
-    from hillsphere.runs.run_result import RunResult
-
-__all__ = ["metrics_html", "result_html", "table_html"]
+__all__ = ["grid_html", "metrics_html", "table_html"]
 
 _MOST_ROWS = 60
 """Rows of a table in a notebook, as many as pandas shows."""
-
-
-def result_html(result: RunResult) -> str:
-    """Return verdict, requirements, claims and metrics of a run."""
-    parts = [f"<p><b>{escape(result.summary['verdict']['text'])}</b></p>"]
-    for what, group in (
-        ("requirement", result.judgements.requirements), ("claim", result.judgements.claims),
-    ):  # fmt: skip
-        if group:
-            heads = (what, "published" if what == "claim" else "asked", "got", "outcome")
-            rows = [(one.text, one.asked, one.got, one.state) for one in group.values()]
-            parts.append(_grid(heads, [map(escape, row) for row in rows]))
-    names = ", ".join(map(escape, result.tables))
-    parts += [metrics_html(result.metrics), f"<p>tables: {names or '–'}</p>"]
-    parts.append(f"<p>figures: {', '.join(map(escape, result.figures)) or '–'}</p>")
-    return "".join(parts)
 
 
 def metrics_html(metrics: Mapping[str, Metric]) -> str:
@@ -40,7 +20,7 @@ def metrics_html(metrics: Mapping[str, Metric]) -> str:
         (escape(name), render_cell(one.value, 8), "" if one.unit == "-" else escape(one.unit))
         for name, one in metrics.items()
     ]
-    return _grid(("metric", "value", "unit"), rows) if rows else ""
+    return grid_html(("metric", "value", "unit"), rows) if rows else ""
 
 
 def table_html(table: Table) -> str:
@@ -57,10 +37,11 @@ def table_html(table: Table) -> str:
     if len(table.rows) > _MOST_ROWS:
         notes.append(f"The first {_MOST_ROWS} of {len(table.rows)} rows.")
     told = "".join(f"<p>{escape(note)}</p>" for note in notes)
-    return f"<p><b>{escape(table.title)}</b></p>{_grid(heads, rows)}{told}"
+    return f"<p><b>{escape(table.title)}</b></p>{grid_html(heads, rows)}{told}"
 
 
-def _grid(heads: Sequence[str], rows: Iterable[Iterable[str]]) -> str:
+def grid_html(heads: Sequence[str], rows: Iterable[Iterable[str]]) -> str:
+    """Return a table of cells that are HTML already; the headings are text."""
     head = "".join(f"<th>{escape(text)}</th>" for text in heads)
     body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
