@@ -1,38 +1,28 @@
 """Presentation of a stage's result: metrics, tables and figures, which are drawn later.
 
-The public names of `hillsphere.show.presentation`, `hillsphere.show.charts` and
-`hillsphere.show.colours`.
+The public names of `hillsphere.show.presentation`, `hillsphere.show.charts` with its marks and
+solids, and `hillsphere.show.colours`.
 """
 
-from hillsphere.show.charts import (
+from hillsphere.show.charts import Axis, Chart, Panel, Sky, Space
+from hillsphere.show.colours import LINE_COLOURS, PALETTE, ColourScale
+from hillsphere.show.marks import (
     Area,
-    Arrows,
-    Axis,
     Band,
     Bars,
     Boxes,
-    Chart,
-    Cloud,
     Curve,
     Dash,
     Map,
     Mark,
     MarkerShape,
-    Mesh,
     Note,
-    Panel,
-    Path,
     Points,
     Rule,
     Segments,
     Side,
-    Sky,
-    Solid,
-    Space,
     Span,
-    Surface,
 )
-from hillsphere.show.colours import LINE_COLOURS, PALETTE, ColourScale
 from hillsphere.show.presentation import (
     Cell,
     Column,
@@ -44,6 +34,7 @@ from hillsphere.show.presentation import (
     check_presentation,
     presentation_faults,
 )
+from hillsphere.show.solids import Arrows, Cloud, Mesh, Path, Solid, Surface
 
 __all__ = [
     "LINE_COLOURS", "PALETTE", "Area", "Arrows", "Axis", "Band", "Bars", "Boxes", "Cell", "Chart",

@@ -15,13 +15,12 @@ from hillsphere.mission import MissionError, load_mission
 from hillsphere.presentation import Column, Metric, Presentation, Printed, Table
 from hillsphere.runs.judgements import RunEvidence
 from hillsphere.show.outcome_specs import (
-    AnswerSpec,
     ComparisonSpec,
     NotDerivableSpec,
     StatementSpec,
     ValueSpec,
 )
-from hillsphere.show.outcomes import Answer, Comparison, NotDerivable, Statement, Value
+from hillsphere.show.outcomes import Comparison, NotDerivable, Statement, Value
 
 METRICS = {
     "speed": Metric(1.19, "m/s"),
@@ -31,19 +30,21 @@ METRICS = {
     "pull": Metric(0.002, "m/s2"),
     "word": Metric("round"),
     "nan": Metric(float("nan"), "m"),
+    "upper": Metric(1.2, "-", (0.9, 1.2), 1.0),
+    "unbounded": Metric(1.2, "-", None, 1.0),
 }
 ORBITS = Table(
     "Orbits",
     [
         Column("name", ""), Column("x_km", "km", interval=("low_km", "high_km"), confidence=0.99),
         Column("x_km_paper", "km"), Column("low_km", "km"), Column("high_km", "km"),
-        Column("v_m_s", "m/s"), Column("v_paper", "m/s"), Column("answer", ""),
+        Column("v_m_s", "m/s"), Column("v_paper", "m/s"),
     ],
     [
         {"name": "A", "x_km": 7.587, "x_km_paper": Printed("7.59"), "low_km": 7.5, "high_km": 7.6,
-         "v_m_s": 1.0, "v_paper": Printed("1.0"), "answer": "confirmed"},
+         "v_m_s": 1.0, "v_paper": Printed("1.0")},
         {"name": "B", "x_km": 5.766, "x_km_paper": Printed("5.76"), "low_km": 5.0, "high_km": 6.0,
-         "v_m_s": None, "answer": "perhaps"},
+         "v_m_s": None},
     ],
 )  # fmt: skip
 EVIDENCE = RunEvidence({"fly": Presentation(metrics=METRICS, tables={"orbits": ORBITS})})
@@ -109,6 +110,30 @@ def test_an_interval_decides(keys: dict[str, Any], state: str) -> None:
     one = judge(**({"metric": "failures"} | keys))
     assert one.state == state
     assert bool(one.reason) == (state == "undecided")
+
+
+@pytest.mark.parametrize(
+    ("keys", "state"),
+    [
+        ({"op": "<", "value": 1.3}, "met"),
+        ({"op": "<", "value": 1.0}, "undecided"),  # an upper bound above a limit refutes nothing
+        ({"op": "<", "value": 0.8}, "not met"),  # the lower bound exceeds the limit
+        ({"op": ">", "value": 1.0}, "undecided"),
+        ({"op": ">", "value": 0.8}, "met"),
+        ({"op": "<", "value": 1.0, "confidence": 0.95}, "undecided"),
+        ({"metric": "unbounded", "value": 1.3}, "undecided"),
+    ],
+)
+def test_proved_bounds_always_decide(keys: dict[str, Any], state: str) -> None:
+    one = judge(**({"metric": "upper"} | keys))
+    assert one.state == state
+    assert bool(one.reason) == (state == "undecided")
+
+
+def test_proved_bounds_are_shown() -> None:
+    one = judge(metric="upper", op="<", value=1.0)
+    assert one.got == "1.2 (0.9 to 1.2)"
+    assert one.reason == "the limit lies between the proved bounds of the result"
 
 
 def test_a_column_has_intervals_too() -> None:
@@ -186,11 +211,6 @@ def test_a_comparison_may_bring_its_own_values(tmp_path: Path) -> None:
 def test_other_claims() -> None:
     keys = {"text": "t", "stage": "fly", "metric": "stable", "op": "==", "value": False}
     assert Statement(StatementSpec.model_validate(keys)).judge(EVIDENCE).state == "refuted"
-    keys = {"text": "t", "stage": "fly", "table": "orbits", "row": {"name": "A"}}
-    assert Answer(AnswerSpec.model_validate(keys)).judge(EVIDENCE).state == "confirmed"
-    keys["row"] = {"name": "B"}
-    with pytest.raises(MissingResultError, match="must be confirmed, refuted or undecided"):
-        Answer(AnswerSpec.model_validate(keys)).judge(EVIDENCE)
     lost = NotDerivable(NotDerivableSpec(text="t", reason="no weights")).judge(EVIDENCE)
     assert (lost.state, lost.reason) == ("not derivable", "no weights")
 

@@ -214,11 +214,43 @@ def test_interrupted_again_and_again(registry: Registry) -> None:
 def test_an_interruption_of_what_was_finished_loses_nothing(registry: Registry) -> None:
     interrupted(registry)
     Make.shows[1] = interrupt
-    with pytest.raises(Interrupted, match="finished stages: one;"):
+    with pytest.raises(Interrupted, match="finished stages: none;"):
         resume_run("out", mission=SMALL, registry=registry)
     Make.shows.clear()
     assert resume_run("out", mission=SMALL, registry=registry).ok
     assert Make.ran == [2, 3]
+
+
+def test_an_interrupted_presentation_is_repeated(registry: Registry) -> None:
+    """A stage whose results are not complete in the summary does not count as done."""
+    Make.shows[2] = interrupt
+    with pytest.raises(Interrupted, match="finished stages: one;"):
+        run_mission(mission(registry), out="out", use_cache=False)
+    assert states() == {"one": "done", "two": "interrupted", "three": "not run"}
+    summary = json.loads(Path("out/summary.json").read_text())
+    assert set(summary["metrics"]) == {"sum"}  # of stage one
+    assert summary["failures"][0]["stage"] == "two"
+    assert "its product is stored" in summary["failures"][0]["message"]
+    assert "its product is stored" in Path("out/report.html").read_text()
+    Make.shows.clear()
+    Make.ran.clear()
+    resumed = resume_run("out", mission=SMALL, registry=registry)
+    assert Make.ran == [3]
+    assert states() == dict.fromkeys(("one", "two", "three"), "done")
+    same(resumed, run_mission(mission(registry), out="whole", use_cache=False))
+
+
+def test_a_resumed_run_interrupted_before_all_is_presented(registry: Registry) -> None:
+    """Stages that the earlier part had finished are not done while their results are missing."""
+    run_mission(mission(registry), out="out", use_cache=False)
+    Make.shows[2] = interrupt
+    with pytest.raises(Interrupted, match="finished stages: one;"):
+        resume_run("out", mission=SMALL, registry=registry)
+    assert states() == {"one": "done", "two": "interrupted", "three": "interrupted"}
+    Make.shows.clear()
+    Make.ran.clear()
+    assert resume_run("out", mission=SMALL, registry=registry).ok
+    assert Make.ran == []
 
 
 def test_a_failed_stage_is_run_again(registry: Registry) -> None:

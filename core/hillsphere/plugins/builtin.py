@@ -151,13 +151,6 @@ def hillsphere_components() -> list[Component]:
         ),
         Component(
             "claim",
-            "answer",
-            "hillsphere.show.outcomes:Answer",
-            "hillsphere.show.outcome_specs:AnswerSpec",
-            "a statement that a stage answers by a test of its own",
-        ),
-        Component(
-            "claim",
             "not_derivable",
             "hillsphere.show.outcomes:NotDerivable",
             "hillsphere.show.outcome_specs:NotDerivableSpec",

@@ -39,6 +39,8 @@ _MOVED = {
 """Module in an earlier version → present module."""
 
 _RENAMED_CLASSES = {
+    "hillsphere_campaigns.campaign_summary.products:Claim":
+        "hillsphere_campaigns.campaign_summary.products:PairedTest",
     "hillsphere_controllers.structured.search:Found":
         "hillsphere_controllers.structured.search:SearchResult",
 }
@@ -46,6 +48,7 @@ _RENAMED_CLASSES = {
 """Path of a class in an earlier version → its present path, after the module has moved."""
 
 _RENAMED_FIELDS = {
+    "hillsphere_campaigns.campaign_summary.products:CampaignSummary": {"claims": "tests"},
     "hillsphere_orbits.coverage.products:Coverage": {
         "sun_elevation_min_rad": "min_sun_elevation_rad",
     },

@@ -45,6 +45,10 @@ from hillsphere.show.report import ShownFigure
 
 __all__ = ["RunResult", "resume_run", "run_mission"]
 
+_UNSHOWN = "its product is stored, but its tables and figures are not complete"
+"""Message of a stage that was interrupted after it was computed: its tables may lack rows that a
+reader would take for results, so that it does not count as done. `resume_run` presents it again."""
+
 
 def run_mission(
     mission: Mission | str | os.PathLike[str],
@@ -276,9 +280,10 @@ class _Run:
 
     def _stopped(self) -> None:
         for stage in self.record.stages.values():
-            if stage.state == "running":
-                # Its product is stored as soon as it is there; presenting it may come too late.
-                stage.state = "done" if stage.product else "interrupted"
+            # A stage of the earlier part of a resumed run is "done" before it is presented anew.
+            if stage.state == "running" or (stage.state == "done" and stage.shown is None):
+                stage.state = "interrupted"
+                stage.message = _UNSHOWN if stage.product else ""
         # First: should a second signal end this, the manifest already says how the run ended.
         self._put_manifest("interrupted")
         self._finish("interrupted")

@@ -10,8 +10,9 @@ import numpy as np
 
 from hillsphere.base.arrays import Array
 from hillsphere.base.constants import DAY_S, HOUR_S, MINUTE_S
-from hillsphere.show.charts import Axis, Chart, Curve, Panel
+from hillsphere.show.charts import Axis, Chart, Panel
 from hillsphere.show.colours import LINE_COLOURS
+from hillsphere.show.marks import Curve
 
 if TYPE_CHECKING:
     from hillsphere.interfaces.cases import Histories

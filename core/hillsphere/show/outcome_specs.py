@@ -8,9 +8,7 @@ from pydantic import model_validator
 
 from hillsphere.spec.base import DataPath, Ref, Spec, data_path, option, reference, rule
 
-__all__ = [
-    "AnswerSpec", "ComparisonSpec", "NotDerivableSpec", "ResultSpec", "StatementSpec", "ValueSpec",
-]  # fmt: skip
+__all__ = ["ComparisonSpec", "NotDerivableSpec", "ResultSpec", "StatementSpec", "ValueSpec"]
 
 
 class _OutcomeSpec(Spec):
@@ -49,7 +47,8 @@ class ResultSpec(_OutcomeSpec):
     )
     confidence: float | None = option(
         "probability with which the answer must hold: the result's confidence interval decides, "
-        "and a result without one is undecided. By default the result itself decides",
+        "and a result without one is undecided. By default the result itself decides, unless it "
+        "has proved bounds: these always decide",
         default=None, gt=0.0, lt=1.0,
     )  # fmt: skip
 
@@ -77,26 +76,6 @@ class ValueSpec(ResultSpec):
 
 class StatementSpec(ResultSpec):
     """A statement about a metric, or about the cells of a table."""
-
-
-class AnswerSpec(_OutcomeSpec):
-    """A statement that a stage answers itself, by a test of its own."""
-
-    examples = (
-        {
-            "text": "B needs less fuel than A", "stage": "summary", "table": "paired_tests",
-            "row": {"test": "fuel"}, "column": "answer",
-        },
-    )  # fmt: skip
-
-    stage: Ref = reference("stage", "the stage that answers")
-    table: str = option("name of the stage's table of answers", min_length=1)
-    row: dict[str, float | int | bool | str] = option(
-        "column and value that select the row of the answer"
-    )
-    column: str = option(
-        "column of the answer: confirmed, refuted or undecided", default="answer", min_length=1
-    )
 
 
 class ComparisonSpec(_OutcomeSpec):

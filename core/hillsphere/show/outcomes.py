@@ -1,7 +1,8 @@
 """Judgement of requirements and claims from metrics and tables.
 
 With a confidence, an interval decides: a limit is kept if the worse end of the interval keeps it
-and broken if the better end breaks it; otherwise the row is undecided.
+and broken if the better end breaks it; otherwise the row is undecided. Proved bounds, an interval
+of confidence one, always decide: an upper bound above a limit does not show that it is broken.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from typing import Any, TypeAlias
 from hillsphere.base.problems import did_you_mean
 from hillsphere.interfaces.outcomes import Evidence, Judgement, MissingResultError, State
 from hillsphere.show.outcome_specs import (
-    AnswerSpec,
     ComparisonSpec,
     NotDerivableSpec,
     ResultSpec,
@@ -26,7 +26,7 @@ from hillsphere.show.presentation import Cell, Column, Printed, Table
 from hillsphere.show.reference import PAPER_SUFFIX, ReferenceTable, computed_columns
 from hillsphere.spec.units import UNITS
 
-__all__ = ["Answer", "Comparison", "NotDerivable", "Statement", "Value", "format_value"]
+__all__ = ["Comparison", "NotDerivable", "Statement", "Value", "format_value"]
 
 _Plain: TypeAlias = float | int | bool | str
 _RELATIONS: Mapping[str, Callable[[Any, Any], bool]] = {
@@ -58,6 +58,11 @@ class _Candidate:
     interval: tuple[float, float] | None = None
     confidence: float | None = None
     row: str = ""
+
+    @property
+    def has_proved_bounds(self) -> bool:
+        """Whether the ends of the interval are proved."""
+        return self.confidence == 1.0
 
 
 class _Compared:
@@ -113,7 +118,7 @@ class _Compared:
         # As the mission writes it, and the result with as many digits as tell it from the limit.
         sign, shown = _SIGNS[spec.op], _write_limit(spec.value, spec.unit or one.unit)
         got = format_value(one.value, one.unit, apart_from=limit)
-        if spec.confidence is not None and one.interval is not None:
+        if one.interval is not None and (spec.confidence is not None or one.has_proved_bounds):
             ends = " to ".join(format_value(end, "") for end in one.interval)
             got += f" ({ends})"
         return Judgement(
@@ -135,11 +140,11 @@ class _Compared:
         relation, confidence = _RELATIONS[self.spec.op], self.spec.confidence
         if isinstance(one.value, float) and math.isnan(one.value):
             return "undecided", "the result is not a number"
-        if confidence is None:
+        if confidence is None and not one.has_proved_bounds:
             return (self.is_kept if relation(one.value, limit) else self.is_broken), ""
         if one.interval is None or one.confidence is None:
             return "undecided", "the result has no confidence interval"
-        if one.confidence < confidence:
+        if confidence is not None and one.confidence < confidence:
             return "undecided", (
                 f"the confidence interval is one of {100 * one.confidence:g} %, asked are "
                 f"{100 * confidence:g} %"
@@ -154,6 +159,8 @@ class _Compared:
             return self.is_kept, ""
         if not any(ends):
             return self.is_broken, ""
+        if one.has_proved_bounds:
+            return "undecided", "the limit lies between the proved bounds of the result"
         return "undecided", f"the {100 * one.confidence:g} % interval contains the limit"
 
 
@@ -187,43 +194,6 @@ class Statement(_Compared):
 
     def __init__(self, spec: StatementSpec) -> None:
         super().__init__(spec)
-
-
-class Answer:
-    """A claim that a stage answers by a test of its own.
-
-    Parameters
-    ----------
-    spec : AnswerSpec
-        Its parameters.
-    """
-
-    def __init__(self, spec: AnswerSpec) -> None:
-        self.spec = spec
-
-    def judge(self, evidence: Evidence) -> Judgement:
-        """Return the stage's answer."""
-        spec = self.spec
-        table = evidence.table(spec.stage.name, spec.table)
-        column = _column(table, spec.column)
-        rows = _rows(table, spec.row)
-        if len(rows) > 1:
-            raise MissingResultError(f"{len(rows)} rows are selected; an answer is one cell")
-        answers: dict[Cell, State] = {
-            "confirmed": "confirmed", "refuted": "refuted", "undecided": "undecided",
-            "undecidable": "undecided",  # the word of products of earlier versions
-        }  # fmt: skip
-        answer = rows[0].get(column.name)
-        if answer not in answers:
-            raise MissingResultError(
-                f"the answer must be confirmed, refuted or undecided, got {answer!r}"
-            )
-        state = answers[answer]
-        reason = rows[0].get("reason")
-        return Judgement(
-            state, spec.text, got=str(reason or answer), source=spec.source,
-            reason=str(reason) if reason and state == "undecided" else "",
-        )  # fmt: skip
 
 
 class Comparison:

@@ -96,7 +96,7 @@ class Metric:
     interval : tuple of float, optional
         Confidence interval of the value, in its unit.
     confidence : float, optional
-        Probability with which the interval holds the true value.
+        Probability with which the interval holds the true value; 1 for proved bounds.
     """
 
     value: float | int | bool | str
@@ -123,7 +123,7 @@ class Column:
     interval : tuple of str
         Names of two other columns with the lower and upper end of the cells' confidence intervals.
     confidence : float, optional
-        Probability with which an interval holds the true value.
+        Probability with which an interval holds the true value; 1 for proved bounds.
     """
 
     name: str

@@ -59,7 +59,7 @@ class FilledColumn(Column):
 
 def column(
     name: str, values: Values, label: str = "", digits: int = 8, *, unit: str | None = None,
-    is_si: bool = True,
+    is_si: bool = True, interval: tuple[str, str] | tuple[()] = (), confidence: float | None = None,
 ) -> FilledColumn:  # fmt: skip
     """Return a column of numbers.
 
@@ -76,6 +76,8 @@ def column(
         one. Minutes must be given, since ``_min`` is read as minimum.
     is_si : bool
         False for values that are in the column's unit already.
+    interval, confidence
+        As for `Column`.
 
     Returns
     -------
@@ -94,7 +96,8 @@ def column(
     else:
         suffix = unit.replace("/", "_").replace("²", "2").replace("³", "3")
     factor = _FACTORS.get(suffix, 1.0) if is_si else 1.0
-    return FilledColumn(name, unit, label, digits, cells=_cells(name, values, factor))
+    cells = _cells(name, values, factor)
+    return FilledColumn(name, unit, label, digits, interval, confidence, cells)
 
 
 def text_column(name: str, values: Values, label: str = "") -> FilledColumn:

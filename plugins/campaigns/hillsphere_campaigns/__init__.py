@@ -35,7 +35,7 @@ def hillsphere_components() -> list[Component]:
             "campaign_summary",
             "hillsphere_campaigns.campaign_summary.stage:CampaignSummaryStage",
             "hillsphere_campaigns.campaign_summary.specs:CampaignSummarySpec",
-            "campaigns side by side, beside published values, with answers to what is claimed",
+            "campaigns side by side, beside published values, with tests of their differences",
         ),
         Component(
             "command",

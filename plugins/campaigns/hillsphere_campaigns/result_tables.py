@@ -108,11 +108,11 @@ def interval_columns(
     """
     before = f"{label}, " if before is None else before
     low, high = np.asarray(interval)
-    first = column(stem, finite_or_blank(values), label, digits, unit="-")
-    if level is not None:
-        first = replace(first, interval=(f"{stem}_low", f"{stem}_high"), confidence=level)
+    ends = () if level is None else (f"{stem}_low", f"{stem}_high")
     return [
-        first,
+        column(
+            stem, finite_or_blank(values), label, digits, unit="-", interval=ends, confidence=level
+        ),
         column(f"{stem}_low", finite_or_blank(low), f"{before}at least", digits, unit="-"),
         column(f"{stem}_high", finite_or_blank(high), f"{before}at most", digits, unit="-"),
     ]

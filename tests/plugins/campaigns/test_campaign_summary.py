@@ -1,4 +1,4 @@
-"""Campaigns side by side: statistics, published values, and claims that are answered."""
+"""Campaigns side by side: statistics, published values, and tests of differences."""
 
 from __future__ import annotations
 
@@ -10,9 +10,12 @@ import pytest
 
 from hillsphere.errors import InputError
 from hillsphere.products import CaseTable
+from hillsphere.runs.judgements import RunEvidence
+from hillsphere.show.outcome_specs import StatementSpec
+from hillsphere.show.outcomes import Statement
 from hillsphere.testing import RecordingContext, check_presentation, check_product
-from hillsphere_campaigns.campaign_summary.products import CampaignSummary
-from hillsphere_campaigns.campaign_summary.specs import CampaignSummarySpec, ClaimSpec
+from hillsphere_campaigns.campaign_summary.products import CampaignSummary, PairedTest
+from hillsphere_campaigns.campaign_summary.specs import CampaignSummarySpec, PairedTestSpec
 from hillsphere_campaigns.campaign_summary.stage import CampaignSummaryStage, summary
 
 LABELS = ("A", "B")
@@ -33,11 +36,17 @@ def campaign(shift: float, fails: float, n: int = 500) -> CaseTable:
     )  # fmt: skip
 
 
-def made(*claims: dict[str, str], worst: bool = True) -> CampaignSummary:
+def made(*tests: dict[str, str], worst: bool = True) -> CampaignSummary:
     tables = (campaign(0.0, 0.0), campaign(0.3, 0.2))
     hard = (campaign(0.0, 0.5, 24), campaign(0.0, 0.25, 24)) if worst else ()
-    asked = [ClaimSpec(text="said", **claim) for claim in claims]
+    asked = [PairedTestSpec(**test) for test in tests]
     return summary(tables, hard, LABELS, asked, 0.95)
+
+
+def sign(test: PairedTest) -> str:
+    """Return how a statement about the difference is decided by the interval."""
+    low, high = test.interval
+    return "less" if high < 0.0 else "more" if low > 0.0 else "undecided"
 
 
 def test_means_and_failures_are_those_of_the_cases() -> None:
@@ -51,60 +60,55 @@ def test_means_and_failures_are_those_of_the_cases() -> None:
 
 
 @pytest.mark.parametrize(
-    ("claim", "answer"),
+    ("test", "expected"),
     [
-        ({"of": "dv", "less": "A", "than": "B"}, "confirmed"),
-        ({"of": "dv", "less": "B", "than": "A"}, "refuted"),
-        ({"of": "speed", "less": "A", "than": "B"}, "undecided"),
-        ({"of": "failures", "less": "A", "than": "B"}, "confirmed"),
-        ({"of": "failures", "less": "B", "than": "A"}, "refuted"),
-        ({"of": "worst", "less": "B", "than": "A"}, "confirmed"),
-        ({"of": "worst", "above_random": "A"}, "confirmed"),
+        ({"of": "dv", "campaign": "A", "against": "B"}, "less"),
+        ({"of": "dv", "campaign": "B", "against": "A"}, "more"),
+        ({"of": "speed", "campaign": "A", "against": "B"}, "undecided"),
+        ({"of": "failures", "campaign": "A", "against": "B"}, "less"),
+        ({"of": "failures", "campaign": "B", "against": "A"}, "more"),
+        ({"of": "worst", "campaign": "B", "against": "A"}, "less"),
+        ({"of": "worst", "campaign": "A"}, "more"),
     ],
 )
-def test_claims_are_answered_by_paired_intervals(claim: dict[str, str], answer: str) -> None:
-    assert made(claim).claims[0].answer == answer
+def test_differences_have_paired_intervals(test: dict[str, str], expected: str) -> None:
+    (found,) = made(test).tests
+    low, high = found.interval
+    assert sign(found) == expected
+    assert low <= found.difference <= high
 
 
 def test_two_campaigns_without_a_failure_decide_nothing() -> None:
-    claim = ClaimSpec(text="said", of="failures", less="A", than="B")
+    test = PairedTestSpec(of="failures", campaign="A", against="B")
     tables = (campaign(0.0, 0.0), campaign(0.3, 0.0))
-    found = summary(tables, (), LABELS, [claim], 0.95).claims[0]
-    assert found.answer == "undecided"
+    found = summary(tables, (), LABELS, [test], 0.95).tests[0]
     assert found.interval[0] < 0.0 < found.interval[1]
 
 
-@pytest.mark.parametrize(
-    ("shifts", "answer", "said"),
-    [
-        ((0.1, 0.2), "confirmed", "of 2 pairs 2 confirmed; the differences are -0.2 to -0.1 m/s"),
-        ((-0.1, -0.2), "refuted", "of 2 pairs 2 refuted"),
-        ((0.1, -0.2), "undecided", "1 confirmed, 1 refuted; the differences are -0.1 to +0.2"),
-    ],
-)
-def test_a_claim_about_groups_holds_for_all_pairs(
-    shifts: tuple[float, float], answer: str, said: str
-) -> None:
+@pytest.mark.parametrize("shifts", [(0.1, 0.2), (-0.1, -0.2), (0.1, -0.2)])
+def test_the_interval_of_groups_holds_those_of_all_pairs(shifts: tuple[float, float]) -> None:
     tables = (campaign(0.0, 0.0), *(campaign(shift, 0.2) for shift in shifts))
-    claim = ClaimSpec(text="said", of="dv", less="A", than="B *")
-    found = summary(tables, (), ("A", "B 1", "B 2"), [claim], 0.95).claims[0]
-    assert (found.answer, found.pairs) == (answer, int((~tables[1].failed).sum()))
-    assert said in found.reason
+    test = PairedTestSpec(of="dv", campaign="A", against="B *")
+    found = summary(tables, (), ("A", "B 1", "B 2"), [test], 0.95).tests[0]
+    assert found.pairs == int((~tables[1].failed).sum())
     # the same draws, moved: the differences of a pair are all alike
     np.testing.assert_allclose(found.interval, [-max(shifts), -min(shifts)], atol=1e-12)
+    assert found.difference == pytest.approx(-np.mean(shifts), abs=1e-12)
 
 
 def test_a_group_that_names_nothing_is_refused() -> None:
     tables, labels = (campaign(0.0, 0.0), campaign(0.3, 0.2)), LABELS
-    for less, message in (("C*", "claims has no campaign 'C"), ("B", "name the same campaign")):
-        claim = ClaimSpec(text="said", of="dv", less=less, than="B*")
+    for first, message in (("C*", "tests has no campaign 'C"), ("B", "name the same campaign")):
+        test = PairedTestSpec(of="dv", campaign=first, against="B*")
         with pytest.raises(InputError, match=message):
-            summary(tables, (), labels, [claim], 0.95)
+            summary(tables, (), labels, [test], 0.95)
 
 
 def test_chosen_cases_are_those_of_single_campaigns() -> None:
     with pytest.raises(ValueError, match="'worst' is about single campaigns"):
-        ClaimSpec(text="said", of="worst", less="A", than="B*")
+        PairedTestSpec(of="worst", campaign="A", against="B*")
+    with pytest.raises(ValueError, match="only of = 'worst' can do without"):
+        PairedTestSpec(of="dv", campaign="A")
 
 
 def test_points_of_a_sweep_stand_for_themselves() -> None:
@@ -149,12 +153,42 @@ def test_published_values_stand_beside_in_their_units(tmp_path: Path) -> None:
 
 def test_faults_name_what_is_there() -> None:
     with pytest.raises(InputError, match=r"no campaign is called 'C'.*A"):
-        made({"of": "dv", "less": "C", "than": "A"})
+        made({"of": "dv", "campaign": "C", "against": "A"})
     with pytest.raises(InputError, match="no metric 'dw'"):
-        made({"of": "dw", "less": "A", "than": "B"})
+        made({"of": "dw", "campaign": "A", "against": "B"})
     with pytest.raises(InputError, match=r"needs\.worst"):
-        made({"of": "worst", "above_random": "A"}, worst=False)
+        made({"of": "worst", "campaign": "A"}, worst=False)
     others = replace(campaign(0.0, 0.0), input_values=np.zeros((1, 500)))
-    claim = ClaimSpec(text="said", of="dv", less="A", than="B")
+    test = PairedTestSpec(of="dv", campaign="A", against="B")
     with pytest.raises(InputError, match="did not see the same draws"):
-        summary((campaign(0.0, 0.0), others), (), LABELS, [claim], 0.95)
+        summary((campaign(0.0, 0.0), others), (), LABELS, [test], 0.95)
+
+
+def test_a_claim_rests_on_a_test() -> None:
+    """The stage keeps numbers alone; the mission's claim has the text and gets the verdict."""
+    spec = CampaignSummarySpec.model_validate(
+        {
+            "needs": {"campaigns": ["a", "b"]}, "labels": LABELS,
+            "tests": [
+                {"of": "dv", "campaign": "A", "against": "B"},
+                {"of": "speed", "campaign": "A", "against": "B"},
+            ],
+        }
+    )  # fmt: skip
+    tables = (campaign(0.0, 0.0), campaign(0.3, 0.2))
+    stage = CampaignSummaryStage(spec)
+    shown = stage.present(stage.run(RecordingContext(), tables), tables)
+    check_presentation(shown)
+    assert not shown.verdict
+    evidence = RunEvidence({"table": shown})
+
+    def state(of: str, op: str) -> str:
+        claim = {
+            "text": "said", "stage": "table", "table": "campaign_tests", "column": "difference",
+            "row": {"of": of, "campaign": "A", "against": "B"}, "op": op, "value": 0,
+            "confidence": 0.95,
+        }  # fmt: skip
+        return Statement(StatementSpec.model_validate(claim)).judge(evidence).state
+
+    assert [state("dv", "<"), state("dv", ">")] == ["confirmed", "refuted"]
+    assert state("speed", "<") == "refuted"  # alike, and thus not less

@@ -15,6 +15,9 @@ from hillsphere.lti import LtiSystem
 from hillsphere.plugins import validate
 from hillsphere.presentation import Chart, Curve, Panel, Presentation
 from hillsphere.products import ControlDesign
+from hillsphere.runs.judgements import RunEvidence
+from hillsphere.show.outcome_specs import StatementSpec
+from hillsphere.show.outcomes import Statement
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_controllers.linear_products import LinearModels, UncertainModels
 from hillsphere_controllers.mu.blocks import BlockStructure, full
@@ -132,6 +135,29 @@ def test_skogestad_postlethwaite_table_8_1(column: UncertainModels) -> None:
     reach = np.maximum.accumulate(performance.interval_high_rad_s)
     assert (performance.interval_low_rad_s[1:] <= reach[:-1]).all()
     assert np.isinf(reach[-1])
+
+
+def test_a_bound_above_a_limit_refutes_nothing(column: UncertainModels) -> None:
+    """µ of robust performance is 5.77…: only a limit outside its bounds is decided."""
+    made = run(column, analyses=["robust_performance"], gap=0.1, points=10)
+    (one,) = made.results
+    shown = present_analyses(made, None)
+    evidence = RunEvidence({"mu": shown})
+    between = 0.5 * (one.lower + one.upper)
+    assert one.lower < between < one.upper
+    table = {"table": "mu_summary", "column": "robust_performance_certified"}
+    keys: dict[str, str]
+    for keys in (
+        table,
+        table | {"column": "robust_performance"},
+        table | {"column": "robust_performance_lower"},
+        {"metric": "robust_performance_upper"},
+        {"metric": "robust_performance_lower"},
+    ):
+        for value, state in ((1.0, "refuted"), (between, "undecided"), (10.0, "confirmed")):
+            claim = {"text": "t", "stage": "mu", "op": "<", "value": value} | keys
+            found = Statement(StatementSpec.model_validate(claim)).judge(evidence)
+            assert found.state == state, (keys, value)
 
 
 def test_published_values_stand_beside(column: UncertainModels, tmp_path: Path) -> None:

@@ -68,7 +68,7 @@ def comparison(**keys: Any) -> NavigationComparisonSpec:
 
 
 def compare(table: CaseTable, **keys: Any) -> Any:
-    one = NavigationComparisonStage(comparison(ordered=True, **keys))
+    one = NavigationComparisonStage(comparison(paired=True, **keys))
     product = one.run(RecordingContext(), campaign=table)
     return product, one.present(product)
 
@@ -77,16 +77,20 @@ def test_a_set_that_loses_flights_meets_no_requirement() -> None:
     keys: dict[str, Any] = {"masses_kg": [1, 2], "required_position_m": 5}
     product, said = compare(campaign((2.0, 35), (1.0, 0)), **keys)
     assert product.lightest == "set b, 2 kg"
-    assert product.answers == ("undecided",)
+    (row,) = said.tables["navigation_ratios"].rows
+    assert (row["set"], row["against"]) == ("set b", "set a")
+    # statistics over survivors prove nothing
+    assert (row["ratio"], row["ratio_low"], row["ratio_high"]) == (0.5, None, None)
     assert product.lost.tolist() == [[35], [0]]
     rows = said.tables["navigation_comparison"].rows
     assert [row["lost"] for row in rows] == [35, 0]
     assert rows[0]["consistent"] == "no"
     assert any("set a 35 of 40" in sentence for sentence in said.verdict)
     assert not any("draw" in column.name for column in said.tables["navigation_comparison"].columns)
-    product, _ = compare(campaign((2.0, 0), (1.0, 0)), **keys)
+    product, said = compare(campaign((2.0, 0), (1.0, 0)), **keys)
     assert product.lightest == "set a, 1 kg"
-    assert product.answers == ("confirmed",)
+    (row,) = said.tables["navigation_ratios"].rows
+    np.testing.assert_allclose([row["ratio_low"], row["ratio_high"]], 0.5, rtol=1e-12)
 
 
 def sweep(**keys: Any) -> CaseTable:
@@ -163,7 +167,7 @@ def test_a_mission_tells_before_it_runs_that_its_campaign_does_not_fit() -> None
         ({"masses_kg": [1]}, "1 for 2"),
         ({"needs": {"campaign": "sweep", "flights": ["one"]}}, "2 for 1"),
         ({"required_position_m": 1}, "needs masses_kg"),
-        ({"needs": {"flights": ["one", "two"]}, "ordered": True}, "about a campaign"),
+        ({"needs": {"flights": ["one", "two"]}, "paired": True}, "about a campaign"),
         ({"needs": {}}, "nothing is compared"),
     ],
 )

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.stats import binomtest
 
 from hillsphere import create
 from hillsphere.dynamics import Taylor
@@ -22,7 +21,6 @@ from hillsphere_orbits.nonlinear_stability.edges import first_losses
 from hillsphere_orbits.nonlinear_stability.nearby_resonances import nearby_resonances
 from hillsphere_orbits.nonlinear_stability.products import NonlinearStability
 from hillsphere_orbits.nonlinear_stability.sampled_orbits import SampledOrbits, retrace
-from hillsphere_orbits.nonlinear_stability.stage import clopper_pearson
 from hillsphere_orbits.nonlinear_stability.survival import Fate, Fates, Survival
 from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.sources import members_of
@@ -331,15 +329,6 @@ def test_survival_probability(given: NonlinearStability, radii: NonlinearStabili
     np.testing.assert_array_equal(share[[LB, LC]], 1.0)
     assert np.isnan(radii.median_loss_s[[LB, LC]]).all()
     assert 0.0 < radii.median_loss_s[LA, 0] < 10 * 86400.0
-
-
-def test_clopper_pearson() -> None:
-    """Against scipy's exact interval; 0 of 10 is [0, 1 − 0.025^(1/10)]."""
-    k = np.array([0, 1, 5, 10])
-    low, high = clopper_pearson(k, 10, 0.95)
-    expected = np.array([binomtest(int(i), 10).proportion_ci(0.95, "exact") for i in k])
-    np.testing.assert_allclose(np.array([low, high]).T, expected, rtol=1e-12, atol=1e-15)
-    assert high[0] == pytest.approx(1.0 - 0.025**0.1, rel=1e-12)
 
 
 def test_resonances_near_the_published_orbit(

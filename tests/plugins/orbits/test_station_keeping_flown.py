@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import binomtest
 
 from hillsphere import create
 from hillsphere.errors import HillsphereError, InputError, StageError
@@ -188,6 +189,18 @@ def test_what_is_shown() -> None:
     assert rows["1:17, 70 km", "periodic_lqr"]["index_m_s"] == 0.9
     assert rows["1:17, 110 km", "periodic_lqr"]["index_m_s"] is None
     assert rows["1:17, 110 km", "periodic_lqr"]["uncorrected_survival"] == 0.0
+    # the shares of few flights have intervals, by which requirements can be judged
+    for table, names in (
+        (longest, ("best_survival", "uncorrected_survival")),
+        (shown.tables["station_keeping_flown"], ("survival",)),
+    ):
+        columns = {column.name: column for column in table.columns}
+        for name in names:
+            assert columns[name].interval == (f"{name}_low", f"{name}_high")
+            assert columns[name].confidence == 0.95
+    best, cases = rows["1:17, 70 km", "periodic_lqr"], held().cases
+    exact = binomtest(round(cases * best["best_survival"]), cases).proportion_ci(0.95, "exact")
+    assert [best["best_survival_low"], best["best_survival_high"]] == pytest.approx(list(exact))
     assert "Without any correction 0 of 3 orbits survive 10 days" in shown.verdict[0]
     assert any("perfect navigation" in note for note in longest.notes)
     assert shown.metrics["station_keeping_held"].value == 3

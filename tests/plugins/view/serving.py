@@ -23,8 +23,8 @@ from tests.core.wave_missions import WAVES, waves_mission
 
 from hillsphere.cli.endings import run
 from hillsphere.plugins import default_registry
+from hillsphere.presentation import Axis, Chart, Curve, Panel
 from hillsphere.runs.store import RunDirectory
-from hillsphere.show.charts import Axis, Chart, Curve, Panel
 from hillsphere.show.plotly_renderer import plotly_figure
 from hillsphere_view.application import Service, make_application
 from hillsphere_view.guard import Session

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 __all__ = ["check_columns", "present_summary"]
 
+_RANDOM = "its random cases"
+"""What chosen cases stand against if no other campaign is named."""
+
 
 def present_summary(product: CampaignSummary, spec: CampaignSummarySpec) -> Presentation:
     """Return the tables of a summary.
@@ -39,7 +42,7 @@ def present_summary(product: CampaignSummary, spec: CampaignSummarySpec) -> Pres
     Returns
     -------
     Presentation
-        Its verdict answers the claims.
+        Tables ``campaign_summary`` and, if there are tests, ``campaign_tests``.
 
     Raises
     ------
@@ -63,16 +66,14 @@ def present_summary(product: CampaignSummary, spec: CampaignSummarySpec) -> Pres
     if spec.reference is not None:
         table = _beside(table, product, spec.reference)
     tables = {"campaign_summary": table}
-    if product.claims:
-        tables["campaign_claims"] = _claim_table(product, level)
+    if product.tests:
+        tables["campaign_tests"] = _test_table(product, level)
     return Presentation(
         metrics={
             "summary_campaigns": Metric(len(product.labels)),
             "summary_failures": Metric(int(product.failures.sum())),
         },
         tables=tables,
-        figures={},
-        verdict=[f"“{one.text}”: {one.answer}; {one.reason}." for one in product.claims],
     )
 
 
@@ -141,27 +142,27 @@ def _columns(
     ]  # fmt: skip
 
 
-def _claim_table(product: CampaignSummary, level: str) -> Table:
-    text, answer, difference, unit, pairs = gather(
-        product.claims, "text", "answer", "difference", "unit", "pairs"
+def _test_table(product: CampaignSummary, level: str) -> Table:
+    of, campaign, against, difference, unit, pairs = gather(
+        product.tests, "of", "campaign", "against", "difference", "unit", "pairs"
     )
-    low, high = gather_intervals(product.claims, "interval")
     columns = [
-        text_column("claim", text, "statement"),
-        text_column("answer", answer, "answer"),
-        column("difference", difference, "difference", 4),
-        column("low", low, "at least", 4),
-        column("high", high, "at most", 4),
+        text_column("of", of, "of"),
+        text_column("campaign", campaign, "campaign"),
+        text_column("against", [one or _RANDOM for one in against], "against"),
+        *interval_columns(
+            "difference", "difference", difference, gather_intervals(product.tests, "interval"),
+            4, "", product.level,
+        ),
         text_column("unit", unit, "unit"),
-        column("cases", pairs, "pairs or cases"),
-    ]
+        column("pairs", pairs, "pairs or cases"),
+    ]  # fmt: skip
     note = (
-        f"Differences case by case, with {level} intervals; below zero they speak for the "
-        "statement. Chosen cases are no sample: their ratios are compared as they are. "
-        "The answers are about the campaigns as they were flown: designs that serve the "
-        "same purpose as well may differ from these by as much."
+        f"Differences case by case, with {level} intervals. Chosen cases (worst) are no sample: "
+        "their ratios are compared as they are. The differences are those of the campaigns as they "
+        "were flown: designs that serve the same purpose as well may differ from these by as much."
     )
-    return tabulate("Statements and answers", columns, [note])
+    return tabulate("Differences of campaigns", columns, [note])
 
 
 def _undecided_notes(product: CampaignSummary) -> str:

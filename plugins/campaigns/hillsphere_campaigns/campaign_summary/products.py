@@ -8,29 +8,29 @@ from typing import Annotated
 from hillsphere.base.arrays import Array, Integers
 from hillsphere.products.fields import Shape
 
-__all__ = ["CampaignSummary", "Claim"]
+__all__ = ["CampaignSummary", "PairedTest"]
 
 
 @dataclass(frozen=True)
-class Claim:
-    """The answer to a statement."""
+class PairedTest:
+    """The difference of two campaigns, or of all pairs of two groups of them."""
 
-    text: str
-    """The statement."""
-    answer: str
-    """``"confirmed"``, ``"refuted"`` or ``"undecided"``."""
+    of: str
+    """A metric, ``"failures"`` or ``"worst"``."""
+    campaign: str
+    """The campaign, or the pattern of its group."""
+    against: str
+    """The campaign whose value is subtracted; ``""`` for the random cases of the same one."""
     difference: float
-    """What the answer rests on: of a metric the mean difference over pairs, of failures the
-    difference of their ratios; below zero speaks for the statement."""
+    """Of a metric the mean difference over pairs, of failures the difference of their ratios; of
+    groups the median over their pairs."""
     interval: Annotated[Array, Shape(2)]
     """Interval of it, as wide as undecided cases leave it; both ends equal where nothing is
-    random."""
+    random. Of groups it holds the intervals of all pairs."""
     unit: str
     """Its unit."""
     pairs: int
     """Number of pairs, or of chosen cases."""
-    reason: str
-    """Reason for the answer, in words."""
 
 
 @dataclass(frozen=True)
@@ -67,5 +67,5 @@ class CampaignSummary:
     """Failures among them."""
     worst_undecided: Annotated[Integers, Shape("campaigns")]
     """Undecided chosen cases."""
-    claims: tuple[Claim, ...]
-    """The statements, answered."""
+    tests: tuple[PairedTest, ...]
+    """The differences that were asked for."""

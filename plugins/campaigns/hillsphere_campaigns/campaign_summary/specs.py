@@ -8,10 +8,10 @@ from pydantic import model_validator
 
 from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, option, rule
 
-__all__ = ["CampaignSummarySpec", "ClaimSpec", "SummaryNeeds"]
+__all__ = ["CampaignSummarySpec", "PairedTestSpec", "SummaryNeeds"]
 
 WITHOUT_WORST = "of = 'worst' needs campaigns with chosen cases, needs.worst"
-"""What is said of a claim about chosen cases where there are none."""
+"""What is said of a test of chosen cases where there are none."""
 
 
 class SummaryNeeds(Spec):
@@ -35,40 +35,34 @@ class SummaryNeeds(Spec):
     )
 
 
-class ClaimSpec(Spec):
-    """A statement of a publication that the campaigns confirm, refute or leave open."""
+class PairedTestSpec(Spec):
+    """Two campaigns whose difference is tested, case by case where the cases are random."""
 
     examples = (
-        {"text": "B needs less fuel than A", "of": "dv", "less": "b", "than": "a"},
-        {"text": "chosen cases show what random ones miss", "of": "worst", "above_random": "a"},
+        {"of": "dv", "campaign": "b", "against": "a"},
+        {"of": "worst", "campaign": "a"},
     )
 
-    text: str = option("the statement, as it stands in the report", min_length=1)
     of: str = option(
-        "what it is about: a metric (its mean over pairs of cases), 'failures' (their ratio, over "
+        "what differs: a metric (its mean over pairs of cases), 'failures' (their ratio, over "
         "pairs), or 'worst' (the ratio of failures among the chosen cases)"
     )
-    less: str = option(
-        "label of the campaign that is said to have less of it, or a pattern ('*' is any "
-        "characters): then each of those with each of 'than'",
-        default="",
+    campaign: str = option(
+        "label of the campaign, or a pattern ('*' is any characters): then each of those with each "
+        "of 'against'",
+        min_length=1,
     )
-    than: str = option("label of the one that is said to have more, likewise", default="")
-    above_random: str = option(
-        "for 'worst', instead: label of the campaign whose chosen cases are said to fail more "
-        "often than its random ones",
+    against: str = option(
+        "label of the campaign whose value is subtracted, likewise; left out, of 'worst' only: the "
+        "random cases of the same campaign",
         default="",
     )
 
     @model_validator(mode="after")
     def _one_form(self) -> Self:
-        if bool(self.less) != bool(self.than):
-            raise rule("than" if self.less else "less", "less and than belong together")
-        if bool(self.above_random) == bool(self.less):
-            raise rule("less", "give either less and than, or above_random")
-        if self.above_random and self.of != "worst":
-            raise rule("above_random", "is for of = 'worst'")
-        if self.of == "worst" and "*" in self.less + self.than + self.above_random:
+        if not self.against and self.of != "worst":
+            raise rule("against", "name a campaign; only of = 'worst' can do without")
+        if self.of == "worst" and "*" in self.campaign + self.against:
             raise rule("of", "'worst' is about single campaigns: give labels without '*'")
         return self
 
@@ -82,7 +76,7 @@ class CampaignSummarySpec(StageSpec):
         {
             "needs": {"campaigns": ["calm", "rough"]},
             "labels": ["A", "B"],
-            "claims": [{"text": "B fails less", "of": "failures", "less": "B", "than": "A"}],
+            "tests": [{"of": "failures", "campaign": "B", "against": "A"}],
         },
     )
 
@@ -103,7 +97,9 @@ class CampaignSummarySpec(StageSpec):
         "'worst_failures' in percent), mean and deviation, in the units shown",
         default=None,
     )
-    claims: tuple[ClaimSpec, ...] = option("statements that are answered", default=())
+    tests: tuple[PairedTestSpec, ...] = option(
+        "differences of campaigns, with intervals that claims can rest on", default=()
+    )
     confidence: float = option("of all intervals", default=0.95, gt=0.5, lt=1)
 
     @model_validator(mode="after")
@@ -115,6 +111,6 @@ class CampaignSummarySpec(StageSpec):
             raise rule("labels", "a label is listed twice")
         if self.needs.worst and len(self.needs.worst) != count:
             raise rule("needs", f"worst: {len(self.needs.worst)} for {count} campaigns")
-        if not self.needs.worst and any(claim.of == "worst" for claim in self.claims):
-            raise rule("claims", WITHOUT_WORST)
+        if not self.needs.worst and any(test.of == "worst" for test in self.tests):
+            raise rule("tests", WITHOUT_WORST)
         return self

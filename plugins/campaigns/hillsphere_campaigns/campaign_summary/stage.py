@@ -1,8 +1,7 @@
-"""Campaigns side by side, as publications show them, and answers to what these claim."""
+"""Campaigns side by side, as publications show them, and tests of their differences."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -26,16 +25,16 @@ from hillsphere.products import CaseTable
 from hillsphere.show.reference import ReferenceTable
 from hillsphere_campaigns.campaign_comparison.stage import paired_failures, planned_draws
 from hillsphere_campaigns.campaign_summary.presentation import check_columns, present_summary
-from hillsphere_campaigns.campaign_summary.products import CampaignSummary, Claim
+from hillsphere_campaigns.campaign_summary.products import CampaignSummary, PairedTest
 from hillsphere_campaigns.campaign_summary.specs import (
     WITHOUT_WORST,
     CampaignSummarySpec,
-    ClaimSpec,
+    PairedTestSpec,
 )
 from hillsphere_campaigns.pairing import PlannedDraws, pair_cases
 from hillsphere_campaigns.statistics import mean_interval, metric_statistics
 
-__all__ = ["CampaignSummaryStage", "answer_claim", "summary"]
+__all__ = ["CampaignSummaryStage", "paired_test", "summary"]
 
 
 class CampaignSummaryStage:
@@ -53,7 +52,7 @@ class CampaignSummaryStage:
             check_columns(ReferenceTable.read(spec.reference), Path(spec.reference).name)
 
     def check_needs(self, campaigns: Sequence[object], worst: Sequence[object] = ()) -> None:
-        """Refuse claims about campaigns that are not there, or will not see the same draws."""
+        """Refuse tests of campaigns that are not there, or will not see the same draws."""
         labels = self.spec.labels or tuple(ref.name for ref in self.spec.needs.campaigns)
         planned = [planned_draws(campaign) for campaign in campaigns]
         if any(draws is None for draws in planned):
@@ -61,18 +60,17 @@ class CampaignSummaryStage:
         rows, names = _plan_by_point([draws for draws in planned if draws], labels)
         if worst and len(worst) != len(rows):
             raise InputError(_format_miscount(len(worst), len(rows)))
-        for claim in self.spec.claims:
-            if claim.of == "worst":
-                for label in (claim.above_random, claim.less, claim.than):
-                    if label:
-                        _place(label, names)
+        for test in self.spec.tests:
+            if test.of == "worst":
+                for label in filter(None, (test.campaign, test.against)):
+                    _place(label, names)
                 continue
-            for one in _pairs(claim, names):
-                i, j = _place(one.less, names), _place(one.than, names)
+            for one in _pairs(test, names):
+                i, j = _place(one.campaign, names), _place(one.against, names)
                 try:
-                    pair_cases(rows[i], rows[j], one.less, one.than)
+                    pair_cases(rows[i], rows[j], one.campaign, one.against)
                 except InputError as error:
-                    raise InputError(f"claims: {error}") from error
+                    raise InputError(f"tests: {error}") from error
 
     def run(
         self, ctx: Context, campaigns: tuple[CaseTable, ...], worst: tuple[CaseTable, ...] = ()
@@ -96,12 +94,12 @@ class CampaignSummaryStage:
         Raises
         ------
         InputError
-            If a claim names a campaign or metric that is not there, or compares campaigns that did
+            If a test names a campaign or metric that is not there, or compares campaigns that did
             not see the same draws.
         """
         spec = self.spec
         labels = spec.labels or tuple(ref.name for ref in spec.needs.campaigns)
-        found = summary(campaigns, worst, labels, spec.claims, spec.confidence)
+        found = summary(campaigns, worst, labels, spec.tests, spec.confidence)
         present_summary(found, spec)
         return found
 
@@ -119,7 +117,7 @@ def summary(
     tables: Sequence[CaseTable],
     worst: Sequence[CaseTable],
     labels: Sequence[str],
-    claims: Sequence[ClaimSpec],
+    tests: Sequence[PairedTestSpec],
     level: float,
 ) -> CampaignSummary:
     """Sum up campaigns.
@@ -132,8 +130,8 @@ def summary(
         With chosen ones, as many or none.
     labels : sequence of str
         Their names.
-    claims : sequence of ClaimSpec
-        What is to be answered.
+    tests : sequence of PairedTestSpec
+        Differences that are tested.
     level : float
         Confidence level.
 
@@ -173,7 +171,7 @@ def summary(
         worst_cases=_number(of_worst, "decided"),
         worst_failures=_number(of_worst, "failures"),
         worst_undecided=_number(of_worst, "undecided"),
-        claims=tuple(answer_claim(claim, tables, worst, labels, level) for claim in claims),
+        tests=tuple(paired_test(one, tables, worst, labels, level) for one in tests),
     )
 
 
@@ -236,94 +234,83 @@ def _by_point(
     return found, names
 
 
-def answer_claim(
-    claim: ClaimSpec,
+def paired_test(
+    spec: PairedTestSpec,
     tables: Sequence[CaseTable],
     worst: Sequence[CaseTable],
     labels: Sequence[str],
     level: float,
-) -> Claim:
-    """Answer a statement: by the interval of a difference, case by case where cases are random.
+) -> PairedTest:
+    """Return the difference of two campaigns, case by case where cases are random.
 
     Parameters
     ----------
-    claim : ClaimSpec
-        The statement.
+    spec : PairedTestSpec
+        What is tested.
     tables, worst, labels, level
         As for `summary`.
 
     Returns
     -------
-    Claim
-        Confirmed if the interval lies below zero, refuted if above, else undecided. Chosen cases
-        are no sample: their ratios are compared as they are. Of several pairs of campaigns, which
-        patterns name, all must have the answer; the interval holds those of all.
+    PairedTest
+        Chosen cases are no sample: their ratios are compared as they are. Of several pairs of
+        campaigns, which patterns name, the interval holds those of all.
 
     Raises
     ------
     InputError
         See `CampaignSummaryStage.run`.
     """
-    if claim.of == "worst":
-        return _of_worst(claim, tables, worst, labels, level)
-    pairs = _pairs(claim, labels)
-    if len(pairs) != 1:
-        return _of_all(claim, [_of_pair(one, tables, labels, level) for one in pairs])
-    return _of_pair(pairs[0], tables, labels, level)
+    if spec.of == "worst":
+        return _test_worst(spec, tables, worst, labels, level)
+    found = [_test_pair(one, tables, labels, level) for one in _pairs(spec, labels)]
+    ends = np.array([one.interval for one in found])
+    return _paired_test(
+        spec,
+        float(np.median([one.difference for one in found])),
+        np.array([ends[:, 0].min(), ends[:, 1].max()]),
+        found[0].unit,
+        min(one.pairs for one in found),
+    )
 
 
-def _pairs(claim: ClaimSpec, labels: Sequence[str]) -> list[ClaimSpec]:
-    """Return the claim for each pair of campaigns that it names, one or more."""
+def _pairs(spec: PairedTestSpec, labels: Sequence[str]) -> list[PairedTestSpec]:
+    """Return the test of each pair of campaigns that a test names, one or more."""
     pairs = [
-        claim.model_copy(update={"less": less, "than": than})
-        for less in _matching_labels(claim.less, labels)
-        for than in _matching_labels(claim.than, labels)
-        if less != than
+        spec.model_copy(update={"campaign": campaign, "against": against})
+        for campaign in _matching_labels(spec.campaign, labels)
+        for against in _matching_labels(spec.against, labels)
+        if campaign != against
     ]
     if not pairs:
         raise InputError(
-            f"claims: {claim.less!r} and {claim.than!r} name the same campaign; name two"
+            f"tests: {spec.campaign!r} and {spec.against!r} name the same campaign; name two"
         )
     return pairs
 
 
-def _of_pair(
-    claim: ClaimSpec, tables: Sequence[CaseTable], labels: Sequence[str], level: float
-) -> Claim:
-    """Answer a statement about two campaigns, case by case."""
-    i, j = _place(claim.less, labels), _place(claim.than, labels)
-    a, b = pair_cases(tables[i], tables[j], claim.less, claim.than)
-    if claim.of == "failures":
+def _test_pair(
+    spec: PairedTestSpec, tables: Sequence[CaseTable], labels: Sequence[str], level: float
+) -> PairedTest:
+    """Test two campaigns, case by case."""
+    i, j = _place(spec.campaign, labels), _place(spec.against, labels)
+    a, b = pair_cases(tables[i], tables[j], spec.campaign, spec.against)
+    if spec.of == "failures":
         of = paired_failures(tables[j], b, tables[i], a, level)
-        difference, interval = 100.0 * of.difference, 100.0 * of.interval
-        reason = (
-            f"{of.both + of.only_b} of {of.pairs} fail instead of {of.both + of.only_a}, "
-            f"{difference:+.3g} percentage points ({interval[0]:+.3g} to {interval[1]:+.3g})"
-        )
-        if of.only_a == of.only_b == 0:
-            reason += "; no case fails with only one of the two"
-        if of.undecided:
-            interval = 100.0 * of.sure
-            reason += _format_left_out(of.undecided, interval, "percentage points")
-        return _claim(claim, difference, interval, "%", of.pairs, reason)
-    for table, label in ((tables[i], claim.less), (tables[j], claim.than)):
-        if claim.of not in table.metrics:
-            hint = did_you_mean(claim.of, [*table.metrics, "failures", "worst"], otherwise="it has")
-            raise InputError(f"claims: campaign {label!r} has no metric {claim.of!r}{hint}")
-    x = tables[i].values[tables[i].metrics.index(claim.of), a]
-    y = tables[j].values[tables[j].metrics.index(claim.of), b]
-    unit = tables[i].units[tables[i].metrics.index(claim.of)]
+        interval = of.sure if of.undecided else of.interval
+        return _paired_test(spec, 100.0 * of.difference, 100.0 * interval, "%", of.pairs)
+    for table, label in ((tables[i], spec.campaign), (tables[j], spec.against)):
+        if spec.of not in table.metrics:
+            hint = did_you_mean(spec.of, [*table.metrics, "failures", "worst"], otherwise="it has")
+            raise InputError(f"tests: campaign {label!r} has no metric {spec.of!r}{hint}")
+    x = tables[i].values[tables[i].metrics.index(spec.of), a]
+    y = tables[j].values[tables[j].metrics.index(spec.of), b]
+    unit = tables[i].units[tables[i].metrics.index(spec.of)]
     kept = has_ended(tables[i])[a] & has_ended(tables[j])[b] & np.isfinite(x) & np.isfinite(y)
     d = x[kept] - y[kept]
-    if d.size < 2:
-        return _claim(
-            claim, np.nan, np.full(2, np.nan), unit, d.size, "too few pairs came to their end"
-        )
-    interval, mean = mean_interval(d, level), float(d.mean())
-    reason = (
-        f"{claim.of} differs by {mean:+.4g} {unit} on average over {d.size} pairs "
-        f"({interval[0]:+.4g} to {interval[1]:+.4g})"
-    )
+    if d.size < 2:  # one difference has no deviation, and thus no interval
+        return _paired_test(spec, np.nan, np.full(2, np.nan), unit, d.size)
+    interval = mean_interval(d, level)
     undecided = int((is_undecided(tables[i].status[a]) | is_undecided(tables[j].status[b])).sum())
     if undecided:
         # What the undecided pairs would add is not known; none is taken to lie farther out than
@@ -334,100 +321,50 @@ def _of_pair(
                 mean_interval(np.append(d, np.full(undecided, d.max())), level)[1],
             ]
         )
-        reason += _format_left_out(undecided, interval, unit)
-    return _claim(claim, mean, interval, unit, d.size, reason)
+    return _paired_test(spec, d.mean(), interval, unit, d.size)
 
 
-def _format_left_out(undecided: int, interval: Array, unit: str) -> str:
-    """Say how many pairs were left out, and how far they could move the difference."""
-    return (
-        f"; {undecided} pair{'' if undecided == 1 else 's'} with an undecided case left out, which "
-        f"could make it {interval[0]:+.4g} to {interval[1]:+.4g} {unit}"
-    )
-
-
-def _of_all(claim: ClaimSpec, found: Sequence[Claim]) -> Claim:
-    """Answer a statement about all pairs of two groups of campaigns."""
-    count = Counter(one.answer for one in found)
-    said = ", ".join(f"{k} {answer}" for answer, k in count.most_common())
-    differences = [one.difference for one in found]
-    reason = (
-        f"of {len(found)} pairs {said}; the differences are {min(differences):+.4g} to "
-        f"{max(differences):+.4g} {found[0].unit}"
-    )
-    ends = np.array([one.interval for one in found])
-    middle = float(np.median(differences))
-    interval = np.array([ends[:, 0].min(), ends[:, 1].max()])
-    return _claim(claim, middle, interval, found[0].unit, min(d.pairs for d in found), reason)
-
-
-def _of_worst(
-    claim: ClaimSpec,
+def _test_worst(
+    spec: PairedTestSpec,
     tables: Sequence[CaseTable],
     worst: Sequence[CaseTable],
     labels: Sequence[str],
     level: float,
-) -> Claim:
+) -> PairedTest:
+    """Compare chosen cases with those of another campaign, or with the random ones of theirs."""
     if not worst:
         raise InputError(WITHOUT_WORST)
-    if claim.above_random:
-        i = _place(claim.above_random, labels)
-        random, chosen = ratio_of(tables[i], level), ratio_of(worst[i], level)
-        if not chosen.decided:
-            return _claim(
-                claim, np.nan, np.full(2, np.nan), "%", 0, "none of the chosen cases is decided"
-            )
-        sure = 100.0 * random.sure
-        low, high = 100.0 * chosen.range
-        reason = (
-            f"{int(chosen.failures)} of {int(chosen.decided)} chosen cases fail "
-            f"({100.0 * float(chosen.value):.3g} %), {int(random.failures)} of "
-            f"{int(random.decided)} random ones ({sure[0]:.3g} to {sure[1]:.3g} %)"
-        )
-        if chosen.undecided or random.undecided:
-            reason += (
-                f"; {int(chosen.undecided)} chosen and {int(random.undecided)} random cases are "
-                "undecided, and the interval allows for them"
-            )
-        middle = 100.0 * float(random.value - chosen.value)
-        interval = np.array([sure[0] - high, sure[1] - low])
-        return _claim(claim, middle, interval, "%", int(chosen.decided), reason)
-    i, j = _place(claim.less, labels), _place(claim.than, labels)
-    a, b = ratio_of(worst[i], level), ratio_of(worst[j], level)
+    i = _place(spec.campaign, labels)
+    a = ratio_of(worst[i], level)
+    if spec.against:
+        b = ratio_of(worst[_place(spec.against, labels)], level)
+        low, high = b.range
+    else:
+        b = ratio_of(tables[i], level)
+        low, high = b.sure
     if not (a.decided and b.decided):
-        return _claim(
-            claim, np.nan, np.full(2, np.nan), "%", 0, "none of the chosen cases is decided"
-        )
-    reason = (
-        f"{100.0 * float(a.value):.3g} % of {int(a.decided)} chosen cases fail instead of "
-        f"{100.0 * float(b.value):.3g} % of {int(b.decided)}"
+        return _paired_test(spec, np.nan, np.full(2, np.nan), "%", 0)
+    interval = 100.0 * np.array([a.range[0] - high, a.range[1] - low])
+    return _paired_test(spec, 100.0 * float(a.value - b.value), interval, "%", int(a.decided))
+
+
+def _paired_test(
+    spec: PairedTestSpec, difference: float, interval: Array, unit: str, pairs: int
+) -> PairedTest:
+    return PairedTest(
+        spec.of, spec.campaign, spec.against, float(difference), interval, unit, int(pairs)
     )
-    if a.undecided or b.undecided:
-        reason += (
-            f"; {int(a.undecided)} and {int(b.undecided)} are undecided, and the interval allows "
-            "for them"
-        )
-    interval = 100.0 * np.array([a.range[0] - b.range[1], a.range[1] - b.range[0]])
-    return _claim(claim, 100.0 * float(a.value - b.value), interval, "%", int(a.decided), reason)
-
-
-def _claim(
-    claim: ClaimSpec, difference: float, interval: np.ndarray, unit: str, pairs: int, reason: str
-) -> Claim:
-    low, high = interval
-    answer = "confirmed" if high < 0.0 else "refuted" if low > 0.0 else "undecided"
-    return Claim(claim.text, answer, float(difference), interval, unit, int(pairs), reason)
 
 
 def _matching_labels(pattern: str, labels: Sequence[str]) -> list[str]:
     """Return the labels that a pattern, or a label, names."""
     if "*" not in pattern:
         return [labels[_place(pattern, labels)]]
-    return list(match_names((pattern,), labels, "claims", "campaign"))
+    return list(match_names((pattern,), labels, "tests", "campaign"))
 
 
 def _place(label: str, labels: Sequence[str]) -> int:
     if label not in labels:
         hint = did_you_mean(label, labels, otherwise="there are")
-        raise InputError(f"claims: no campaign is called {label!r}{hint}")
+        raise InputError(f"tests: no campaign is called {label!r}{hint}")
     return list(labels).index(label)

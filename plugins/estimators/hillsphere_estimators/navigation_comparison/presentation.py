@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -57,7 +56,7 @@ def present_comparison(
     Returns
     -------
     Presentation
-        Tables ``navigation_comparison`` and ``navigation_order``; figures
+        Tables ``navigation_comparison`` and ``navigation_ratios``; figures
         ``navigation_comparison`` (a campaign), ``navigation_courses`` and
         ``navigation_consistency`` (flights).
     """
@@ -87,15 +86,13 @@ def present_comparison(
         inside = _consistent(product)
         verdict += _criteria(product, inside)
         metrics[named("navigation_consistent_share")] = Metric(float(np.mean(inside)))
-    if product.answers:
-        summary, sentence = _judge_order(product, spec.confidence)
-        tables[named("navigation_order")] = tabulate(
-            "Do the errors fall from set to set?", _order_columns(product),
+    if product.ratio.size:
+        tables[named("navigation_ratios")] = tabulate(
+            "Errors of each set over those of the one before",
+            _ratio_columns(product, spec.confidence),
             [f"Ratio of rms position errors on the same draws, {100 * spec.confidence:g} % "
-             "interval of a paired bootstrap."],
+             "interval of a paired bootstrap; none where a flight was lost."],
         )  # fmt: skip
-        metrics[named("navigation_order")] = Metric(summary)
-        verdict.append(sentence)
     if product.lightest:
         metrics[named("navigation_lightest")] = Metric(product.lightest)
         verdict.append(
@@ -198,33 +195,19 @@ def _set_columns(product: NavigationComparison, published: bool) -> list[FilledC
     return [one for one in columns if published or one.name not in _PUBLISHED]
 
 
-def _order_columns(product: NavigationComparison) -> list[FilledColumn]:
-    """Return the columns of the comparison of neighbouring sets, one row per pair and point."""
+def _ratio_columns(product: NavigationComparison, confidence: float) -> list[FilledColumn]:
+    """Return the columns of the ratios of neighbouring sets, one row per pair and point."""
     of = FieldColumns(product, "neighbours", "points")
-    claims = tuple(f"{later} than {before}" for before, later in pairwise(product.labels))
     low, value, high = (of.spread(part, "neighbours", "points") for part in product.ratio)
     return [
-        text_column("claim", of.spread(claims, "neighbours"), "less error"),
+        text_column("set", of.spread(product.labels[1:], "neighbours"), "set"),
+        text_column("against", of.spread(product.labels[:-1], "neighbours"), "against"),
         of("points", "point"),
-        column("ratio", value, "ratio of rms", 4),
-        column("low", low, "lower limit", 4),
-        column("high", high, "upper limit", 4),
-        text_column("answer", product.answers, "answer"),
-    ]
-
-
-def _judge_order(product: NavigationComparison, confidence: float) -> tuple[str, str]:
-    """Return whether the errors fall from set to set, as one word and as a sentence."""
-    kinds = set(product.answers)
-    summary = (
-        "confirmed" if kinds == {"confirmed"} else "refuted" if "refuted" in kinds else "undecided"
-    )
-    sentence = (
-        f"The errors fall from {' to '.join(product.labels)}: {summary} at {100 * confidence:g} % "
-        f"confidence, for paired draws ({sum(a == 'confirmed' for a in product.answers)} of "
-        f"{len(product.answers)} steps confirmed)."
-    )
-    return summary, sentence
+        column("ratio", value, "ratio of rms", 4, interval=("ratio_low", "ratio_high"),
+               confidence=confidence),
+        column("ratio_low", low, "at least", 4),
+        column("ratio_high", high, "at most", 4),
+    ]  # fmt: skip
 
 
 def _set_chart(

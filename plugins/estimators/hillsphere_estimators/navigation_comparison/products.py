@@ -53,9 +53,8 @@ class NavigationComparison:
     """Published velocity error of one flight."""
     ratio: Annotated[Array, Shape(3, "neighbours", "points")]
     """Rms position error of all spacecraft with a set over that with the set before: lower limit,
-    value, upper limit. There are no neighbours if no order is claimed."""
-    answers: tuple[str, ...]
-    """``confirmed``, ``refuted`` or ``undecided``, for each pair of neighbours at each point."""
+    value, upper limit. The limits are NaN where a flight was lost: statistics over survivors prove
+    nothing. There are no neighbours unless they are asked for."""
     lightest: str
     """Lightest set that meets the requirement at every point without a lost flight, with its mass;
     ``""`` without a requirement."""

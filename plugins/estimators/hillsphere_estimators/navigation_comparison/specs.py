@@ -42,7 +42,7 @@ class NavigationComparisonNeeds(Spec):
 
 
 class NavigationComparisonSpec(StageSpec):
-    """Sets of sensors side by side: errors, published errors, order and bound."""
+    """Sets of sensors side by side: errors, published errors, ratios and bound."""
 
     produces = "hillsphere_estimators.navigation_comparison.products:NavigationComparison"
     examples = (
@@ -66,8 +66,10 @@ class NavigationComparisonSpec(StageSpec):
         "name of each flight and set in tables; of flights alone left out: those of their stages",
         default=(),
     )
-    ordered: bool = option(
-        "whether the errors are claimed to fall from each set to the next", default=False
+    paired: bool = option(
+        "whether each set is tested against the one before it: ratio of their rms errors on the "
+        "same draws, with an interval that claims can rest on",
+        default=False,
     )
     reference: DataPath | None = data_path(
         "cited CSV table of published errors with the columns case (the label's number, counted "
@@ -94,8 +96,8 @@ class NavigationComparisonSpec(StageSpec):
         campaign, flights = self.needs.campaign, len(self.needs.flights)
         if campaign is None and not flights:
             raise rule("needs", "nothing is compared; give flights, a campaign or both")
-        if campaign is None and (self.masses_kg or self.reference or self.ordered):
-            raise rule("needs", "masses_kg, reference and ordered are about a campaign; name one")
+        if campaign is None and (self.masses_kg or self.reference or self.paired):
+            raise rule("needs", "masses_kg, reference and paired are about a campaign; name one")
         if campaign is not None and not self.labels:
             raise rule("labels", "name each set of the campaign")
         count = flights or len(self.labels)

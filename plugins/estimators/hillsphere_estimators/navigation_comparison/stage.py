@@ -86,21 +86,11 @@ class NavigationComparisonStage:
         low, high = chi_square_band(
             _STATES * len(crafts), np.maximum(statistics.cases - statistics.lost, 1)
         )
-        ratio, answers = np.zeros((3, 0, shape[1])), []
-        if spec.ordered:
-            ratio = np.zeros((3, shape[0] - 1, shape[1]))
-            for c in range(shape[0] - 1):
-                for p in range(shape[1]):
-                    ratio[:, c, p] = paired_rms_ratio(
-                        errors[c + 1][p], errors[c][p], spec.confidence
-                    )
-                    least, _, most = ratio[:, c, p]
-                    if statistics.lost[c : c + 2, p].any() or np.isnan(least):
-                        answers.append("undecided")  # statistics over survivors prove nothing
-                        continue
-                    answers.append(
-                        "confirmed" if most < 1.0 else "refuted" if least > 1.0 else "undecided"
-                    )
+        ratio = np.zeros((3, shape[0] - 1 if spec.paired else 0, shape[1]))
+        for c, p in np.ndindex(*ratio.shape[1:]):
+            ratio[:, c, p] = paired_rms_ratio(errors[c + 1][p], errors[c][p], spec.confidence)
+            if statistics.lost[c : c + 2, p].any():
+                ratio[::2, c, p] = np.nan  # statistics over survivors prove nothing
         paper = np.full((2, shape[0], len(crafts)), np.nan)
         if spec.reference is not None:
             paper = read_published_errors(Path(spec.reference), shape[0], len(crafts))
@@ -121,7 +111,6 @@ class NavigationComparisonStage:
             paper_position_m=paper[0],
             paper_velocity_m_s=paper[1],
             ratio=ratio,
-            answers=tuple(answers),
             lightest=self._lightest(labels, statistics.rms, statistics.lost),
             **_histories(flights, len(labels), len(crafts)),
         )

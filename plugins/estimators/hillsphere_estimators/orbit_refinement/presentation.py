@@ -32,6 +32,8 @@ __all__ = ["present_refinement"]
 
 _ASTEROID = 6
 """States of the asteroid, three positions and three velocities: degrees of freedom of its NEES."""
+_GAIN_CONFIDENCE = 0.9
+"""Confidence of an interval from the 5 % to the 95 % quantile of bootstrap samples."""
 _NOTE = (
     "rms: root mean square error over the random cases; σ: root mean square of the filter's "
     "standard deviations. Gains are rms errors before tracking over those after it, with 5 % and "
@@ -53,7 +55,7 @@ def present_refinement(product: OrbitRefinement, spec: OrbitRefinementSpec) -> P
     -------
     Presentation
         Tables after the optical part and during tracking, a comparison of the arms, figures over
-        time, and the verdict on the paper's claims.
+        time, and sentences on gains and consistency.
     """
     tables = {
         "refinement_optical": _optical_table(product),
@@ -151,10 +153,11 @@ def _tracking_table(product: OrbitRefinement, spec: OrbitRefinementSpec) -> Tabl
         gain = [every[a, k][i][g] for g, a, _, k in rows]
         ends = np.reshape([ranges[a, k][i][:, g] for g, a, _, k in rows], (-1, 2)).T
         columns += [
-            column(f"{of}_gain", gain, f"gain of {of}", 3),
+            column(f"{of}_gain", gain, f"gain of {of}", 3,
+                   interval=(f"{of}_gain_p5", f"{of}_gain_p95"), confidence=_GAIN_CONFIDENCE),
             column(f"{of}_gain_p5", ends[0], f"gain of {of}, 5 %", 3),
             column(f"{of}_gain_p95", ends[1], f"gain of {of}, 95 %", 3),
-        ]
+        ]  # fmt: skip
     return tabulate(
         "Orbit of the asteroid with spacecraft near it", columns, [_NOTE, _band(product, 1)]
     )

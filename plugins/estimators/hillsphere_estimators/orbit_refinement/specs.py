@@ -166,11 +166,6 @@ class OrbitRefinementSpec(StageSpec):
         "result: a single pass is overconfident while distances are hardly known",
         default=3, ge=0, le=20,
     )  # fmt: skip
-    claims_velocity_kept: bool = option(
-        "whether the verdict answers the claim that tracking with the first set of sensors does "
-        "not considerably improve the asteroid's velocity, by less than a factor of 2",
-        default=False,
-    )
     step_s: float = quantity("time", "longest step of the step map", default=3600.0, gt=0)
 
     @model_validator(mode="after")

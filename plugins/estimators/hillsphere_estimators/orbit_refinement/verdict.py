@@ -21,9 +21,6 @@ from hillsphere_estimators.orbit_refinement.specs import OrbitRefinementSpec
 
 __all__ = ["judge_consistency", "refinement_verdict", "silences"]
 
-_CLAIMED = 2.0
-"""Gain from which an improvement counts as considerable: twice as good is the least that a reader
-would call so. The paper gives no number."""
 _PEAK = 1.1
 """Growth of a standard deviation that counts as a peak: 10 % is visible in a figure of one page."""
 
@@ -57,7 +54,7 @@ def refinement_verdict(product: OrbitRefinement, spec: OrbitRefinementSpec) -> l
     product : OrbitRefinement
         Product of the stage.
     spec : OrbitRefinementSpec
-        Reported times, and whether the paper's claim is answered.
+        Reported times.
 
     Returns
     -------
@@ -82,17 +79,6 @@ def refinement_verdict(product: OrbitRefinement, spec: OrbitRefinementSpec) -> l
             sentences.append(
                 f"{arm}, after {since / DAY_S:.3g} d: {_describe_gains(product, a, k)}."
             )
-    first = geometries_with_tracking(product, 0)
-    if spec.claims_velocity_kept and first.size:
-        v = gains(product, 0)[1][first]
-        answer = (
-            "refuted" if v.min() > _CLAIMED else "confirmed" if v.max() < _CLAIMED else "undecided"
-        )
-        sentences.append(
-            f"With {product.arms[0]!r} the rms velocity error falls by a factor of {v.min():.3g} "
-            f"to {v.max():.3g}. The claim that tracking does not considerably improve velocity "
-            f"(read as: by less than a factor of {_CLAIMED:g}) is {answer}."
-        )
     sentences.append(_consistency(product))
     tracked = [
         one[geometries_with_tracking(product, a)] for a, one in enumerate(product.tracked_settled)

@@ -146,7 +146,8 @@ def _summary(product: NonlinearStability) -> list[FilledColumn]:
         ),
         text_column("radius_velocity_direction", directions[speed], "in direction"),
         text_column("radius_velocity_fate", fates[orbit, speed], "then"),
-        column("survival", share[orbit, worst], "survival probability, least of the phases", 4),
+        column("survival", share[orbit, worst], "survival probability, least of the phases", 4,
+               interval=("survival_low", "survival_high"), confidence=product.confidence),
         column("survival_low", product.low[orbit, worst], "from", 4),
         column("survival_high", product.high[orbit, worst], "to", 4),
         column("median_loss_h", product.median_loss_s[orbit, worst], "median time of loss", 4),
@@ -171,11 +172,12 @@ def _probabilities(product: NonlinearStability) -> list[FilledColumn]:
         of("phases", "phase"),
         of("draws"),
         *(column(fate.plural, product.counts[fate].ravel(), fate.plural) for fate in Fate),
-        column("survival", share, "survival probability", 4),
+        column("survival", share, "survival probability", 4,
+               interval=("survival_low", "survival_high"), confidence=product.confidence),
         of("low", "survival_low"),
         of("high", "survival_high"),
         of("median_loss_s"),
-    ]
+    ]  # fmt: skip
 
 
 def _edges(product: NonlinearStability) -> list[FilledColumn]:

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betaincinv
 
+from hillsphere.cases.case_classes import ratio_interval
 from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
 from hillsphere.products import OrbitSet, PeriodicOrbits
@@ -30,44 +30,13 @@ from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.sources import members_of
 from hillsphere_orbits.survey import NEARLY_PLANAR
 
-__all__ = ["NonlinearStabilityStage", "clopper_pearson"]
+__all__ = ["NonlinearStabilityStage"]
 
 _AXES = ("x", "y", "z", "vx", "vy", "vz")
 _REACH = 0.5
 """Largest offset of the search without a limit of the mission, in amplitudes of the orbit: beyond
 it a flight is no perturbation of that orbit any more."""
 _ON_ORBIT = 1e-9  # natural units: how exactly a place on an orbit is known
-
-
-def clopper_pearson(
-    successes: NDArray[np.int64], draws: int, confidence: float
-) -> tuple[Array, Array]:
-    """Return the exact interval of a probability.
-
-    Parameters
-    ----------
-    successes : ndarray of int
-        Of so many independent draws.
-    draws : int
-        At least 1.
-    confidence : float
-        Least probability that the interval holds the true value.
-
-    Returns
-    -------
-    low, high : ndarray
-        Of the shape of `successes`.
-
-    References
-    ----------
-    .. [1] Clopper, C. J., Pearson, E. S., The use of confidence or fiducial limits illustrated in
-       the case of the binomial, Biometrika 26, 1934, p. 404.
-    """
-    tail, k = 0.5 * (1.0 - confidence), successes.astype(float)
-    # the quantiles of beta distributions; at the ends, where one has no density, 0 and 1
-    low = np.where(k > 0, betaincinv(np.maximum(k, 1.0), draws - k + 1.0, tail), 0.0)
-    high = np.where(k < draws, betaincinv(k + 1.0, np.maximum(draws - k, 1.0), 1.0 - tail), 1.0)
-    return low, high
 
 
 class NonlinearStabilityStage:
@@ -131,7 +100,7 @@ class NonlinearStabilityStage:
             times = fates.time.reshape(table.shape)
             for i in np.flatnonzero((table != Fate.SURVIVES).any(axis=1)):
                 median[i, k] = np.median(times[i, table[i] != Fate.SURVIVES])
-        low, high = clopper_pearson(counts[Fate.SURVIVES], spec.draws, spec.confidence)
+        low, high = ratio_interval(counts[Fate.SURVIVES], spec.draws, spec.confidence)
         offset = _prescribed_offsets(spec)
         asked = np.repeat(every, offset.shape[1])
         told = trial.fly(asked, trial.start[:, asked] + np.tile(trial.normalise(offset), members))

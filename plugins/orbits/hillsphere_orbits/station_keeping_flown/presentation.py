@@ -107,7 +107,8 @@ def _grid(product: StationKeepingFlown) -> list[FilledColumn]:
         text_column("strategy", [*[UNCORRECTED] * free.size, *strategies], "strategy"),
         column("interval_h", [*free * np.nan, *times], "interval", 6),
         text_column("outcome", outcomes, "outcome"),
-        column("survival", both(part, flown, free), "survival probability", 4),
+        column("survival", both(part, flown, free), "survival probability", 4,
+               interval=("survival_low", "survival_high"), confidence=product.confidence),
         column("survival_low", both(product.low, flown, low), "at least", 3),
         column("survival_high", both(product.high, flown, high), "at most", 3),
         column("cost_m_s", both(product.cost_m_s), "mean Δv", 4),
@@ -158,7 +159,11 @@ def _longest(product: StationKeepingFlown) -> list[FilledColumn]:
         for i, s in np.ndindex(*longest.shape)
     ]
     folding = np.where(np.isinf(product.unstable_time_s), np.nan, product.unstable_time_s)
-    best = np.where(tried, np.max(np.nan_to_num(survival, nan=-1.0), axis=2), np.nan)
+    most = np.argmax(np.nan_to_num(survival, nan=-1.0), axis=2)[..., None]
+    best, best_low, best_high = (
+        np.where(tried, np.take_along_axis(values, most, axis=2)[..., 0], np.nan).ravel()
+        for values in (survival, product.low, product.high)
+    )
     return [
         of("labels", "orbit"),
         of("strategies", "strategy"),
@@ -168,9 +173,18 @@ def _longest(product: StationKeepingFlown) -> list[FilledColumn]:
         column("longest_h", longest.ravel(), "longest interval held", 6),
         column("cost_m_s", next(costs), "mean Δv there", 4),
         column("cost_95_m_s", next(costs), "95 % of Δv there", 4),
-        column("best_survival", best.ravel(), "best survival", 4),
+        column("best_survival", best, "best survival", 4,
+               interval=("best_survival_low", "best_survival_high"), confidence=product.confidence),
+        column("best_survival_low", best_low, "at least", 3),
+        column("best_survival_high", best_high, "at most", 3),
         column("uncorrected_survival", of.spread(product.uncorrected_survival, "orbits"),
-               "survival without correction", 4),
+               "survival without correction", 4,
+               interval=("uncorrected_survival_low", "uncorrected_survival_high"),
+               confidence=product.confidence),
+        column("uncorrected_survival_low", of.spread(product.uncorrected_low, "orbits"),
+               "at least", 3),
+        column("uncorrected_survival_high", of.spread(product.uncorrected_high, "orbits"),
+               "at most", 3),
         of("index_m_s"),
     ]  # fmt: skip
 
@@ -224,7 +238,9 @@ def _tuning_note(product: StationKeepingFlown) -> str:
 def _longest_notes(product: StationKeepingFlown) -> list[str]:
     notes = [
         f"Held: at least {100 * product.survival_required:g} % of {product.cases} flights survive; "
-        "longer intervals, of those tried, do not."
+        "longer intervals, of those tried, do not.",
+        "The best survival is the largest of all intervals tried, with the confidence interval of "
+        "that one by itself.",
     ]
     if np.isfinite(product.index_m_s).any():
         notes.append(

@@ -8,13 +8,13 @@ from math import nan
 import numpy as np
 
 from hillsphere.base.constants import HOUR_S
+from hillsphere.cases.case_classes import ratio_interval
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
 from hillsphere.products import FlightSet, OrbitSet
 from hillsphere.simulation import STATUSES
 from hillsphere_orbits.fidelity_ladder.products import FidelityLadder
-from hillsphere_orbits.nonlinear_stability.stage import clopper_pearson
 from hillsphere_orbits.spatial_qso_families.products import StationKeepingIndex
 from hillsphere_orbits.station_keeping_flown.closed_loop import ClosedLoop
 from hillsphere_orbits.station_keeping_flown.presentation import present_flown
@@ -133,8 +133,8 @@ class StationKeepingFlownStage:
                 targets[i, s, j] = len(weights.targets)
                 survivors_tuning[i, s, j] = outcome.tuned.survivors
         survivors = counts[STATUSES.index("completed")]
-        low, high = clopper_pearson(survivors, spec.cases, spec.confidence)
-        free_low, free_high = clopper_pearson(
+        low, high = ratio_interval(survivors, spec.cases, spec.confidence)
+        free_low, free_high = ratio_interval(
             free[STATUSES.index("completed")], spec.cases, spec.confidence
         )
         ctx.info(f"{len(wanted)} combinations of {spec.cases} flights each")

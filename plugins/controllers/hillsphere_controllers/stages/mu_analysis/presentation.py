@@ -37,6 +37,8 @@ _TITLES = {
 _SINGULAR = 1e-6
 """Smallest singular value of I − M Δ up to which Δ counts as checked in the closed loop; it is the
 limit of `mu.worst_case`."""
+_PROVED = 1.0
+"""Confidence of the bounds: a perturbation reaches the lower, a certificate proves the upper."""
 
 
 def present_analyses(
@@ -59,8 +61,9 @@ def present_analyses(
     metrics = {}
     for one in product.worst:
         if len(product.nominal) == 1:
-            metrics[f"{one.analysis}_upper"] = Metric(one.upper)
-            metrics[f"{one.analysis}_lower"] = Metric(one.lower)
+            bounds = (one.lower, one.upper)
+            metrics[f"{one.analysis}_upper"] = Metric(one.upper, "-", bounds, _PROVED)
+            metrics[f"{one.analysis}_lower"] = Metric(one.lower, "-", bounds, _PROVED)
     metrics["mu_loops"] = Metric(len(product.nominal))
     tables = {
         "mu_summary": _summary(product, reference),
@@ -106,12 +109,15 @@ def _summary(product: MuAnalysis, path: str | None) -> Table:
             )
             for field in ("peak", "grid_peak", "upper", "lower")
         )
+        bounds: dict[str, Any] = {
+            "interval": (f"{name}_lower", f"{name}_certified"), "confidence": _PROVED,
+        }  # fmt: skip
         columns += [
             *_peak_columns(
-                name, title, peak, grid if on_grid and name != "worst_case_gain" else None
+                name, title, peak, grid if on_grid and name != "worst_case_gain" else None, **bounds
             ),
-            column(f"{name}_certified", finite_or_blank(upper), f"{title}, certified", 5),
-            column(f"{name}_lower", finite_or_blank(lower), f"{title}, from below", 5),
+            column(f"{name}_certified", finite_or_blank(upper), f"{title}, certified", 5, **bounds),
+            column(f"{name}_lower", finite_or_blank(lower), f"{title}, from below", 5, **bounds),
         ]
     notes = [
         "For each analysis: the largest bound at one frequency (the lower bound where that is "
@@ -154,13 +160,18 @@ def _division(product: MuAnalysis, one: Analysed) -> str:
     )
 
 
-def _peak_columns(name: str, title: str, peak: Array, grid: Array | None) -> list[FilledColumn]:
-    """Return the column of peaks, beside that of the maxima over published frequencies if any."""
+def _peak_columns(
+    name: str, title: str, peak: Array, grid: Array | None, **bounds: Any
+) -> list[FilledColumn]:
+    """Return the column of peaks, beside that of the maxima over published frequencies if any.
+
+    The bounds are those of the peaks.
+    """
     if grid is None:
-        return [column(name, finite_or_blank(peak), title, 5)]
+        return [column(name, finite_or_blank(peak), title, 5, **bounds)]
     return [
         column(name, finite_or_blank(grid), f"{title}, at the frequencies published", 5),
-        column(f"{name}_peak", finite_or_blank(peak), f"{title}, peak", 5),
+        column(f"{name}_peak", finite_or_blank(peak), f"{title}, peak", 5, **bounds),
     ]
 
 

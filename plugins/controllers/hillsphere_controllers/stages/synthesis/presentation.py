@@ -55,7 +55,10 @@ def present_synthesis(product: Synthesis, duration_s: float | None) -> Presentat
     judged = product.judged
     stable = np.isfinite(judged.hinf)
     metrics = {
-        "synthesis_gamma": Metric(product.gamma),
+        # of a µ synthesis a certified upper bound: above a limit, it refutes nothing
+        "synthesis_gamma": Metric(product.gamma, "-", (0.0, product.gamma), 1.0)
+        if product.norm == "mu"
+        else Metric(product.gamma),
         "synthesis_order": Metric(product.controller.order),
         "synthesis_models_stable": Metric(int(np.count_nonzero(stable))),
     }
