@@ -127,8 +127,9 @@ class Trajectory:
         plotly.graph_objects.Figure or matplotlib.figure.Figure
             The drawn figure.
         """
-        from hillsphere.show.charts import Axis, Chart, Path, Space
+        from hillsphere.show.charts import Axis, Chart, Space
         from hillsphere.show.plotting import plot
+        from hillsphere.show.solids import Path
 
         path = Path(self.x[:3] / 1e3, times=self.t_s / 3600.0)
         scene = Space([path], time=Axis("time", "h"))

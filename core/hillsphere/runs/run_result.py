@@ -12,7 +12,7 @@ from hillsphere.base.errors import InputError, StageError
 from hillsphere.base.problems import did_you_mean
 from hillsphere.runs.judgements import Judgements
 from hillsphere.runs.run_record import Failure
-from hillsphere.show.notebook_html import grid_html, metrics_html
+from hillsphere.show.cells import render_cell, render_grid
 from hillsphere.show.presentation import AnyFigure, Metric, Table
 
 if TYPE_CHECKING:
@@ -83,8 +83,13 @@ class RunResult:
         ):
             rows = [(one.text, one.asked, one.got, one.state) for one in group.values()]
             if rows:
-                parts.append(grid_html(heads, [map(escape, row) for row in rows]))
-        parts.append(metrics_html(self.metrics))
+                parts.append(render_grid(heads, [map(escape, row) for row in rows]))
+        metrics = [
+            (escape(name), render_cell(one.value, 8), "" if one.unit == "-" else escape(one.unit))
+            for name, one in self.metrics.items()
+        ]
+        if metrics:
+            parts.append(render_grid(("metric", "value", "unit"), metrics))
         for what, names in (("tables", self.tables), ("figures", self.figures)):
             parts.append(f"<p>{what}: {', '.join(map(escape, names)) or '–'}</p>")
         return "".join(parts)

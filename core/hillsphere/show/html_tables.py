@@ -11,10 +11,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
-from hillsphere.show.presentation import Cell, Column, Printed, Table
+from hillsphere.show.cells import Cell, Printed, render_cell
+from hillsphere.show.presentation import Column, Table
 from hillsphere.show.reference import computed_columns, without_unit
 
-__all__ = ["render_cell", "render_table"]
+__all__ = ["render_table"]
 
 MAX_ROWS = 200
 """Most rows of a table in the report, so that the page stays readable; the CSV file has all."""
@@ -179,18 +180,3 @@ def _mark(ours: Any, printed: Any) -> str:
         return " <span class=differs>Δ</span>"
     title = "difference in units of the last printed digit"
     return f' <span class=differs title="{title}">Δ {printed.difference(value):+.2f}</span>'
-
-
-def render_cell(value: Any, digits: int) -> str:
-    """Return the HTML of one value with so many significant digits; a dash for a missing one."""
-    if hasattr(value, "dtype"):
-        value = value.item()
-    if value is None:
-        return "–"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, Printed):
-        return escape(value.text)
-    if isinstance(value, float):
-        return "–" if math.isnan(value) else f"{value:.{digits}g}".replace("-", "−")
-    return escape(str(value))

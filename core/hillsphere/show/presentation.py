@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from decimal import Decimal
+from html import escape
 from typing import TYPE_CHECKING, TypeAlias
 
 from hillsphere.base.errors import StageError
+from hillsphere.show.cells import Cell, Printed, render_cell, render_grid
 from hillsphere.show.charts import Chart, Space
 from hillsphere.show.colours import PALETTE
 
@@ -24,63 +24,9 @@ __all__ = [
 
 _IDENTIFIER = re.compile(r"[a-z][a-z0-9_]{0,99}")
 _FILE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,80}(\.[a-z0-9]{1,8}){1,2}")
-_DECIMAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
-Cell: TypeAlias = float | int | str | bool | None
-"""Content of one cell of a table; ``None`` leaves it blank."""
-
-
-class Printed(float):
-    """A number as printed in a paper: its value and its number of digits.
-
-    It is a float. In a table it belongs in a ``*_paper`` column beside the computed one; the report
-    marks whether the two agree to the printed digit.
-
-    Parameters
-    ----------
-    text : str
-        The number as printed, e.g. ``"7.10"``; a typographic minus is understood.
-
-    Raises
-    ------
-    ValueError
-        If it is not a finite decimal number.
-    """
-
-    text: str
-
-    def __new__(cls, text: str) -> Printed:
-        """Parse the printed text."""
-        plain = text.strip().replace("\u2212", "-")
-        if not _DECIMAL.fullmatch(plain):
-            raise ValueError(f"not a decimal number: {text!r}")
-        made = super().__new__(cls, plain)
-        if not math.isfinite(made):
-            raise ValueError(f"too large: {text!r}")
-        made.text = plain
-        return made
-
-    def __reduce__(self) -> tuple[type[Printed], tuple[str]]:
-        return Printed, (self.text,)
-
-    @property
-    def last_digit(self) -> float:
-        """One unit of the last printed digit: 0.01 of ``"7.10"``."""
-        return float(f"1e{self._exponent}")
-
-    @property
-    def _exponent(self) -> int:
-        mantissa, _, exponent = self.text.lower().partition("e")
-        return int(exponent or 0) - len(mantissa.partition(".")[2])
-
-    def difference(self, value: float) -> float:
-        """Return value − printed in units of the last printed digit."""
-        # Scaled in decimal: in binary 39.45 − 39.4 is 0.0500…04, half a unit and a bit.
-        return float((Decimal(repr(float(value))) - Decimal(self.text)).scaleb(-self._exponent))
-
-    def agrees(self, value: float) -> bool:
-        """Whether the value, rounded to the printed digit, is the printed number."""
-        return math.isfinite(value) and abs(self.difference(value)) <= 0.5
+_NOTEBOOK_ROWS = 60
+"""Rows of a table in a notebook, as many as pandas shows."""
 
 
 @dataclass(frozen=True)
@@ -160,10 +106,20 @@ class Table:
         return f"<Table {self.title!r}: {len(self.rows)} rows of {names}>"
 
     def _repr_html_(self) -> str:
-        """Return the table for a notebook, as in the report."""
-        from hillsphere.show.notebook_html import table_html
-
-        return table_html(self)
+        """Return title, first rows and notes for a notebook."""
+        heads = [
+            f"{c.label}, {c.unit}" if c.label and c.unit not in ("", "-") else c.label or c.name
+            for c in self.columns
+        ]
+        rows = [
+            [render_cell(row.get(c.name), c.digits) for c in self.columns]
+            for row in self.rows[:_NOTEBOOK_ROWS]
+        ]
+        notes = list(self.notes)
+        if len(self.rows) > _NOTEBOOK_ROWS:
+            notes.append(f"The first {_NOTEBOOK_ROWS} of {len(self.rows)} rows.")
+        told = "".join(f"<p>{escape(note)}</p>" for note in notes)
+        return f"<p><b>{escape(self.title)}</b></p>{render_grid(heads, rows)}{told}"
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the table as a data frame.

@@ -21,9 +21,10 @@ from typing import Any
 
 from hillsphere.interfaces.outcomes import CLAIM_STATES, REQUIREMENT_STATES, Judgement
 from hillsphere.mission.report_spec import PLACEHOLDER, ReportSpec, SectionSpec
+from hillsphere.show.cells import render_cell
 from hillsphere.show.charts import Chart
 from hillsphere.show.drawing import Drawing
-from hillsphere.show.html_tables import render_cell, render_table
+from hillsphere.show.html_tables import render_table
 from hillsphere.show.outcomes import format_value
 from hillsphere.show.presentation import AnyFigure, Metric, Table
 
