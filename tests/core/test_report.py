@@ -35,7 +35,8 @@ from hillsphere.presentation import (
 from hillsphere.show.drawing import Drawing, draw
 from hillsphere.show.html_tables import MAX_ROWS
 from hillsphere.show.plotly_renderer import plotly_figure
-from hillsphere.show.report import Report, ShownFigure, StageResult, render
+from hillsphere.show.report import render
+from hillsphere.show.report_content import Report, ShownFigure, StageResult
 
 VOID = {"meta", "img", "br", "hr", "input"}
 
@@ -185,13 +186,30 @@ def test_first_screen_answers_with_numbers() -> None:
     }
     text, found = page(stage, spec=spec, requirements=outcomes)
     assert "It is 1.5 m, and 2.5 kg heavy: undecided." in found.text
-    screen = text.partition("<details")[0]
+    screen = text.partition("<main>")[2].partition("<details")[0]
     for part in ("Is it small?", "<span class=big>1.5 <span class=unit>m</span>", "asked ≤ 2 m",
                  "2.5 <span class=unit>kg</span>", "no scale", 'id="figure-f_one"'):  # fmt: skip
         assert part in screen
     assert "— By care" in text
     assert text.count('id="figure-f_one"') == 1
     assert "shown above" in text  # in the section, which names it too
+
+
+def test_cards_say_what_was_asked_and_what_was_published() -> None:
+    spec = ReportSpec(numbers=("closed", "table_1", "one.largest_error_km"))
+    requirement = Judgement("met", "closed", "≤ 2 m", "1.5 m", 1.5, 2.0, "m")
+    claim = Judgement("refuted", "Table 1", "25 printed values", "23 of 25 equal")
+    stage = StageResult("one", "make", own_metrics={"largest_error_km": Metric(2.5, "km")})
+    text, _ = page(stage, spec=spec, requirements={"closed": requirement},
+                   claims={"table_1": claim})  # fmt: skip
+    cards = re.findall("<li><span class=label>(.*?)</li>", text)
+    shown = [re.sub("<[^>]*>", "|", card) for card in cards]
+    assert shown == [
+        "closed||1.5 |m||||met| asked ≤ 2 m|",
+        "Table 1||23 of 25 equal|||refuted| published 25 printed values|",
+        "largest error||2.5 |km||||",
+    ]
+    assert '<table class="outcomes claims"' in text
 
 
 def test_a_table_and_a_figure_may_share_a_name() -> None:
@@ -220,7 +238,7 @@ def test_wide_tables_hide_columns_and_lift_constants() -> None:
     text, found = page(StageResult("s", "make", tables={"t": Table("T", columns, rows)}))
     assert "(c 7)" in found.text
     assert "all 10 columns" in found.text
-    assert len(re.findall('<th scope=col class="more">', text)) == 2
+    assert len(re.findall('<th scope=col class="more"', text)) == 2
     # two rows of many columns stand on their side
     text, _ = page(StageResult("s", "make", tables={"t": Table("T", columns, rows[:2])}))
     assert "class=transposed" in text
@@ -275,7 +293,8 @@ def test_cells(value: Any, shown: str) -> None:
 def test_long_tables_are_cut_and_say_so() -> None:
     table = Table("T", [Column("i")], [{"i": i} for i in range(MAX_ROWS + 5)])
     _, found = page(StageResult("s", "make", tables={"long": table}))
-    assert f"The first {MAX_ROWS} of {MAX_ROWS + 5} rows" in found.text
+    assert f"The first {MAX_ROWS} of {MAX_ROWS + 5} rows; tables/long.csv has all." in found.text
+    assert f"copy {MAX_ROWS} of {MAX_ROWS + 5} rows as CSV" in found.text
     assert str(MAX_ROWS - 1) in found.cells
     assert str(MAX_ROWS) not in found.cells
 

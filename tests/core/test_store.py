@@ -17,6 +17,8 @@ import pytest
 
 from hillsphere.errors import InputError, StageError
 from hillsphere.presentation import Column, Printed, Table
+from hillsphere.runs.run_comparison import compare_runs
+from hillsphere.runs.run_summary import RunSummary
 from hillsphere.runs.store import RunDirectory, csv_text, plain_json
 
 NOW = datetime(2026, 11, 21, 3, 4, 5, tzinfo=UTC)
@@ -30,7 +32,8 @@ def directory(tmp_path: Path) -> RunDirectory:
     ("value", "plain"),
     [
         (math.nan, None),
-        (np.float64("inf"), None),
+        (np.float64("inf"), "inf"),
+        (-math.inf, "-inf"),
         (np.float32(0.5), 0.5),
         (np.int64(3), 3),
         (np.bool_(True), True),
@@ -161,3 +164,14 @@ def test_the_digest_of_a_product_is_that_of_its_file(tmp_path: Path) -> None:
     run = directory(tmp_path)
     digest = run.put_product("cases/a", CaseList(("a",), ("m",), np.zeros((1, 2)), ("b", "c")))
     assert digest == sha256((run.path / "cases" / "a.npz").read_bytes()).hexdigest()
+
+
+def test_not_a_number_and_infinity_differ_in_a_comparison() -> None:
+    def run(value: float) -> RunSummary:
+        manifest: dict[str, Any] = {"mission": {}, "versions": {}, "platform": {}, "stages": {}}
+        metrics = {"margin": {"value": value, "unit": "dB"}}
+        return RunSummary(Path("run"), manifest, plain_json({"metrics": metrics, "tables": {}}))
+
+    values = (math.nan, math.inf, -math.inf, 1.0)
+    equal = [[not compare_runs(run(a), run(b)).results for b in values] for a in values]
+    assert equal == np.eye(4, dtype=bool).tolist()

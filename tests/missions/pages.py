@@ -107,7 +107,7 @@ def _check_tables(page: Any) -> None:
     assert before is None
     assert heading.get_attribute("aria-sort") == "ascending"
     values = table.locator("tbody tr").evaluate_all(
-        "rows => rows.map(r => Number(r.cells[1].dataset.v ?? r.cells[1].textContent))"
+        "rows => rows.map(r => (r.cells[1].dataset.v ?? r.cells[1].textContent) || NaN).map(Number)"
     )
     numbers = [value for value in values if value == value and value is not None]
     assert numbers == sorted(numbers)

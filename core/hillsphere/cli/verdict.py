@@ -74,7 +74,8 @@ def exit_code(summary: Mapping[str, Any]) -> ExitCode:
 
 def format_margin(row: Mapping[str, Any]) -> str:
     """Return the distance of a value from its limit: ``"3 decades"``, ``"12 %"``."""
-    if row["margin"] is None or row["asked"][:1] not in ("≤", "<", "≥", ">"):
+    # An infinite margin is a text in summary.json.
+    if isinstance(row["margin"], str | None) or row["asked"][:1] not in ("≤", "<", "≥", ">"):
         return ""
     margin, value, limit = float(row["margin"]), float(row["value"]), float(row["limit"])
     smaller, larger = sorted((abs(value), abs(limit)))

@@ -41,7 +41,7 @@ from hillsphere.show.charts import Chart
 from hillsphere.show.drawing import draw
 from hillsphere.show.plotly_renderer import plotly_figure
 from hillsphere.show.presentation import AnyFigure, check_presentation
-from hillsphere.show.report import ShownFigure
+from hillsphere.show.report_content import ShownFigure
 
 __all__ = ["RunResult", "resume_run", "run_mission"]
 

@@ -16,7 +16,8 @@ from hillsphere.runs.judgements import Judgements, RunEvidence
 from hillsphere.runs.run_manifest import SCHEMA
 from hillsphere.runs.stage_cache import StageKeys, file_digest
 from hillsphere.show.presentation import AnyFigure, Metric, Presentation, Table
-from hillsphere.show.report import Report, ShownFigure, StageResult, render
+from hillsphere.show.report import render
+from hillsphere.show.report_content import Report, ShownFigure, StageResult
 
 __all__ = ["Failure", "RunRecord", "StageRecord", "free_name"]
 

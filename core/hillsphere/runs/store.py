@@ -327,7 +327,7 @@ def _csv_cell(value: Any) -> Any:
 
 
 def plain_json(value: Any) -> Any:
-    """Convert a value to JSON types: nan and infinities become null, arrays become lists.
+    """Convert a value to JSON types: nan becomes null, an infinity a text, arrays become lists.
 
     Parameters
     ----------
@@ -337,7 +337,8 @@ def plain_json(value: Any) -> Any:
     Returns
     -------
     object
-        Consists of dict, list, str, int, float, bool and ``None``.
+        Consists of dict, list, str, int, float, bool and ``None``. JSON has no infinity, which is
+        ``"inf"`` or ``"-inf"``.
 
     Raises
     ------
@@ -349,7 +350,9 @@ def plain_json(value: Any) -> Any:
     if value is None or isinstance(value, bool | int | str):
         return value
     if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
+        if math.isinf(value):
+            return str(value)
+        return None if math.isnan(value) else float(value)
     if isinstance(value, Mapping):
         return {str(key): plain_json(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):

@@ -9,12 +9,14 @@ from decimal import Decimal
 from html import escape
 from typing import Any, TypeAlias
 
-__all__ = ["Cell", "Printed", "render_cell", "render_grid"]
+__all__ = ["CELL_TYPES", "Cell", "Printed", "render_cell", "render_grid"]
 
 _DECIMAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 Cell: TypeAlias = float | int | str | bool | None
 """Content of one cell of a table; ``None`` leaves it blank."""
+CELL_TYPES = (float, int, str, type(None))
+"""Its types, of which int has the truth values; a tuple, since campaigns have a million cells."""
 
 
 class Printed(float):

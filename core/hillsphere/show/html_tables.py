@@ -15,7 +15,7 @@ from hillsphere.show.cells import Cell, Printed, render_cell
 from hillsphere.show.presentation import Column, Table
 from hillsphere.show.reference import computed_columns, without_unit
 
-__all__ = ["render_table"]
+__all__ = ["heading_text", "render_table"]
 
 MAX_ROWS = 200
 """Most rows of a table in the report, so that the page stays readable; the CSV file has all."""
@@ -23,6 +23,9 @@ _SHOWN_COLUMNS = 8
 """Columns at first sight: more do not fit a page beside the contents."""
 _FEW_ROWS = 3
 """Rows up to which a table with more columns than are shown is transposed."""
+_MOST_DIGITS_OFF = 100.0
+"""Units of the last printed digit from which a difference is told in per cent: its size says more
+than its digits."""
 _FEWEST_FOR_CONSTANTS = 3
 """Rows from which a column with one value is a constant of the table, not a coincidence."""
 
@@ -50,7 +53,7 @@ def render_table(name: str, table: Table, csv: str) -> str:
     caption = f"<b>{escape(table.title)}</b>"
     if constants:
         row = table.rows[0]
-        told = (f"{_heading_text(c)} {render_cell(row.get(c.name), c.digits)}"
+        told = (f"{heading_text(c)} {render_cell(row.get(c.name), c.digits)}"
                 f"{_unit(c.unit, ' ')}" for c in constants)  # fmt: skip
         caption += f" <span class=soft>({', '.join(told)})</span>"
     if len(table.rows) <= _FEW_ROWS and len(columns) > _SHOWN_COLUMNS:
@@ -61,11 +64,12 @@ def render_table(name: str, table: Table, csv: str) -> str:
     if any(isinstance(row.get(twin), Printed) for row in table.rows for twin in twins):
         notes.append(
             "✓ agrees with the paper to its printed digit; Δ difference (computed − paper) in "
-            "units of the paper's last digit."
+            "units of the paper's last digit, or in per cent if it is a hundred of them or more."
         )
     if len(table.rows) > MAX_ROWS:
-        notes.append(f"The first {MAX_ROWS} of {len(table.rows)} rows; the file has all.")
-    buttons = "<button type=button class=copy hidden>copy as CSV</button>"
+        notes.append(f"The first {MAX_ROWS} of {len(table.rows)} rows; {csv} has all.")
+    part = f" {MAX_ROWS} of {len(table.rows)} rows" if len(table.rows) > MAX_ROWS else ""
+    buttons = f"<button type=button class=copy hidden>copy{part} as CSV</button>"
     if is_wide:
         buttons = (
             f"<button type=button class=all hidden>all {len(columns)} columns</button>{buttons}"
@@ -96,12 +100,16 @@ def _is_same(one: Cell, other: Cell) -> bool:
 
 
 def _lay_upright(table: Table, columns: Sequence[Column], twins: Mapping[str, str]) -> str:
+    # Constants, which the caption tells, are there without being shown: a copy has every column.
+    hidden = {column.name: "constant" for column in table.columns}
+    hidden |= {column.name: "" for column in columns}
+    hidden |= {column.name: "more" for column in columns[_SHOWN_COLUMNS:]}
     head = "".join(
-        _heading(column, column.name in twins, index >= _SHOWN_COLUMNS, "col")
-        for index, column in enumerate(columns)
+        _heading(column, column.name in twins, hidden[column.name], "col")
+        for column in table.columns
     )
     rows = "".join(
-        f"<tr{f' data-row={index}'}>{_row(columns, twins, row)}</tr>"
+        f"<tr{f' data-row={index}'}>{_row(table.columns, twins, row, hidden)}</tr>"
         for index, row in enumerate(table.rows[:MAX_ROWS])
     )
     return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
@@ -111,18 +119,19 @@ def _lay_transposed(table: Table, columns: Sequence[Column], twins: Mapping[str,
     lines = []
     for column in columns:
         cells = "".join(_cell(column, twins, row, "") for row in table.rows)
-        lines.append(f"<tr>{_heading(column, column.name in twins, False, 'row')}{cells}</tr>")
+        lines.append(f"<tr>{_heading(column, column.name in twins, '', 'row')}{cells}</tr>")
     return f"<table class=transposed><tbody>{''.join(lines)}</tbody></table>"
 
 
-def _heading(column: Column, is_twin: bool, is_hidden: bool, scope: str) -> str:
-    text = column.label or ("paper" if is_twin else _heading_text(column))
+def _heading(column: Column, is_twin: bool, hidden: str, scope: str) -> str:
+    text = column.label or ("paper" if is_twin else heading_text(column))
     unit = "" if is_twin else column.unit  # that of the computed column beside it
-    classes = _classes(twin=is_twin, text=not column.unit, more=is_hidden)
-    return f"<th scope={scope}{classes}>{escape(text)}{_unit(unit, '', 'unit')}</th>"
+    classes = _classes("twin" * is_twin, "text" * (not column.unit), hidden)
+    name = f' data-v="{escape(column.name)}"'
+    return f"<th scope={scope}{classes}{name}>{escape(text)}{_unit(unit, '', 'unit')}</th>"
 
 
-def _heading_text(column: Column) -> str:
+def heading_text(column: Column) -> str:
     """Return the label of a column, or its name without its unit, which is shown beside it."""
     return column.label or without_unit(column).replace("_", " ")
 
@@ -134,40 +143,42 @@ def _unit(unit: str, before: str, css: str = "") -> str:
     return f'<span class="{css}">{shown}</span>' if css else shown
 
 
-def _row(columns: Iterable[Column], twins: Mapping[str, str], row: Mapping[str, Cell]) -> str:
+def _row(
+    columns: Iterable[Column], twins: Mapping[str, str], row: Mapping[str, Cell],
+    hidden: Mapping[str, str],
+) -> str:  # fmt: skip
     return "".join(
-        _cell(column, twins, row, "more" if index >= _SHOWN_COLUMNS else "", is_first=index == 0)
+        _cell(column, twins, row, hidden[column.name], is_first=index == 0)
         for index, column in enumerate(columns)
     )
 
 
 def _cell(
-    column: Column, twins: Mapping[str, str], row: Mapping[str, Cell], more: str, *,
+    column: Column, twins: Mapping[str, str], row: Mapping[str, Cell], hidden: str, *,
     is_first: bool = False,
 ) -> str:  # fmt: skip
     value = row.get(column.name)
     is_twin = column.name in twins
     mark = _mark(row.get(twins[column.name]), value) if is_twin else ""
-    classes = _classes(
-        twin=is_twin, text=not column.unit or isinstance(value, str), more=bool(more)
-    )
-    number = _sort_key(value)
-    key = f" data-v={number}" if number else ""
+    is_text = not column.unit or isinstance(value, str)
+    classes = _classes("twin" * is_twin, "text" * is_text, hidden)
     tag = "th scope=row" if is_first else "td"
-    return f"<{tag}{classes}{key}>{render_cell(value, column.digits)}{mark}</{tag[:2]}>"
+    return f"<{tag}{classes}{_exact(value)}>{render_cell(value, column.digits)}{mark}</{tag[:2]}>"
 
 
-def _classes(**classes: bool) -> str:
-    names = " ".join(name for name, is_set in classes.items() if is_set)
-    return f' class="{names}"' if names else ""
+def _classes(*names: str) -> str:
+    kept = " ".join(filter(None, names))
+    return f' class="{kept}"' if kept else ""
 
 
-def _sort_key(value: Any) -> str:
-    """Return the exact number of a cell where its text differs from it, ``""`` otherwise."""
+def _exact(value: Any) -> str:
+    """Return the attribute with a cell as the CSV file has it, where its text is another."""
     plain = value.item() if hasattr(value, "dtype") else value
-    if isinstance(plain, bool) or not isinstance(plain, float) or not math.isfinite(plain):
-        return ""
-    return repr(float(plain))
+    if plain is None:
+        return ' data-v=""'
+    if isinstance(plain, Printed):
+        return f" data-v={plain.text}"
+    return f" data-v={plain!r}" if isinstance(plain, bool | float) else ""
 
 
 def _mark(ours: Any, printed: Any) -> str:
@@ -178,5 +189,9 @@ def _mark(ours: Any, printed: Any) -> str:
         return ' <span class=agrees title="agrees to the printed digit">✓</span>'
     if not math.isfinite(value):
         return " <span class=differs>Δ</span>"
+    difference = printed.difference(value)
     title = "difference in units of the last printed digit"
-    return f' <span class=differs title="{title}">Δ {printed.difference(value):+.2f}</span>'
+    shown = f"{difference:+.2f}"
+    if abs(difference) >= _MOST_DIGITS_OFF and printed != 0.0:
+        title, shown = "relative difference", f"{100.0 * (value / printed - 1.0):+.3g} %"
+    return f' <span class=differs title="{title}">Δ {shown}</span>'

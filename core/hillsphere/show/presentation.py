@@ -9,7 +9,7 @@ from html import escape
 from typing import TYPE_CHECKING, TypeAlias
 
 from hillsphere.base.errors import StageError
-from hillsphere.show.cells import Cell, Printed, render_cell, render_grid
+from hillsphere.show.cells import CELL_TYPES, Cell, Printed, render_cell, render_grid
 from hillsphere.show.charts import Chart, Space
 from hillsphere.show.colours import PALETTE
 
@@ -261,8 +261,10 @@ def presentation_faults(presentation: Presentation) -> list[str]:
             for end in column.interval
             if end not in columns
         ]
+        known = set(columns)
         for index, row in enumerate(table.rows):
-            if extra := sorted(set(row) - set(columns)):
+            if not row.keys() <= known:
+                extra = sorted(row.keys() - known)
                 faults.append(f"table {name!r}, row {index}: no column is called {extra}")
             faults += [
                 f"table {name!r}, row {index}: {key} is a {type(value).__name__}"
@@ -291,5 +293,6 @@ def _chart_faults(name: str, chart: Chart, tables: Mapping[str, Table]) -> list[
 
 def _is_cell(value: object) -> bool:
     # numpy's scalars have a dtype and no axis; numpy itself is not imported here.
-    scalar = hasattr(value, "dtype") and getattr(value, "ndim", 1) == 0
-    return value is None or scalar or isinstance(value, float | int | str | bool)
+    return isinstance(value, CELL_TYPES) or (
+        hasattr(value, "dtype") and getattr(value, "ndim", 1) == 0
+    )

@@ -3,6 +3,9 @@
 
 const isDark = window.matchMedia("(prefers-color-scheme: dark)");
 const NARROW_PX = 620; // below this width the panels of a figure stand below one another
+const PAPER = ["#000000", "#444444", "#dddddd"]; // ink, axes and grid in print
+const PAPER_PX = 1000; // width of a figure on the page, which print shrinks to the paper
+const MOST_VECTOR = 300_000; // characters of a plot's data beyond which its SVG would be slow
 
 /** Return plotly.js, unpacked and run at the first call; null where the browser cannot. */
 let plotly = null;
@@ -20,10 +23,14 @@ function loadPlotly() {
   return plotly;
 }
 
-/** Return a copy of a layout with the colours of the page. */
-function themed(layout) {
+/** Return the colours of ink, axes and grid on the page. */
+function pageColours() {
   const css = getComputedStyle(document.documentElement);
-  const [ink, soft, grid] = ["--ink", "--soft", "--grid"].map((n) => css.getPropertyValue(n).trim());
+  return ["--ink", "--soft", "--grid"].map((n) => css.getPropertyValue(n).trim());
+}
+
+/** Return a copy of a layout with such colours. */
+function themed(layout, [ink, soft, grid]) {
   const made = structuredClone(layout);
   made.font = { color: ink, size: 12, family: "system-ui, sans-serif" };
   made.paper_bgcolor = made.plot_bgcolor = "rgba(0,0,0,0)";
@@ -43,16 +50,19 @@ function themed(layout) {
   return made;
 }
 
-/** Replace black, which a dark page swallows, everywhere in a figure. */
-function recolour(figure) {
-  const text = JSON.stringify(figure);
+/** Return the data of a plot. */
+const textOf = (box) => document.getElementById(`plot-${box.dataset.plot}`).textContent;
+
+/** Return a figure on the page: a dark one would swallow black. */
+function figureOf(box) {
+  const text = textOf(box);
   return JSON.parse(isDark.matches ? text.replaceAll('"#000000"', '"#e4e8ec"') : text);
 }
 
 async function draw(box) {
   const library = await loadPlotly();
   if (!library) return showPictures();
-  const given = recolour(JSON.parse(document.getElementById(`plot-${box.dataset.plot}`).textContent));
+  const given = figureOf(box);
   const isNarrow = box.clientWidth < NARROW_PX && given.narrow;
   if (isNarrow) {
     for (const [key, part] of Object.entries(given.narrow.layout)) Object.assign(given.layout[key], part);
@@ -62,13 +72,36 @@ async function draw(box) {
   box.style.height = `${height}px`;
   const options = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d"] };
   try {
-    await library.newPlot(box, given.data, themed(given.layout), options);
+    await library.newPlot(box, given.data, themed(given.layout, pageColours()), options);
   } catch {
     return showPictures();
   }
   box.dataset.drawn = "yes";
+  if (!box.closest("details")) preparePrint([box]);
   linkRows(box, given.data);
   addSlider(box, given);
+}
+
+/** Draw pictures of plots without one, in idle time: printing does not wait for plotly.js. */
+let pictures = Promise.resolve();
+function preparePrint(boxes) {
+  for (const box of boxes) {
+    if (box.parentElement.querySelector(".picture") || box.dataset.printed) continue;
+    box.dataset.printed = "yes";
+    const idle = () => new Promise((go) => (window.requestIdleCallback ?? setTimeout)(go));
+    pictures = pictures.then(idle).then(() => addPicture(box)).catch(() => {});
+  }
+}
+
+async function addPicture(box) {
+  const library = await loadPlotly();
+  if (!library) return;
+  const text = textOf(box);
+  const given = JSON.parse(text);
+  const figure = { data: given.data, layout: themed(given.layout, PAPER) };
+  const format = text.length > MOST_VECTOR ? "png" : "svg";
+  const src = await library.toImage(figure, { format, width: PAPER_PX, height: given.height });
+  box.after(Object.assign(new Image(), { className: "picture", alt: box.getAttribute("aria-label"), src }));
 }
 
 function showPictures() {
@@ -141,7 +174,7 @@ isDark.addEventListener("change", () => plots.filter((box) => box.dataset.drawn)
 function keyOf(row, index) {
   const cell = row.cells[index];
   const text = (cell.dataset.v ?? cell.textContent).trim().replace("−", "-").replace("inf", "Infinity");
-  if (text === "" || text === "–") return null;
+  if (["", "–", "nan"].includes(text)) return null;
   return Number.isNaN(Number(text)) ? text : Number(text);
 }
 
@@ -172,12 +205,14 @@ for (const heading of document.querySelectorAll(".table thead th")) {
   });
 }
 
-/** Return a table as CSV with the exact numbers. */
+/** Return a table as CSV, as its file has it: every column, and the exact numbers. */
 function csvOf(table) {
   const quote = (text) => (/[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
-  return [...table.rows]
-    .map((row) => [...row.cells].map((cell) => quote(cell.dataset.v ?? cell.innerText.replace(/\s+/g, " ").trim())).join(","))
-    .join("\n");
+  const text = (cell) => quote(cell.dataset.v ?? cell.textContent.replace(/\s+/g, " ").trim());
+  const lines = [...table.rows].map((row) => [...row.cells].map(text));
+  const isTurned = table.classList.contains("transposed");
+  const rows = isTurned ? lines[0].map((_, i) => lines.map((line) => line[i])) : lines;
+  return rows.map((row) => row.join(",")).join("\n");
 }
 
 for (const figure of document.querySelectorAll(".table")) {
@@ -190,6 +225,7 @@ for (const figure of document.querySelectorAll(".table")) {
     });
   }
   copy.hidden = false;
+  const offer = copy.textContent;
   copy.addEventListener("click", async () => {
     const text = csvOf(figure.querySelector("table"));
     try {
@@ -201,8 +237,8 @@ for (const figure of document.querySelectorAll(".table")) {
       document.execCommand("copy");
       area.remove();
     }
-    copy.textContent = "copied";
-    setTimeout(() => (copy.textContent = "copy as CSV"), 1500);
+    copy.textContent = offer.replace("copy", "copied");
+    setTimeout(() => (copy.textContent = offer), 1500);
   });
 }
 
@@ -210,6 +246,9 @@ for (const figure of document.querySelectorAll(".table")) {
 const search = document.getElementById("search");
 const folds = [...document.querySelectorAll("main > details")];
 search.hidden = false;
+for (const fold of folds) {
+  fold.addEventListener("toggle", () => fold.open && preparePrint(fold.querySelectorAll(".plot")));
+}
 search.addEventListener("input", () => {
   const wanted = search.value.trim().toLowerCase();
   for (const fold of folds) {
@@ -228,6 +267,14 @@ function openTarget() {
 }
 window.addEventListener("hashchange", openTarget);
 openTarget();
+
+/** Fold the contents on a narrow page, where they would stand before the answer. */
+const contents = document.querySelector("nav details");
+const isWide = window.matchMedia("(min-width: 56.01rem)");
+const foldContents = () => (contents.open = isWide.matches);
+isWide.addEventListener("change", foldContents);
+contents.addEventListener("click", (event) => event.target.closest("a") && foldContents());
+foldContents();
 
 /** Mark the entry of the contents whose section is in view. */
 const links = new Map([...document.querySelectorAll("nav a")].map((a) => [a.hash.slice(1), a]));

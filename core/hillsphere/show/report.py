@@ -10,147 +10,39 @@ from __future__ import annotations
 import json
 import zlib
 from base64 import b64encode
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import cache
 from hashlib import sha256
 from html import escape
 from importlib.resources import files
 from typing import Any
 
-from hillsphere.interfaces.outcomes import CLAIM_STATES, REQUIREMENT_STATES, Judgement
-from hillsphere.mission.report_spec import PLACEHOLDER, ReportSpec, SectionSpec
-from hillsphere.show.cells import render_cell
+from hillsphere.mission.report_spec import PLACEHOLDER, SectionSpec
 from hillsphere.show.charts import Chart
 from hillsphere.show.drawing import Drawing
 from hillsphere.show.html_tables import render_table
 from hillsphere.show.outcomes import format_value
-from hillsphere.show.presentation import AnyFigure, Metric, Table
+from hillsphere.show.presentation import AnyFigure
+from hillsphere.show.report_content import Report, StageResult
+from hillsphere.show.report_outcomes import (
+    metric_card,
+    metric_table,
+    outcome_card,
+    outcome_table,
+    plain_value,
+)
 
-__all__ = ["Report", "ShownFigure", "StageResult", "content_policy", "render"]
+__all__ = ["content_policy", "render"]
 
 _STATES = {"failed": "failed", "interrupted": "was interrupted", "not run": "was not run"}
 _WITHOUT_SCRIPTS = ".plot { display: none; } .plot ~ .picture, .hint { display: block; }"
 """Style that shows the pictures where no script draws the plots."""
-_FIRST_OUTCOMES = 6
-"""Requirements, and claims, on the first screen; the others are folded."""
 _DEFAULT_NUMBERS = 4
 """Large numbers on the first screen: one row at 1280 pixels."""
 _COMPRESSION = 4
 """Level of zlib for plotly.js: 0.07 s of CPU; the highest needs 0.18 s for 4 % less."""
 _LONGEST_LEAD = 110
 """Longest sentence, in characters, beside the title of a folded section."""
-
-
-@dataclass(frozen=True)
-class ShownFigure:
-    """A figure of the report.
-
-    Parameters
-    ----------
-    figure : Figure or Chart
-        The figure.
-    plot : mapping or None
-        Its form for plotly.js; None for one that a stage draws itself.
-    drawing : Drawing or None
-        Its picture, if it was drawn.
-    """
-
-    figure: AnyFigure
-    plot: Mapping[str, Any] | None = None
-    drawing: Drawing | None = None
-
-
-@dataclass(frozen=True)
-class StageResult:
-    """What the report says about one stage.
-
-    Parameters
-    ----------
-    stage, type, title : str
-        Name and type of the stage, and what it is in words.
-    state : str
-        ``"done"``, ``"failed"``, ``"interrupted"`` or ``"not run"``.
-    seconds : float
-        Time it took.
-    cached : bool
-        Whether its product was taken from the cache.
-    message : str
-        Error message of a stage that failed.
-    notes : sequence of str
-        Its sentences of the verdict.
-    metrics, tables, figures : mapping
-        Its presentation, by identifier in the run.
-    own_tables, own_figures : mapping
-        The stage's own name of a table, or of a figure → that in the run.
-    own_metrics : mapping
-        Its metrics by the stage's own names.
-    files : tuple of str
-        Further files, relative to the page.
-    """
-
-    stage: str
-    type: str
-    title: str = ""
-    state: str = "done"
-    seconds: float = 0.0
-    cached: bool = False
-    message: str = ""
-    notes: Sequence[str] = ()
-    metrics: Mapping[str, Metric] = field(default_factory=dict)
-    tables: Mapping[str, Table] = field(default_factory=dict)
-    figures: Mapping[str, ShownFigure] = field(default_factory=dict)
-    own_tables: Mapping[str, str] = field(default_factory=dict)
-    own_figures: Mapping[str, str] = field(default_factory=dict)
-    own_metrics: Mapping[str, Metric] = field(default_factory=dict)
-    files: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Report:
-    """Content of the report.
-
-    Parameters
-    ----------
-    mission, title, description : str
-        Name, title and description of the mission.
-    profile : str
-        Name of the profile, ``""`` for none.
-    verdict : str
-        Verdict in one line.
-    spec : ReportSpec
-        What the mission says about its report.
-    requirements, claims : mapping
-        Outcomes by name, in the order of the mission.
-    stages : sequence of StageResult
-        In order.
-    started : str
-        Time of the start, UTC.
-    seconds : float
-        Duration of the whole run.
-    command : str
-        Command line that reproduces the results.
-    mission_text : str
-        The mission file; ``""`` if the mission was made in Python.
-    versions : mapping
-        Name to version.
-    """
-
-    mission: str
-    title: str
-    description: str
-    profile: str
-    verdict: str
-    spec: ReportSpec
-    requirements: Mapping[str, Judgement]
-    claims: Mapping[str, Judgement]
-    stages: Sequence[StageResult]
-    started: str
-    seconds: float
-    command: str
-    mission_text: str
-    versions: Mapping[str, str]
 
 
 def render(report: Report) -> str:
@@ -260,27 +152,14 @@ class _Page:
         return f"<ul class=cards>{cards}</ul>" if cards else ""
 
     def _card(self, name: str) -> str:
-        one = self.report.requirements.get(name) or self.report.claims.get(name)
-        if one is not None:
-            value, unit = one.value, one.unit
-            big = format_value(value, "") if value is not None else (one.got or one.state)
-            below = f"{_badge(one.state)} {f'asked {escape(one.asked)}' if one.asked else ''}"
-            label = one.text
-            if isinstance(one.limit, int) and one.asked.endswith("printed values"):
-                big, unit = f"{value} of {one.limit}", ""
-        else:
-            stage, _, metric = name.partition(".")
-            result = self.by_stage.get(stage)
-            found = result and result.own_metrics.get(metric)
-            if not found:
-                return ""
-            label, below = metric.replace("_", " "), ""
-            big, unit = format_value(_plain(found.value), ""), found.unit
-        shown = f" <span class=unit>{escape(unit)}</span>" if unit not in ("", "-") else ""
-        return (
-            f"<li><span class=label>{escape(label)}</span>"
-            f"<span class=big>{escape(big)}{shown}</span><span class=soft>{below}</span></li>"
-        )
+        for what, group in (("requirement", self.report.requirements),
+                            ("claim", self.report.claims)):  # fmt: skip
+            if name in group:
+                return outcome_card(what, group[name])
+        stage, _, own = name.partition(".")
+        result = self.by_stage.get(stage)
+        metric = result and result.own_metrics.get(own)
+        return metric_card(own, metric) if metric else ""
 
     def overview(self) -> str:
         """Return the figure that carries the answer, beside requirements and claims."""
@@ -296,8 +175,8 @@ class _Page:
             figures[0] if figures else None,
         )
         figure = self._show_figure(*lead, is_open=True) if lead else ""
-        tables = _outcomes("requirement", "asked", self.report.requirements)
-        tables += _outcomes("claim", "published", self.report.claims)
+        tables = outcome_table("requirement", self.report.requirements)
+        tables += outcome_table("claim", self.report.claims)
         if not (figure or tables):
             return ""
         side = f"<div class=panel>{tables}</div>" if tables else ""
@@ -320,7 +199,7 @@ class _Page:
                 parts.append(
                     f"<ul>{''.join(f'<li>{escape(note)}</li>' for note in stage.notes)}</ul>"
                 )
-            parts.append(_metrics(stage.metrics))
+            parts.append(metric_table(stage.metrics))
             parts.append(self._show_all(stage))
             if stage.files:
                 links = ", ".join(f'<a href="{escape(n)}">{escape(n)}</a>' for n in stage.files)
@@ -411,11 +290,13 @@ class _Page:
             for n, section in enumerate(self.report.spec.section, 1)
         )
         return (
-            f'<nav aria-label="Contents"><p>{escape(self.report.mission)}</p><ul>'
+            '<nav aria-label="Contents"><details><summary>Contents</summary>'
+            f"<p>{escape(self.report.mission)}</p><ul>"
             f'<li><a href="#answer">Answer</a></li>{sections}'
             '<li><a href="#results">All results</a></li>'
             '<li><a href="#run">How it was run</a></li></ul>'
-            '<input type=search id=search placeholder="Search" aria-label="Search" hidden></nav>'
+            '<input type=search id=search placeholder="Search" aria-label="Search" hidden>'
+            "</details></nav>"
         )
 
 
@@ -428,11 +309,7 @@ def _values(report: Report) -> Iterator[tuple[str, str]]:
     for stage in report.stages:
         for own, metric in stage.own_metrics.items():
             unit = "" if metric.unit == "-" else metric.unit
-            yield f"{stage.stage}.{own}", format_value(_plain(metric.value), unit)
-
-
-def _plain(value: Any) -> Any:
-    return value.item() if hasattr(value, "dtype") else value
+            yield f"{stage.stage}.{own}", format_value(plain_value(metric.value), unit)
 
 
 def _sentence(text: str) -> str:
@@ -449,65 +326,6 @@ def _fold(key: str, title: str, lead: str, body: str) -> str:
     tail = f" <span class=soft>— {lead}</span>" if lead else ""
     return (
         f'<details id="{escape(key)}"><summary><h3>{title}</h3>{tail}</summary>\n{body}\n</details>'
-    )
-
-
-def _badge(state: str) -> str:
-    return f'<span class="badge {escape(state.replace(" ", "-"))}">{escape(state)}</span>'
-
-
-def _outcomes(what: str, asked: str, outcomes: Mapping[str, Judgement]) -> str:
-    """Return the table of requirements or claims: those that need attention first, many folded."""
-    if not outcomes:
-        return ""
-    states = REQUIREMENT_STATES if what == "requirement" else CLAIM_STATES
-    ordered = sorted(outcomes.values(), key=lambda one: states.index(one.state))
-    title = {"requirement": "Requirements", "claim": "Published claims"}[what]
-    head = (
-        f"<thead><tr><th scope=col class=text>{what}</th><th scope=col class=text>{asked}</th>"
-        "<th scope=col class=text>got</th><th scope=col>state</th></tr></thead>"
-    )
-    first, rest = ordered[:_FIRST_OUTCOMES], ordered[_FIRST_OUTCOMES:]
-    if len(rest) == 1:
-        first, rest = ordered, []  # a fold would take the room of the row
-    more = ""
-    if rest:
-        counts = Counter(one.state for one in rest)
-        told = ", ".join(f"{count} {state}" for state, count in counts.items())
-        more = f"<details class=more-rows><summary>{len(rest)} more: {told}</summary>"
-        more += (
-            f"<table class=outcomes>{head}<tbody>{_outcome_rows(rest)}</tbody></table></details>"
-        )
-    return (
-        f"<h2>{title}</h2><table class=outcomes>{head}<tbody>{_outcome_rows(first)}</tbody></table>"
-        + more
-    )
-
-
-def _outcome_rows(outcomes: Iterable[Judgement]) -> str:
-    return "".join(
-        f"<tr><th scope=row class=text>{escape(one.text)}"
-        f"{f' <span class=soft>{escape(one.source)}</span>' if one.source else ''}"
-        f"{f'<br><span class=soft>{escape(one.reason)}</span>' if one.reason else ''}</th>"
-        f"<td class=text>{escape(one.asked)}</td><td class=text>{escape(one.got)}</td>"
-        f"<td>{_badge(one.state)}</td></tr>"
-        for one in outcomes
-    )
-
-
-def _metrics(metrics: Mapping[str, Metric]) -> str:
-    if not metrics:
-        return ""
-    rows = "".join(
-        f"<tr><th scope=row class=text>{escape(name.replace('_', ' '))}</th>"
-        f"<td>{render_cell(metric.value, 6)}</td>"
-        f"<td class=text>{escape(metric.unit) if metric.unit not in ('', '-') else ''}</td></tr>"
-        for name, metric in metrics.items()
-    )
-    return (
-        '<div class=wide tabindex=0 role=region aria-label="Metrics"><table><thead><tr>'
-        "<th scope=col class=text>metric</th><th scope=col>value</th>"
-        f"<th scope=col class=text>unit</th></tr></thead><tbody>{rows}</tbody></table></div>"
     )
 
 
