@@ -5,9 +5,11 @@ The pages are opened as files, as a user does, with the console, requests and er
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -67,8 +69,44 @@ def open_page(
         browser.close()
 
 
+_IDENTIFIER = re.compile(r"\w_\w|[A-Za-z]\w*\.[A-Za-z]")
+"""Two words joined by ``_``, or a key such as ``stage.hover``; ``C3,1`` and ``0.5 m`` are none."""
+
+
+def identifiers_in(plot: Mapping[str, Any]) -> list[str]:
+    """Return axis titles, ticks, titles and legend entries of a plot that are no words."""
+    return [text for text in _texts(plot) if _IDENTIFIER.search(text)]
+
+
+def _texts(plot: Mapping[str, Any]) -> Iterator[str]:
+    layout = plot["layout"]
+    for name, part in layout.items():
+        if name.startswith(("xaxis", "yaxis")):
+            yield part.get("title", {}).get("text", "")
+            yield from part.get("ticktext", ())
+        elif name.startswith("scene"):
+            yield from (part[f"{axis}axis"]["title"]["text"] for axis in "xyz")
+        elif name.startswith("coloraxis") and "colorbar" in part:
+            yield part["colorbar"]["title"]["text"]
+    yield from (note["text"] for note in layout.get("annotations", ()))
+    for mark in (*plot["data"], *layout.get("shapes", ())):
+        if mark.get("showlegend"):
+            yield mark["name"]
+
+
+def check_words(directory: Path) -> None:
+    """Fail if a figure of a run shows an identifier where a reader expects words."""
+    found = {
+        path.stem: names
+        for path in sorted((directory / "figures").glob("*.json"))
+        if (names := identifiers_in(json.loads(path.read_text("utf-8"))))
+    }
+    assert found == {}
+
+
 def check_page(directory: Path) -> None:
     """Fail unless the page of a run works at every width, in both schemes, and is accessible."""
+    check_words(directory)
     for width in WIDTHS:
         with open_page(directory, width, "dark" if width == 1600 else "light") as (page, told):
             _wait_for_plots(page)

@@ -66,6 +66,8 @@ class Plan:
         The points.
     swept_units : sequence of str
         Units of what is swept; ``""`` for what is no number.
+    swept_labels : sequence of str
+        What each swept quantity is, in words, ``""`` where nothing declares it; may be empty.
     seed : int
         Root seed of the mission.
     stream : str
@@ -83,8 +85,8 @@ class Plan:
     inputs, input_units : tuple of str
         Names and units of the k quantities that differ at random, each once, however many of the
         stage's inputs it sets: ``"gravity.phobos.C2,0"``; ``"state.x"`` for the stage's own.
-    swept, swept_units : tuple of str
-        Names and SI units of the d quantities that are swept.
+    swept, swept_units, swept_labels : tuple of str
+        Names, SI units and labels of the d quantities that are swept.
     notes : tuple of str
         What a reader of the results should know.
     """
@@ -94,6 +96,7 @@ class Plan:
         variants: Sequence[SweepVariant],
         swept: Swept,
         swept_units: Sequence[str],
+        swept_labels: Sequence[str] = (),
         *,
         seed: int,
         stream: str,
@@ -111,6 +114,7 @@ class Plan:
         self.variants = tuple(stages.values())
         self._stage = [list(stages).index(id(v.repeated)) for v in variants]
         self.swept, self.swept_units = swept.names, tuple(swept_units)
+        self.swept_labels = tuple(swept_labels)
         self.notes = (sample.note,) if sample.note else ()
         units = {q.name: q.unit for v in variants for q in v.dispersed.quantities}
         self.inputs, self.input_units = tuple(units), tuple(units.values())

@@ -272,6 +272,9 @@ class CaseTable:
     """Names of the quantities that a sweep changed; none for ``monte_carlo``."""
     swept_units: Annotated[tuple[str, ...], Shape("swept")] = ()
     """Their units; ``""`` for a quantity that is not a number."""
+    swept_labels: tuple[str, ...] = ()
+    """What each is, in words, for axes and legends; ``""`` where nothing declares it. May be
+    empty."""
     points: Annotated[Array | None, Shape("swept", "points")] = None
     """Their values at the points. A quantity that is not a number is given by its index in the list
     of the mission."""

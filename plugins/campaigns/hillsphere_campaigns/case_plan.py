@@ -27,6 +27,10 @@ from hillsphere_campaigns.sweep_points import MOST_POINTS
 
 __all__ = ["plan_of"]
 
+_LONGEST_LABEL = 42
+"""Characters of a description that serves as the label of an axis: a panel of half a page has room
+for some 45 with the unit."""
+
 
 def plan_of(
     repeated: Repeated,
@@ -114,7 +118,10 @@ def plan_of(
         "" if not number else quantities[i].unit if i in quantities else _unit_of(name, repeated)
         for i, (name, number) in enumerate(zip(swept.names, swept.numeric, strict=True))
     ]
-    return Plan(variants, swept, units, seed=root, stream=stream)
+    labels = [
+        "" if i in quantities else _label_of(name, repeated) for i, name in enumerate(swept.names)
+    ]
+    return Plan(variants, swept, units, labels, seed=root, stream=stream)
 
 
 def _quantities_per_case(
@@ -301,14 +308,31 @@ def _unit_of(name: str, repeated: Repeated) -> str:
     return keys.get(name.rpartition(".")[2], "-")
 
 
-def _field_of(name: str, repeated: Repeated) -> tuple[str, dict[str, str]]:
-    """Return the field that a key with a unit means, and the unit of each of its spellings."""
+def _label_of(name: str, repeated: Repeated) -> str:
+    """Return the declared description of a key if it is short enough for an axis, else ``""``."""
+    spec, key = _spec_of(name, repeated)
+    field = _field_of(name, repeated)[0] or key
+    fields = type(spec).model_fields if isinstance(spec, Spec) else {}
+    text = (fields[field].description or "") if field in fields else ""
+    # A description with a colon or semicolon lists choices, and one with a dot names a key.
+    is_label = len(text) <= _LONGEST_LABEL and not any(mark in text for mark in ":;._")
+    return text if is_label else ""
+
+
+def _spec_of(name: str, repeated: Repeated) -> tuple[Any, str]:
+    """Return the table that holds a key, as far as it is a `Spec`, and the last part of the key."""
     table, path = _split(name)
     kind, _, other = table.partition(".")
     spec: Any = repeated.mission.specs[kind][other]
     *steps, key = path.split(".")
     for step in steps:
         spec = getattr(spec, step, None)
+    return spec, key
+
+
+def _field_of(name: str, repeated: Repeated) -> tuple[str, dict[str, str]]:
+    """Return the field that a key with a unit means, and the unit of each of its spellings."""
+    spec, key = _spec_of(name, repeated)
     for field, keys in type(spec).units_by_field().items() if isinstance(spec, Spec) else ():
         if key in keys:
             dimension = str(type(spec).schema_extra(field)["x-dimension"])

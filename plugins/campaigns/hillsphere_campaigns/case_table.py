@@ -54,6 +54,7 @@ def table_of(plan: Plan, outcomes: Sequence[BlockOutcome], stage: str, stopped: 
         messages=rows.messages,
         swept=plan.swept,
         swept_units=plan.swept_units,
+        swept_labels=plan.swept_labels,
         points=plan.points,
         point_labels=plan.point_labels,
         ladder=plan.ladder,

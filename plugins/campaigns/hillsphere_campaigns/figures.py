@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.base.arrays import Array
+from hillsphere.plugins.registry import KINDS
 from hillsphere.presentation import (
     Axis,
     Band,
@@ -23,6 +25,7 @@ from hillsphere.presentation import (
     Rule,
     Segments,
 )
+from hillsphere.products import CaseTable
 from hillsphere.show.charts import even_indices
 from hillsphere.show.reference import without_unit
 from hillsphere_campaigns.convergence import Convergence
@@ -30,6 +33,7 @@ from hillsphere_campaigns.sensitivity import Explanatory, RankCorrelations, Sobo
 from hillsphere_campaigns.statistics import MetricStatistics
 
 __all__ = [
+    "LINE_LENGTH",
     "MOST_STEPS",
     "Shown",
     "convergence_chart",
@@ -39,6 +43,7 @@ __all__ = [
     "grid_chart",
     "histogram_bars",
     "histogram_chart",
+    "input_words",
     "name_axis",
     "quantity_axis",
     "scatter_chart",
@@ -51,8 +56,19 @@ _MOST_DOTS = 2000
 MOST_STEPS = 500
 """Points of a line at most: a panel is some 400 pixels wide."""
 
+_MOST_STEPS_OF_TICKS = 3.5
+"""Steps between ticks along a panel of a third of a page: more of numbers such as 0.00225 would
+overlap."""
+
 _MOST_BINS = 60
 """Bins of a histogram at most: with more a bar is narrower than five pixels."""
+
+LINE_LENGTH = 24
+"""Characters of a label beside others, such as the names of bars, and of a line along a vertical
+axis, whose panel may be a third of a page high."""
+
+_KEY = re.compile(r"(?<![\w.])[A-Za-z]\w*(?:\.\w[\w-]*)+")
+"""A key of a mission or a name of a metric, whose parts have dots between them."""
 
 _FENCE = 8.0
 """Interquartile ranges beyond the quartiles from which on values are not drawn but counted."""
@@ -76,14 +92,38 @@ class Shown:
 
 
 def format_name(name: str) -> str:
-    """Return a name in words, a long one shortened."""
-    words = name.replace("_", " ")
+    """Return a name in words, a long one shortened.
+
+    Of a key the kind of its table is left out: ``"gravity.phobos.C2,0"`` is ``phobos C2,0``, and
+    ``"pass.average.error_max"`` is ``pass average error max``.
+    """
+    words = _KEY.sub(_key_in_words, name).replace("_", " ")
+    words = re.sub(r"\bdv\b", "Δv", words)
     return words if len(words) <= 34 else f"{words[:12]}…{words[-21:]}"
 
 
-def quantity_axis(name: str, unit: str) -> Axis:
-    """Return the axis of a quantity of this name and unit."""
-    return Axis(format_name(without_unit(Column(name, unit))), unit.replace("s2", "s²"))
+def _key_in_words(key: re.Match[str]) -> str:
+    parts = key[0].split(".")
+    return " ".join(parts[1:] if len(parts) > 2 and parts[0] in KINDS else parts)
+
+
+def quantity_axis(name: str, unit: str, label: str = "") -> Axis:
+    """Return the axis of a quantity of this name and unit, with a label if there is a better."""
+    label = label or format_name(without_unit(Column(name, unit)))
+    return Axis(label, unit.replace("s2", "s²"))
+
+
+def input_words(table: CaseTable) -> dict[str, str]:
+    """Return a short label of every swept or dispersed quantity of a campaign by its name."""
+    labels = table.swept_labels or ("",) * len(table.swept)
+    labels = tuple(label if len(label) <= LINE_LENGTH else "" for label in labels)
+    names = (*table.swept, *table.inputs)
+    units = (*table.swept_units, *table.input_units)
+    every = (*labels, *("" for _ in table.inputs))
+    return {
+        name: quantity_axis(name, unit, label).label
+        for name, unit, label in zip(names, units, every, strict=True)
+    }
 
 
 def name_axis(names: Sequence[str]) -> Axis:
@@ -209,6 +249,7 @@ def scatter_chart(
     values: Array,
     units: Sequence[str],
     failed: NDArray[np.bool_],
+    words: Mapping[str, str],
 ) -> Chart:
     """Return metrics and failures against the inputs with the strongest rank correlation."""
     panels = []
@@ -229,7 +270,9 @@ def scatter_chart(
             cases = cases[even_indices(cases.size, _MOST_DOTS)]
             marks.append(Points(x[cases], values[j, cases], "", "blue", "dot", 4.0, rows=row))
         title = f"rank correlation {found.rho[i, j]:+.2f}"
-        panels.append(Panel(quantity_axis(given.names[i], given.units[i]), y_axis, marks, title))
+        name, unit = given.names[i], given.units[i]
+        x_axis = replace(quantity_axis(name, unit, words.get(name, "")), step=_tick_step(x))
+        panels.append(Panel(x_axis, y_axis, marks, title))
     return grid_chart(
         "Metrics against the inputs that they go with", panels,
         f"The clearest rank correlations; at most {_MOST_DOTS} cases are drawn.",
@@ -237,10 +280,26 @@ def scatter_chart(
     )  # fmt: skip
 
 
+def _tick_step(values: Array) -> float | None:
+    """Return a step of 1, 2 or 5 times a power of ten that makes two to four ticks."""
+    span = float(np.ptp(values))
+    if not span:
+        return None
+    power = 10.0 ** np.floor(np.log10(span / _MOST_STEPS_OF_TICKS))
+    return float(next(
+        step for step in power * np.array([1.0, 2.0, 5.0, 10.0])
+        if step * _MOST_STEPS_OF_TICKS >= span
+    ))  # fmt: skip
+
+
 def correlation_chart(
-    pairs: Sequence[tuple[int, int]], found: RankCorrelations, level: float, total: int
+    pairs: Sequence[tuple[int, int]],
+    found: RankCorrelations,
+    level: float,
+    total: int,
+    words: Mapping[str, str],
 ) -> Chart:
-    """Return the clearest rank correlations of so many as bars."""
+    """Return the clearest rank correlations of so many as bars; `words` are labels of inputs."""
     i, j = np.transpose(pairs)
     rows, rho, chance = np.arange(i.size), found.rho[i, j], found.p_holm[i, j]
     marks: list[Mark] = [
@@ -257,7 +316,11 @@ def correlation_chart(
         Segments(rows, low, high, "x", width=1.2, rows=rows.tolist()),
         Rule("x", 0.0, "", "black", "solid", 0.8),
     ]
-    names = [f"{format_name(found.inputs[a])} → {format_name(found.metrics[b])}" for a, b in pairs]
+    names = [
+        f"{words.get(found.inputs[a]) or format_name(found.inputs[a])} → "
+        f"{format_name(found.metrics[b])}"
+        for a, b in pairs
+    ]
     axis = Axis("rank correlation (line: its interval)", low=-1.05, high=1.05)
     return Chart(
         "Clearest rank correlations", [Panel(axis, name_axis(names), marks)],

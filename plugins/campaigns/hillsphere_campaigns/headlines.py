@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from hillsphere.cases.case_classes import ratio_at_points, ratio_of, undecided_sentence
 from hillsphere.products import CaseTable
+from hillsphere_campaigns.figures import format_name, input_words
 from hillsphere_campaigns.sensitivity import RankCorrelations
 from hillsphere_campaigns.statistics import classes
 
@@ -85,18 +88,32 @@ def worst_points(table: CaseTable, level: float) -> list[str]:
         low, high = found.interval[:, p]
         left = f", {found.undecided[p]} undecided" if found.undecided[p] else ""
         words.append(
-            f"{word} at {table.point_labels[p]}: {_percent(ratio[p])} of {found.decided[p]} "
+            f"{word} at {_point_in_words(table, p)}: {_percent(ratio[p])} of {found.decided[p]} "
             f"({100 * low:.3g} to {_percent(high)}{left})"
         )
     return [f"Failures are {'; '.join(words)}."]
 
 
-def strongest_correlations(found: RankCorrelations, level: float) -> list[str]:
-    """Name the strongest rank correlations with failure and with the first metrics."""
+def _point_in_words(table: CaseTable, p: int) -> str:
+    """Return the name of a point with labels in place of the swept keys."""
+    text = table.point_labels[p]
+    for name, label in input_words(table).items():
+        text = text.replace(f"{name} = ", f"{label} = ")
+    return text
+
+
+def strongest_correlations(
+    found: RankCorrelations, level: float, labels: Mapping[str, str]
+) -> list[str]:
+    """Name the strongest rank correlations with failure and with the first metrics.
+
+    `labels` are those of inputs by their names, see `input_words`.
+    """
     said: dict[int, str] = {}
     for i, j in found.strongest():
         sure = found.p_holm[i, j] < 1.0 - level
         if j not in said and sure and abs(found.rho[i, j]) >= _WORTH_SAYING:
-            said[j] = f"{found.metrics[j]} with {found.inputs[i]} (ρ = {found.rho[i, j]:+.2f})"
+            metric, given = format_name(found.metrics[j]), labels[found.inputs[i]]
+            said[j] = f"{metric} with {given} (ρ = {found.rho[i, j]:+.2f})"
     words = [said[j] for j in sorted(said)[:4]]
     return [f"Strongest rank correlations: {', '.join(words)}."] if words else []

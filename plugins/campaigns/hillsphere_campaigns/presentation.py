@@ -29,6 +29,7 @@ from hillsphere_campaigns.figures import (
     cumulative_chart,
     grid_chart,
     histogram_chart,
+    input_words,
     quantity_axis,
     scatter_chart,
     sobol_chart,
@@ -151,7 +152,7 @@ def present_campaign(
     if correlations.strongest() and table.design != "list":  # of chosen cases ρ says nothing
         tables["campaign_correlations"] = correlation_table(correlations, level)
         figures |= _sensitivities(table, correlations, level)
-        verdict += strongest_correlations(correlations, level)
+        verdict += strongest_correlations(correlations, level, input_words(table))
     if table.design == "sobol_indices":
         indices = sobol_of(table, level=level)
         if isinstance(indices, str):
@@ -308,11 +309,11 @@ def _sensitivities(table: CaseTable, found: RankCorrelations, level: float) -> d
     given = explanatory(table)
     given = replace(given, values=given.values[:, rows])
     values = np.where(has_ended(table), table.values, np.nan)[:, rows]
-    failed = decided_failures(table)[rows]
+    failed, words = decided_failures(table)[rows], input_words(table)
     return {
-        "campaign_correlations": correlation_chart(pairs[:_BARS], found, level, len(pairs)),
+        "campaign_correlations": correlation_chart(pairs[:_BARS], found, level, len(pairs), words),
         "campaign_scatter": scatter_chart(
-            pairs[:_PANELS], given, found, values, table.units, failed
+            pairs[:_PANELS], given, found, values, table.units, failed, words
         ),
     }
 

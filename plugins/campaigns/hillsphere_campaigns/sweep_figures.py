@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from textwrap import fill
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from hillsphere.presentation import (
     Segments,
 )
 from hillsphere.products import CaseTable
-from hillsphere_campaigns.figures import quantity_axis
+from hillsphere_campaigns.figures import LINE_LENGTH, format_name, quantity_axis
 
 __all__ = ["MOST_POINTS", "PointLayout", "PointValues", "layout_points", "sweep_panels"]
 
@@ -82,7 +83,8 @@ def layout_points(table: CaseTable) -> PointLayout:
         size = [value.size for value, _ in axes]
         if np.prod(size) == count == np.unique(places, axis=1).shape[1]:
             ticks = tuple(_ticks(table, axis, value) for axis, (value, _) in enumerate(axes))
-            labels = tuple(map(quantity_axis, table.swept, table.swept_units))
+            said = table.swept_labels or ("",) * len(table.swept)
+            labels = tuple(map(quantity_axis, table.swept, table.swept_units, said))
             values = tuple(
                 value if unit else np.arange(float(value.size))
                 for unit, (value, _) in zip(table.swept_units, axes, strict=True)
@@ -90,7 +92,7 @@ def layout_points(table: CaseTable) -> PointLayout:
             return PointLayout(labels, ticks, values, places)
     places = np.where(np.arange(count) < MOST_POINTS, np.arange(count), -1)[None]
     drawn = min(count, MOST_POINTS)
-    names = table.point_labels[:drawn]
+    names = tuple(format_name(label) for label in table.point_labels[:drawn])
     if drawn > 8 or max(map(len, names)) > 16:
         names = tuple(map(str, range(drawn)))
     return PointLayout((), (names,), (np.arange(float(drawn)),), places)
@@ -107,7 +109,7 @@ def _ticks(table: CaseTable, axis: int, values: Array) -> tuple[str, ...]:
         parts = label.split(", ")
         if len(parts) == len(table.swept):
             name, _, said = parts[axis].partition(" = ")
-            ticks.append((said or name)[:24])
+            ticks.append(format_name(said or name)[:24])
         else:
             ticks.append(f"no. {value:.0f}")
     return tuple(ticks)
@@ -175,5 +177,6 @@ def _map(layout: PointLayout, one: PointValues) -> Panel:
         replace(axis, ticks=list(enumerate(ticks))[:: -(-len(ticks) // _MOST_TICKS[1])])
         for axis, ticks in zip(layout.axes, layout.ticks, strict=True)
     )
+    y = replace(y, label=fill(y.label, LINE_LENGTH))
     edges = [np.arange(count + 1) - 0.5 for count in (nx, ny)]
     return Panel(x, y, [Map(edges[0], edges[1], cells, scale, has_numbers=nx * ny <= _NUMBERED)])

@@ -25,6 +25,7 @@ from hillsphere.presentation import (
     Surface,
 )
 from hillsphere.show.charts import even_indices
+from hillsphere.show.spaces import with_room
 from hillsphere_flight.histories import NOWHERE
 from hillsphere_flight.products import ClosedLoopFlight
 from hillsphere_flight.specs import ClosedLoopSpec
@@ -132,10 +133,10 @@ def path_chart(product: ClosedLoopFlight) -> Chart:
         solids.append(Surface(product.surface_m[:, ::3, ::3] / 1e3, colour="light", opacity=0.4))
     axes = {n: Axis(f"Δ{n}", "m") if near else Axis(n, "km") for n in "xyz"}
     return Chart(
-        "Path", [Space(solids, axes["x"], axes["y"], axes["z"], time=axis)],
+        "Path", [with_room(Space(solids, axes["x"], axes["y"], axes["z"], time=axis))],
         f"In the frame {product.frame}; Δ: from where the reference begins. Dashed, or a cross: "
         "the reference.",
-        size_in=(6.5, 5.5),
+        shared_legend=True, size_in=(6.5, 5.5),
     )  # fmt: skip
 
 
@@ -186,7 +187,7 @@ def acceleration_chart(product: ClosedLoopFlight) -> Chart:
         [Space(solids, axes["x"], axes["y"], axes["z"], "", azimuth_deg, 20.0)],
         f"In the frame {product.frame}: accelerations of the reference, of the law, and their sum, "
         "to one scale, before errors of the actuator.",
-        size_in=(7.0, 6.0),
+        shared_legend=True, size_in=(7.0, 6.0),
     )  # fmt: skip
 
 

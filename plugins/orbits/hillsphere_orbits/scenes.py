@@ -25,11 +25,12 @@ from hillsphere.presentation import (
     Surface,
 )
 from hillsphere.show.bodies import ellipsoid_points
+from hillsphere.show.spaces import with_room
 from hillsphere_orbits.survey import NEARLY_PLANAR
 
 __all__ = [
-    "AXES", "MARKERS", "Moon", "about_moon", "cylinder_solids", "family_colours",
-    "moon_outline", "moon_solid", "name_axis", "orbit_paths", "scene_chart",
+    "AXES", "DIRECTIONS", "MARKERS", "SPACE_AXES", "Moon", "about_moon", "cylinder_solids",
+    "family_colours", "moon_outline", "moon_solid", "name_axis", "orbit_paths", "scene_chart",
 ]  # fmt: skip
 
 MARKERS: tuple[MarkerShape, ...] = (
@@ -40,8 +41,12 @@ AXES = (
     Axis("x, away from the primary", "km"), Axis("y, along the orbital velocity", "km"),
     Axis("z, north", "km"),
 )  # fmt: skip
-_LIGHTEST = 0.9
-"""Place of the last family on the scale of colours: beyond it viridis is too light for a line."""
+SPACE_AXES = Axis("x", "km"), Axis("y", "km"), Axis("z", "km")
+"""Axes of a scene, whose ticks leave no room for longer labels; `DIRECTIONS` describes them."""
+DIRECTIONS = "x points away from the primary, y along the orbital velocity, z north."
+_DARKEST, _LIGHTEST = 0.25, 0.9
+"""Places of the first and the last family on the scale of colours: before and beyond them viridis
+is too dark for a line on a dark page and too light for one on a light page."""
 _PHASE = Axis("part of the period")
 
 
@@ -63,8 +68,8 @@ class Moon(Protocol):
 
 def family_colours(families: int) -> list[str]:
     """Return one colour per family, from dark to light (they are ordered by n)."""
-    scale = ColourScale("", high=max(families - 1, 1) / _LIGHTEST)
-    return [scale.colour(float(family)) for family in range(families)]
+    scale = ColourScale("")
+    return [scale.colour(place) for place in np.linspace(_DARKEST, _LIGHTEST, families).tolist()]
 
 
 def name_axis(names: Sequence[str], margin: float = 0.6) -> Axis:
@@ -152,8 +157,11 @@ def scene_chart(
         flat = [*map(_top_view, solids), moon_outline(moon)]
         panel = Panel(*AXES[:2], flat, is_equal=True, legend="right")
         return Chart(title, [panel], caption, size_in=(6.0, 8.0), table=table)
-    space = Space([*solids, moon_solid(moon)], *AXES, time=time)
-    return Chart(title, [space], caption, size_in=(8.0, 7.5), table=table)
+    space = with_room(Space([*solids, moon_solid(moon)], *SPACE_AXES, time=time))
+    return Chart(
+        title, [space], f"{caption} {DIRECTIONS}", shared_legend=True, size_in=(8.0, 7.5),
+        table=table,
+    )  # fmt: skip
 
 
 def _top_view(solid: Path | Cloud) -> Mark:

@@ -189,7 +189,7 @@ def test_sweep_over_one_quantity() -> None:
     rows = found.tables["sweep_failures"].rows
     assert [row[PERIOD] for row in rows] == [30.0, 60.0, 120.0, 240.0]
     assert rows[0]["ratio"] < rows[-1]["ratio"]  # type: ignore[operator]
-    assert any(f"most at {PERIOD} = 240" in s for s in found.verdict)
+    assert any("most at hover period = 240" in s for s in found.verdict)
     # The points share their draws: 600 cases are not 600 independent ones.
     assert "interval" not in found.verdict[0]
     assert "campaign_failure_ratio_low" not in found.metrics

@@ -68,4 +68,4 @@ def test_a_cylinder_has_walls_over_its_curve() -> None:
 
 def test_families_go_from_dark_to_less_than_the_lightest() -> None:
     assert len(set(family_colours(5))) == 5
-    assert family_colours(1) == [family_colours(5)[0]] == ["#440154"]
+    assert family_colours(1) == [family_colours(5)[0]] == ["#3B528B"]

@@ -20,6 +20,7 @@ from hillsphere.presentation import (
     Space,
     Surface,
 )
+from hillsphere.show.spaces import with_room
 from hillsphere_guidance.reference_trajectories.products import ReferenceTrajectories
 
 __all__ = ["descent_chart", "difference_chart", "history_chart"]
@@ -53,9 +54,9 @@ def descent_chart(product: ReferenceTrajectories, table: str) -> Chart:
     ]
     return Chart(
         "Reference trajectories",
-        [Space(solids, azimuth_deg=_along(r[:2, 0]) + _ASIDE, elevation_deg=_LEVEL,
-               time=Axis("time", "h"))],
-        "In the frame of the motion, with ΔV.",
+        [with_room(Space(solids, azimuth_deg=_along(r[:2, 0]) + _ASIDE, elevation_deg=_LEVEL,
+                         time=Axis("time", "h")))],
+        "In the frame of the motion, with ΔV.", shared_legend=True,
         size_in=(8.0, 7.0), table=table,
     )  # fmt: skip
 

@@ -9,11 +9,18 @@ import numpy as np
 
 from hillsphere.base.constants import DAY_S
 from hillsphere.presentation import Chart, Metric, Path, Presentation, Solid, Space
+from hillsphere.show.spaces import with_room
 from hillsphere.show.tables import FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.invariant_manifolds.products import Manifolds
 from hillsphere_orbits.invariant_manifolds.specs import InvariantManifoldsSpec
 from hillsphere_orbits.qso.presentation import format_count, label_identifier
-from hillsphere_orbits.scenes import AXES, about_moon, cylinder_solids, moon_solid
+from hillsphere_orbits.scenes import (
+    DIRECTIONS,
+    SPACE_AXES,
+    about_moon,
+    cylinder_solids,
+    moon_solid,
+)
 
 __all__ = ["present_manifolds"]
 
@@ -153,10 +160,11 @@ def _tube_chart(
         joined = np.pad(ways, ((0, 0), (0, 1), (0, 0)), constant_values=np.nan)
         tube = Path(joined.transpose(0, 2, 1).reshape(3, -1), f"{word} manifold", colour,
                     width=0.5, opacity=0.6)  # fmt: skip
-        panels.append(Space([tube, *shared], *AXES, title=f"{word} manifold"))
+        panels.append(with_room(Space([tube, *shared], *SPACE_AXES, title=f"{word} manifold")))
     return Chart(
         f"Manifolds of {name}{about_moon(product.body)}", panels,
         "Unstable and stable manifold, the orbit, the body to scale and the cylinders (equal "
-        f"axes); {spec.duration_s / DAY_S:g} d from where a trajectory leaves its orbit.",
+        f"axes); {spec.duration_s / DAY_S:g} d from where a trajectory leaves its orbit. "
+        f"{DIRECTIONS}",
         columns=len(panels), shared_legend=True, size_in=(6.0 * len(panels), 6.0), table=table,
     )  # fmt: skip

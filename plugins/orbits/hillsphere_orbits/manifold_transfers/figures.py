@@ -19,8 +19,16 @@ from hillsphere.presentation import (
     Space,
 )
 from hillsphere.show.reference import ReferenceTable
+from hillsphere.show.spaces import with_room
 from hillsphere_orbits.manifold_transfers.products import ManifoldTransfers
-from hillsphere_orbits.scenes import AXES, MARKERS, cylinder_solids, family_colours, moon_solid
+from hillsphere_orbits.scenes import (
+    DIRECTIONS,
+    MARKERS,
+    SPACE_AXES,
+    cylinder_solids,
+    family_colours,
+    moon_solid,
+)
 
 __all__ = ["front_chart", "transfer_chart"]
 
@@ -107,10 +115,11 @@ def transfer_chart(product: ManifoldTransfers, q: int, title: str, table: str) -
         (product.arrival_track_m, "purple", product.arrival),
     ):
         solids += cylinder_solids(ring / 1e3, height, colour, planar.labels[0])
+    space = Space([*solids, moon_solid(product)], *SPACE_AXES, time=Axis("time", "d"))
     return Chart(
-        title, [Space([*solids, moon_solid(product)], *AXES, time=Axis("time", "d"))],
+        title, [with_room(space)],
         f"Through {label}: {product.transfer_dv_m_s[q]:.2f} m/s in "
         f"{product.transfer_tof_s[q] / DAY_S:.2f} d. Transparent: cylinders over the planar "
-        "orbits. Equal axes.",
-        size_in=(8.0, 7.0), table=table,
+        f"orbits. Equal axes: {DIRECTIONS}",
+        shared_legend=True, size_in=(8.0, 7.0), table=table,
     )  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import replace
+from decimal import Decimal
 
 import numpy as np
 
@@ -226,21 +227,20 @@ def _beside(
             continue
         paper = printed[key]
         total, v_cm = paper["total_m_s"], paper["v_cm_m_s"]
-        there = isinstance(total, Printed)
-        row["connects_paper"] = there
-        if row["connects"] != there:
-            (paper_only if there else ours_only).append(str(row["orbit"]))
-        if not there:
+        row["connects_paper"] = isinstance(total, Printed)
+        if row["connects"] != row["connects_paper"]:
+            (paper_only if row["connects_paper"] else ours_only).append(str(row["orbit"]))
+        if not isinstance(total, Printed) or not isinstance(v_cm, Printed):
             continue
-        dv = _float(total) - _float(v_cm)
+        # In decimal, which keeps the printed digits of both.
+        dv = Printed(str(Decimal(total.text) - Decimal(v_cm.text)))
         row["dv_m_s_paper"] = dv
         if row["connects"]:
             row["dv_less_paper_m_s"] = _float(row["dv_m_s"]) - dv
         compared += bool(row["connects"])
         cheaper += bool(row["connects"]) and _float(row["dv_m_s"]) < dv
         if isinstance(paper["tof_d"], Printed):
-            tof = _float(paper["tof_d"])
-            row["tof_d_paper"] = tof
+            row["tof_d_paper"] = tof = paper["tof_d"]
             if row["connects"]:
                 row["tof_less_paper_d"] = _float(row["tof_d"]) - tof
             own = product.transfer_member == i

@@ -25,6 +25,8 @@ from hillsphere_orbits.scenes import orbit_paths, scene_chart
 __all__ = ["index_chart", "orbit_chart", "period_chart", "resonance_chart"]
 
 _PLANES = (("planar", "blue"), ("vertical", "vermillion"))
+_NAME_WIDTH, _NAME_HEIGHT = 0.028, 0.22
+"""Size of the name of a resonance: part of the range of amplitudes, and in stability index."""
 _AMPLITUDE = Axis("x at the crossing of the x axis", "km")
 
 
@@ -83,9 +85,8 @@ def _index_panel(product: QsoFamily, compare: QsoFamily | None, further: list[Ma
     finite = product.curve_indices[np.isfinite(product.curve_indices)]
     low = max(-4.0, min(-2.3, float(finite.min()) - 0.2))
     high = min(4.0, max(2.3, float(finite.max()) + 0.2))
-    return Panel(
-        _AMPLITUDE, Axis("stability index b = λ + 1/λ", low=low, high=high), [*marks, *further]
-    )
+    axis = Axis("stability index b = λ + 1/λ", low=low, high=high)
+    return Panel(_AMPLITUDE, axis, [*marks, *further], legend="above")
 
 
 def resonance_chart(
@@ -98,15 +99,16 @@ def resonance_chart(
         x, b = bifurcations.orbits.x0[0, chosen] / 1e3, bifurcations.index[chosen]
         names = [f"{bifurcations.d[i]}:{bifurcations.n[i]}" for i in chosen]
         marks.append(Points(x, b, "", colour, size=6.0, names=names, rows=chosen))
-        last_x, last_b = -np.inf, -np.inf
-        reach = 0.028 * float(np.ptp(_amplitudes(product)))
+        last_end, last_b = -np.inf, -np.inf
+        width = _NAME_WIDTH * float(np.ptp(_amplitudes(product)))
         for k in np.argsort(x):
-            # A label that would cover its neighbour's is left out; the table has them all.
-            if x[k] - last_x < reach and abs(b[k] - last_b) < 0.22:
-                continue
-            last_x, last_b = x[k], b[k]
             # On the side on which the curve is lower, so that it does not cross the label.
             falls = _slope(product, row, x[k]) < 0.0
+            begin = x[k] - width if falls else x[k]
+            # A label that would cover its neighbour's is left out; the table has them all.
+            if begin < last_end and abs(b[k] - last_b) < _NAME_HEIGHT:
+                continue
+            last_end, last_b = begin + width, b[k]
             corner: Side = "bottom left" if falls else "bottom right"
             marks.append(Note(names[k], float(x[k]), float(b[k]), corner, colour))
     return Chart(

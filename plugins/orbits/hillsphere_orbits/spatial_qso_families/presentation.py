@@ -246,11 +246,14 @@ def _multiplier_chart(product: SpatialFamilies, table: str) -> Chart:
     names = [_name(product, f) for f in range(len(product.n))]
     largest: list[Mark] = []
     stable: list[Mark] = []
+    top = 1.0
     for f, colour in enumerate(family_colours(len(names))):
         own = np.flatnonzero(product.curve_family == f)
         if not own.size:
             continue
-        largest.append(Curve(*_smooth(product, own), names[f], colour, width=1.2))
+        z_km, modulus = _smooth(product, own)
+        top = max(top, float(np.max(modulus)))
+        largest.append(Curve(z_km, modulus, names[f], colour, width=1.2))
         begin, end = product.window_z_m[:, product.window_family == f] / 1e3
         stable.append(Bars(np.full(begin.size, f), end, "x", begin, colour=colour))
     members = np.max(np.abs(product.member_multipliers), axis=0)
@@ -262,10 +265,12 @@ def _multiplier_chart(product: SpatialFamilies, table: str) -> Chart:
             stable.append(Points(product.secondary_z_m[own] / 1e3, product.secondary_family[own],
                                  kind, "vermillion", marker, 6.0))  # fmt: skip
     z = Axis("amplitude z", "km")
+    # A logarithmic axis of less than a decade above 1 would have the tick 1 alone.
+    y = Axis("largest modulus of a multiplier", scale="log" if top > 10.0 else "linear")
     return Chart(
         "Stability along the families",
         [
-            Panel(z, Axis("largest modulus of a multiplier", scale="log"), largest, legend="right"),
+            Panel(z, y, largest, legend="right"),
             Panel(z, Axis("stable", ticks=list(enumerate(names)), low=-0.6, high=len(names) - 0.4),
                   stable, legend="right"),
         ],

@@ -175,8 +175,8 @@ def _index_chart(shown: Table, days: float, table: str) -> Chart:
         marks.append(Points(z, v, "the paper", "vermillion", "cross", 6.0, rows=printed))
     return Chart(
         shown.title,
-        [Panel(Axis("amplitude z", "km"), Axis(f"v_cm in {days:g} days", "m/s"), marks,
-               legend="right")],
-        "v_cm against the amplitude, one line per family; a stable member has none.",
+        [Panel(Axis("amplitude z", "km"), Axis(f"station-keeping index, {days:g} days", "m/s"),
+               marks, legend="right")],
+        "Index v_cm against the amplitude, one line per family; a stable member has none.",
         size_in=(8.0, 5.0), table=table,
     )  # fmt: skip

@@ -23,6 +23,7 @@ from hillsphere.products import Trajectories
 from hillsphere.show.bodies import ellipsoid_points
 from hillsphere.show.charts import even_indices
 from hillsphere.show.history import time_unit
+from hillsphere.show.spaces import with_room
 from hillsphere.show.tables import column, tabulate, text_column
 
 __all__ = ["present_formation"]
@@ -87,8 +88,9 @@ def _chart(
         ]
     return Chart(
         "Reference trajectories of the formation",
-        [Space(solids, time=Axis("time", unit))],
+        [with_room(Space(solids, time=Axis("time", unit)))],
         "In the Hill frame of the asteroid: x away from the Sun, z its orbit normal. Circles: the "
         "start; grey: what the asteroid sweeps as it turns.",
+        shared_legend=True,
         table="formation_distances",
     )

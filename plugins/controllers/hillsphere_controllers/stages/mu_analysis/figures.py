@@ -73,6 +73,11 @@ def _loop_label(product: MuAnalysis, one: Analysed) -> str:
     return product.label(one.loop).replace("_", " ")
 
 
+def _block_label(name: str) -> str:
+    """Return the name of a block without the table of its parameter, in words."""
+    return name.rpartition(".")[2].replace("_", " ")
+
+
 def _intervals(one: Analysed, colour: str) -> Segments:
     """Return the bounds that hold on whole intervals as bars."""
     begin = np.maximum(one.interval_low_rad_s, one.omega_rad_s[0])
@@ -102,7 +107,7 @@ def share_chart(product: MuAnalysis, table: str) -> Chart:
         )
         for k, (one, end) in enumerate(zip(drawn, ends, strict=False))
     ]  # fmt: skip
-    blocks = Axis("block", ticks=list(enumerate(names)), is_reversed=True)
+    blocks = Axis("block", ticks=list(enumerate(map(_block_label, names))), is_reversed=True)
     return Chart(
         "Shares of the blocks in µ",
         [Panel(Axis("share of the block in µ"), blocks, bars)],
@@ -161,7 +166,7 @@ def _bound_panel(product: MuAnalysis, one: Analysed) -> Panel:
         marks.append(Curve(omega, one.curve_nominal, "nominal gain", "black"))
     marks += [_intervals(one, "blue"), Rule("y", 1.0)]
     controller, _, rest = _loop_label(product, one).partition(", ")
-    kind = f"{_TITLES[one.analysis].lower()} {one.channel}".rstrip()
+    kind = f"{_TITLES[one.analysis].lower()} {one.channel.replace('_', ' ')}".rstrip()
     return Panel(_FREQUENCY, Axis("µ, gain"), marks, f"{controller}\n{rest}\n{kind}")
 
 
@@ -190,7 +195,7 @@ def _share_panel(one: Analysed, named: dict[str, int]) -> Panel:
             continue
         turn, place = divmod(named[name], len(_BLOCK_COLOURS))
         marks.append(
-            Curve(one.omega_rad_s, share, name.rpartition(".")[2], _BLOCK_COLOURS[place],
+            Curve(one.omega_rad_s, share, _block_label(name), _BLOCK_COLOURS[place],
                   _DASHES[turn % len(_DASHES)])
         )  # fmt: skip
     if rest:
