@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hillsphere.show.charts import Arrows, Axis, Cloud, Mesh, Path, Solid, Space
+from hillsphere.show.charts import Axis, Space
+from hillsphere.show.solids import Arrows, Cloud, Mesh, Path, Solid
 from hillsphere.show.spaces import with_room
 
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from hillsphere.show.charts import Arrows, Axis, Mesh, Solid, Space
+from hillsphere.show.charts import Axis, Space
+from hillsphere.show.solids import Arrows, Mesh, Solid
 
 __all__ = ["with_room"]
 
