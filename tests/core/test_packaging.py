@@ -102,6 +102,38 @@ def test_version_is_stated_once_over(project: dict[str, Any]) -> None:
     assert project["project"]["version"] == hillsphere.__version__
 
 
+def test_conda_recipe_has_the_same_requirements(project: dict[str, Any]) -> None:
+    recipe = (ROOT / "packaging" / "conda" / "recipe.yaml").read_text("utf-8")
+    run = recipe.partition("  run:\n")[2].partition("\n\n")[0]
+    names = {"heyoka.py": "heyoka", "matplotlib-base": "matplotlib"}
+    required = {
+        f"{names.get(name, name)}{limit}" for name, limit in re.findall(r"- (\S+) (>=\S+)", run)
+    }
+    wanted = {f"python{project['project']['requires-python']}", *project["project"]["dependencies"]}
+    assert required == wanted
+    assert f'version: "{project["project"]["version"]}"' in recipe
+
+
+def test_citation_is_of_this_version(project: dict[str, Any]) -> None:
+    citation = (ROOT / "CITATION.cff").read_text("utf-8")
+    assert f"version: {project['project']['version']}\n" in citation
+    assert f"license: {project['project']['license']}\n" in citation
+
+
+def test_list_of_dependencies_is_whole(project: dict[str, Any]) -> None:
+    rows = re.findall(
+        r"^\| ([\w-]+) \| (.+) \| [\d.]+ \|$",
+        (ROOT / "docs" / "dependencies.md").read_text("utf-8"),
+        re.MULTILINE,
+    )
+    extras = project["project"]["optional-dependencies"]
+    chosen = [text for extra in ("notebook", "web", "dask", "spice") for text in extras[extra]]
+    needed = {re.match(r"[\w-]+", t)[0] for t in [*project["project"]["dependencies"], *chosen]}  # type: ignore[index]
+    listed = dict(rows)
+    assert needed <= listed.keys(), "run benchmarks/list_dependencies.py in a whole environment"
+    assert [name for name, licence in rows if "GPL" in licence or not licence.strip()] == []
+
+
 @pytest.mark.parametrize("command", [TEST_COMMAND, RUN_COMMAND])
 def test_readme_commands_are_run_by_ci_word_for_word(command: str) -> None:
     readme = (ROOT / "README.md").read_text("utf-8").splitlines()
