@@ -366,7 +366,7 @@ class Idle:
 
 
 def test_a_closed_loop_begins_there() -> None:
-    stage = create(
+    stage: Any = create(
         "stage", "closed_loop", plant=plant(), law=Idle(), samples=1,
         start={"elements": {"semi_major_axis_km": 60, "true_anomaly_deg": 90}},
     )  # fmt: skip

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module, metadata
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
 import pluggy
 
@@ -23,7 +23,21 @@ from hillsphere.base.errors import InputError, PluginError, UnknownComponentErro
 from hillsphere.base.problems import did_you_mean, format_key, with_article
 
 if TYPE_CHECKING:
+    from hillsphere.interfaces import (
+        ArrayGravityModel,
+        Compensator,
+        Estimator,
+        GravityModel,
+        Guidance,
+        OrbitFamily,
+        Plant,
+        Sensor,
+        Stage,
+        Tracker,
+    )
     from hillsphere.spec.base import Spec
+
+T = TypeVar("T")
 
 API_VERSION = 1
 """Version of the plugin interface. It rises when a plugin written for it would no longer work."""
@@ -368,7 +382,31 @@ def default_registry() -> Registry:
     return discover()
 
 
-def create(kind: str, type_: str, /, **keys: Any) -> Any:
+@overload
+def create(kind: str, type_: str, class_: type[T], /, **keys: Any) -> T: ...
+@overload
+def create(kind: Literal["plant"], type_: str, /, **keys: Any) -> Plant: ...
+@overload
+def create(
+    kind: Literal["gravity"], type_: str, /, **keys: Any
+) -> GravityModel | ArrayGravityModel: ...
+@overload
+def create(kind: Literal["compensator"], type_: str, /, **keys: Any) -> Compensator: ...
+@overload
+def create(kind: Literal["estimator"], type_: str, /, **keys: Any) -> Estimator: ...
+@overload
+def create(kind: Literal["sensor"], type_: str, /, **keys: Any) -> Sensor: ...
+@overload
+def create(kind: Literal["orbit_family"], type_: str, /, **keys: Any) -> OrbitFamily: ...
+@overload
+def create(kind: Literal["guidance"], type_: str, /, **keys: Any) -> Guidance: ...
+@overload
+def create(kind: Literal["tracker"], type_: str, /, **keys: Any) -> Tracker[Any]: ...
+@overload
+def create(kind: Literal["stage"], type_: str, /, **keys: Any) -> Stage: ...
+@overload
+def create(kind: str, type_: str, /, **keys: Any) -> Any: ...
+def create(kind: str, type_: str, class_: type | None = None, /, **keys: Any) -> Any:
     """Make one component from Python, with the same keys as a mission table.
 
     Parameters
@@ -377,6 +415,9 @@ def create(kind: str, type_: str, /, **keys: Any) -> Any:
         One of `KINDS`.
     type_ : str
         Its type.
+    class_ : type, optional
+        Class of the component, which is checked, and is then the type that a type checker sees;
+        without it that is the interface of the kind.
     **keys
         Keys and values of the mission's table, unit suffixes included; a reference takes the object
         itself.
@@ -391,7 +432,8 @@ def create(kind: str, type_: str, /, **keys: Any) -> Any:
     UnknownComponentError
         If no such component is installed.
     InputError
-        If a key is unknown, missing, or of the wrong kind; the message lists every fault.
+        If a key is unknown, missing, or of the wrong kind; the message lists every fault. If the
+        component is not of the given class.
 
     Examples
     --------
@@ -401,7 +443,10 @@ def create(kind: str, type_: str, /, **keys: Any) -> Any:
     """
     record = default_registry().get(kind, type_)
     spec = validate(record.load_spec(), keys, where=f"{kind} {type_!r}")
-    return record.load_target()(spec)
+    made = record.load_target()(spec)
+    if class_ is not None and not isinstance(made, class_):
+        raise InputError(f"{kind} {type_!r} is a {type(made).__name__}, no {class_.__name__}")
+    return made
 
 
 def validate(spec: type[Spec], keys: Mapping[str, Any], *, where: str) -> Spec:

@@ -13,6 +13,7 @@ from hillsphere.errors import InputError, PropagationError
 from hillsphere.interfaces import Array
 from hillsphere.sensor_suite import SensorSuite
 from hillsphere.simulation import Cases, simulate
+from hillsphere_controllers.lyapunov_formation import LyapunovFormation
 from hillsphere_estimators.plant_model import PlantModel
 
 START = np.array([29.0, -1503.4, 407.1, 1e-3, -2e-4, 1e-4])
@@ -29,7 +30,10 @@ def plant() -> Any:
 
 
 PLANT = plant()
-LAW = create("compensator", "lyapunov_formation", plant=PLANT, period_s=600.0, ramp_s=7200.0)
+LAW = create(
+    "compensator", "lyapunov_formation", LyapunovFormation, plant=PLANT, period_s=600.0,
+    ramp_s=7200.0,
+)  # fmt: skip
 SUITE = SensorSuite([create("sensor", "sun_sensor"), create("sensor", "camera", body=PLANT.body)])
 
 

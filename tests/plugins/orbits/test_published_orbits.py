@@ -60,8 +60,7 @@ def circular(mu: float) -> Any:
 
 
 def qso(mu: float) -> Qso:
-    made: Qso = create("orbit_family", "qso", plant=circular(mu))
-    return made
+    return create("orbit_family", "qso", Qso, plant=circular(mu))
 
 
 def crossings(family: Family, z: Array, mu: float) -> Array:

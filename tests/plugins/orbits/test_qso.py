@@ -73,8 +73,7 @@ def point_mass() -> Any:
 
 @pytest.fixture(scope="module")
 def qso(point_mass: Any) -> Qso:
-    made: Qso = create("orbit_family", "qso", plant=point_mass)
-    return made
+    return create("orbit_family", "qso", Qso, plant=point_mass)
 
 
 @pytest.fixture(scope="module")
@@ -141,7 +140,7 @@ def test_body_without_surface_goes_on_to_almost_no_period() -> None:
     the one whose period is that of a Kepler circle at 1e-3 units of length at rest.
     """
     gravity = create("gravity", "point_mass", gm_m3_s2=GM)
-    bare: Qso = create("orbit_family", "qso", plant=plant(gravity))
+    bare = create("orbit_family", "qso", Qso, plant=plant(gravity))
     family = bare.family(None, 100e3, members=41)
     z = family.branch.z[:, -1:]
     last = float(family.amplitude(z)[0][0])
@@ -384,7 +383,7 @@ def test_family_ends_where_its_amplitude_turns_back() -> None:
         coefficients=[{"n": n, "m": m, "c": c / 100, "s": s / 100} for n, m, c, s in terms],
     )  # fmt: skip
     given = plant(gravity)
-    made: Qso = create("orbit_family", "qso", plant=given)
+    made = create("orbit_family", "qso", Qso, plant=given)
     family = made.family(2e3, 100e3, 41)
     x = amplitudes_km(made, family)
     assert bool(np.all(np.diff(x) < 0))

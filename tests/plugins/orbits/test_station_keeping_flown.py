@@ -199,7 +199,9 @@ def test_what_is_shown() -> None:
             assert columns[name].interval == (f"{name}_low", f"{name}_high")
             assert columns[name].confidence == 0.95
     best, cases = rows["1:17, 70 km", "periodic_lqr"], held().cases
-    exact = binomtest(round(cases * best["best_survival"]), cases).proportion_ci(0.95, "exact")
+    exact = binomtest(round(cases * float(best["best_survival"] or 0.0)), cases).proportion_ci(
+        0.95, "exact"
+    )
     assert [best["best_survival_low"], best["best_survival_high"]] == pytest.approx(list(exact))
     assert "Without any correction 0 of 3 orbits survive 10 days" in shown.verdict[0]
     assert any("perfect navigation" in note for note in longest.notes)

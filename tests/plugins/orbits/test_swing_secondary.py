@@ -11,6 +11,7 @@ import pytest
 from hillsphere import create
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
+from hillsphere_orbits.qso.families import Qso
 from hillsphere_orbits.secondary import secondary
 from hillsphere_orbits.stability import stability_indices
 
@@ -144,7 +145,7 @@ def test_planar_resonance_of_quasi_satellite_orbits() -> None:
         "gravity", "ellipsoid", axes_km=[13.03, 11.40, 9.14], gm_km3_s2=7.059650784871513e-4
     )
     plant = create("plant", "hill", body=body, gravity=gravity)
-    family = create("orbit_family", "qso", plant=plant).family(28e3, 31e3, 21)
+    family = create("orbit_family", "qso", Qso, plant=plant).family(28e3, 31e3, 21)
     problem, branch = family.problem, family.branch
 
     def at(u: Array) -> Array:

@@ -110,7 +110,7 @@ def test_all_three_oscillations_about_the_triangular_points_are_shown() -> None:
     row = stage.present(found).tables["equilibrium_points"].rows[3]
     values = found.eigenvalues_1_s[:, 3]
     wanted = sorted((2.0 * np.pi / values.imag[values.imag > 1e-12]).tolist(), reverse=True)
-    periods = [row[f"period_{k}_s"] for k in (1, 2, 3)]
+    periods: Any = [row[f"period_{k}_s"] for k in (1, 2, 3)]
     assert row["point"] == "L4"
     assert len(wanted) == 3
     assert_allclose(periods, wanted, rtol=1e-12)

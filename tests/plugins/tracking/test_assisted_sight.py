@@ -12,6 +12,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.model.earth.rotation import earth_angle, earth_fixed
 from hillsphere.time import Epoch
+from hillsphere_sensors.antenna import Antenna
 from hillsphere_tracking.assisted_tracking.sight import Sight, shift_for
 from hillsphere_tracking.assisted_tracking.turned_earth import TurnedEarth
 from hillsphere_tracking.satellites import MeanElementsOrbit
@@ -19,7 +20,7 @@ from hillsphere_tracking.satellites import MeanElementsOrbit
 EPOCH = Epoch.parse("1989-01-31T09:58:00", "UTC")
 PAPER = np.array([7180e3, 0.0436, *np.radians([23.82, 240.14, 15.47, 350.56])])
 ORBIT = MeanElementsOrbit("SCD", EPOCH, PAPER)
-SENSOR = create("sensor", "antenna", station="A", latitude_deg=-2.18, longitude_deg=-44.26)
+SENSOR = create("sensor", "antenna", Antenna, station="A", latitude_deg=-2.18, longitude_deg=-44.26)
 BEGIN, END = 4500.0, 10500.0  # about one revolution
 
 
@@ -96,7 +97,7 @@ def test_a_flight_that_turns_with_the_earth() -> None:
 
 
 def test_an_elevation_that_cannot_be_reached() -> None:
-    north = create("sensor", "antenna", station="N", latitude_deg=38, longitude_deg=-44.26)
+    north = create("sensor", "antenna", Antenna, station="N", latitude_deg=38, longitude_deg=-44.26)
     seen = Sight(north, ORBIT, UT1_IS_UTC, BEGIN, END)
     with pytest.raises(InputError, match=r"however the Earth is turned; 60° cannot be reached"):
         shift_for(np.radians(60.0), seen)
