@@ -103,8 +103,20 @@ def test_figures_of_open_folds_are_printed(tmp_path: Path, scheme: str) -> None:
             assert not page.locator(f"#figure-{name} .plot").is_visible()
             picture = page.locator(f"#figure-{name} .picture")
             assert picture.is_visible()
-            assert picture.evaluate("i => i.complete && i.naturalWidth") == 1000
+            assert picture.evaluate("i => i.complete && i.naturalWidth") == 760
             assert 400 < picture.bounding_box()["width"] <= 673
+        assert told == []
+
+
+def test_dark_lines_are_lightened_on_a_dark_page(tmp_path: Path) -> None:
+    curves = [Curve([0, 1], [0, 1], colour=colour) for colour in ("#440154", "#0072b2", "black")]
+    chart = Chart("C", [Panel(Axis("x"), Axis("y"), curves)])
+    figures = {"c": ShownFigure(chart, plotly_figure(chart))}
+    write_page(tmp_path, StageResult("one", "make", figures=figures, own_figures={"c": "c"}))
+    with open_page(tmp_path, scheme="dark") as (page, told):
+        page.locator("#figure-c .main-svg").first.wait_for()
+        drawn = page.evaluate("document.querySelector('.plot').data.map(trace => trace.line.color)")
+        assert drawn == ["#946d9d", "#0072b2", "#e4e8ec"]
         assert told == []
 
 

@@ -3,8 +3,9 @@
 
 const isDark = window.matchMedia("(prefers-color-scheme: dark)");
 const NARROW_PX = 620; // below this width the panels of a figure stand below one another
+const FAINT = 0.12; // relative luminance below which a thin line is lost on a dark page
 const PAPER = ["#000000", "#444444", "#dddddd"]; // ink, axes and grid in print
-const PAPER_PX = 1000; // width of a figure on the page, which print shrinks to the paper
+const PAPER_PX = 760; // width of a printed figure: a little more than paper has, for letters of 8 points
 const MOST_VECTOR = 300_000; // characters of a plot's data beyond which its SVG would be slow
 
 /** Return plotly.js, unpacked and run at the first call; null where the browser cannot. */
@@ -53,10 +54,19 @@ function themed(layout, [ink, soft, grid]) {
 /** Return the data of a plot. */
 const textOf = (box) => document.getElementById(`plot-${box.dataset.plot}`).textContent;
 
-/** Return a figure on the page: a dark one would swallow black. */
+/** Return a dark colour of a line or marker lightened, by half if it is nearly black. */
+function lightened(key, hex) {
+  const parts = [0, 2, 4].map((i) => parseInt(hex.slice(i, i + 2), 16));
+  const luminance = [0.2126, 0.7152, 0.0722].reduce((sum, w, i) => sum + w * (parts[i] / 255) ** 2.2, 0);
+  const share = 0.5 * Math.max(1 - luminance / FAINT, 0);
+  return `"color":"#${parts.map((c) => Math.round(c + share * (255 - c)).toString(16).padStart(2, "0")).join("")}"`;
+}
+
+/** Return a figure on the page: a dark one would swallow black and dark colours. */
 function figureOf(box) {
   const text = textOf(box);
-  return JSON.parse(isDark.matches ? text.replaceAll('"#000000"', '"#e4e8ec"') : text);
+  if (!isDark.matches) return JSON.parse(text);
+  return JSON.parse(text.replaceAll('"#000000"', '"#e4e8ec"').replace(/"color":"#([0-9a-f]{6})"/gi, lightened));
 }
 
 async function draw(box) {

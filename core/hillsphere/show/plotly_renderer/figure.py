@@ -33,6 +33,12 @@ from hillsphere.show.plotly_renderer.solids import ADD_SOLID
 
 __all__ = ["plotly_figure"]
 
+_SCENE_MARGINS_PX = {"l": 0, "r": 0, "b": 0}
+"""Margins of a figure of scenes only: labels of axes are within the scene, which would cut them."""
+_CENTRE_Z = -0.12
+"""Height of the point that a scene is seen at, in half extents: the labels of its axes hang below
+its centre, so that the lower part needs the room."""
+
 
 def plotly_figure(chart: Chart) -> dict[str, Any]:
     """Return a chart as a figure of plotly.js.
@@ -85,7 +91,7 @@ def plotly_figure(chart: Chart) -> dict[str, Any]:
         },
         "margin": {
             "l": 64, "r": 16, "t": MARGINS_PX[0] + legends_px[0] + titles_px, "b": MARGINS_PX[1],
-        },
+        } | (_SCENE_MARGINS_PX if all(isinstance(p, Space) for p in chart.panels) else {}),
         "hovermode": "closest",
     }  # fmt: skip
     height = round(PIXELS_PER_INCH * chart.size[1] + legends_px[0] + titles_px)
@@ -154,7 +160,8 @@ def _space(made: Builder, panel: Space, domain: Domain) -> None:
         "z": distance * math.sin(elevation),
     }
     scene: dict[str, Any] = {
-        "domain": {"x": domain[0], "y": domain[1]}, "aspectmode": "data", "camera": {"eye": eye},
+        "domain": {"x": domain[0], "y": domain[1]}, "aspectmode": "data",
+        "camera": {"eye": eye, "center": {"x": 0, "y": 0, "z": _CENTRE_Z}},
     }  # fmt: skip
     for name in "xyz":
         axis: Axis = getattr(panel, name)
