@@ -21,7 +21,7 @@ LIMITS = "limits = { position_error_km = 2, dv_m_s = 40 }"
 LABEL = 'label = "unfiltered"'
 REPEATED = 'repeat = "hover_unfiltered"'
 COMPARED = 'needs = { campaigns = ["verify", "verify_unfiltered"] }'
-FIRST_CLAIM = 'of = "largest_position_error", less = "KA", than = "K0"'
+FIRST_TEST = 'of = "largest_position_error", campaign = "K0", against = "KA"'
 CHOSEN = ', worst = ["judged_worst_k0", "judged_worst_ka", "judged_worst_ka2", "judged_worst_ka3"]'
 
 # mission, text → what takes its place, text of the line at which it is told, message
@@ -48,11 +48,11 @@ FAULTS = [
     ("phobos-hover", REPEATED, f'{REPEATED}\ndesign = "latin_hypercube"', COMPARED,
      "stage.filters.needs.campaigns: campaigns 'verify' and 'verify_unfiltered' have different "
      "designs"),
-    ("phobos-landing", FIRST_CLAIM, FIRST_CLAIM.replace('"K0"', '"KX"'), "claims = [",
-     "stage.table_1.claims: no campaign is called 'KX'"),
-    ("phobos-landing", FIRST_CLAIM, FIRST_CLAIM.replace('"K0"', '"KA"'), "claims = [",
-     "stage.table_1.claims: 'KA' and 'KA' name the same campaign"),
-    ("phobos-landing", CHOSEN, "", "claims = [", "of = 'worst' needs campaigns with chosen cases"),
+    ("phobos-landing", FIRST_TEST, FIRST_TEST.replace('"K0"', '"KX"'), "tests = [",
+     "stage.table_1.tests: no campaign is called 'KX'"),
+    ("phobos-landing", FIRST_TEST, FIRST_TEST.replace('"K0"', '"KA"'), "tests = [",
+     "stage.table_1.tests: 'KA' and 'KA' name the same campaign"),
+    ("phobos-landing", CHOSEN, "", "tests = [", "of = 'worst' needs campaigns with chosen cases"),
     ("phobos-landing", '"phobos-landing-table2.csv"', '"apophis-formation-table4.csv"',
      'reference = "apophis', "apophis-formation-table4.csv: no column 'campaign'"),
     ("bennu-formation", "position_m = [0, -2500, 600]", "position_m = [0, -2500]", "start = {",

@@ -126,8 +126,8 @@ def test_random_cases() -> None:
     )
     assert "impact (surface)" in found.verdict[2]
     assert found.metrics["campaign_undecided"].value == 2
-    assert "dv with plant.gravity.C0,0" in found.verdict[-1]
-    assert "failed with plant.gravity.C1,0" in found.verdict[-1]
+    assert "Δv with gravity C0,0" in found.verdict[-1]
+    assert "failed with gravity C1,0" in found.verdict[-1]
     assert found.metrics["campaign_failures"].value == failures
     assert found.metrics["campaign_not_computed"].value == 2
     kept = table.values[0][~table.failed]
