@@ -1,4 +1,4 @@
-r"""Linear time-invariant systems in state space.
+r"""Linear time-invariant systems in state space, and their arithmetic.
 
 .. math::
 
@@ -12,9 +12,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
+from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hillsphere.base.arrays import Array
 from hillsphere.base.errors import InputError
@@ -22,11 +23,20 @@ from hillsphere.base.errors import InputError
 __all__ = ["LtiSystem", "indices_of", "real_matrix"]
 
 Complex = NDArray[np.complex128]
+Selection: TypeAlias = int | slice | str | Sequence[int] | Sequence[str]
+"""Outputs or inputs: index, slice, name, or several indices or names."""
+_NAMED = 4
+"""Names of signals in a `repr` at most: more do not fit one line."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LtiSystem:
     """A system of order n with m inputs and p outputs.
+
+    ``G2 @ G1`` and ``G2 * G1`` are the series connection in the order of matrices: G1 acts first.
+    ``G1 + G2`` and ``G1 - G2`` are the parallel connections and ``-G`` the negative. A matrix is a
+    constant gain. A number is a factor in a product; in a sum it is the gain of a system of one
+    input and one output. ``G[outputs, inputs]`` is a part and ``G(s)`` the transfer matrix at s.
 
     Parameters
     ----------
@@ -129,21 +139,184 @@ class LtiSystem:
             raise InputError(f"frequencies must be one row of numbers, got {omega}")
         if self.dt_s is not None and np.isinf(omega).any():
             raise InputError("in discrete time the response has no value at infinite frequency")
-        made = np.empty((omega.size, *self.shape), dtype=complex)
-        made[:] = self.d
-        if self.order == 0:
+        if self.dt_s is not None:
+            return self(np.exp(1j * omega * self.dt_s))
+        s = np.zeros(omega.size, dtype=complex)
+        s.imag = omega  # a product with 1j would make NaN of infinite frequencies
+        return self(s)
+
+    def __call__(self, s: complex | ArrayLike) -> Complex:
+        """Return the transfer matrix at complex frequencies.
+
+        Parameters
+        ----------
+        s : complex or array_like, shape (...)
+            Frequencies, 1/s; the values of z in discrete time. An infinite one gives D.
+
+        Returns
+        -------
+        ndarray, shape (..., p, m)
+            C (s I − A)⁻¹ B + D, so (p, m) for a number s.
+
+        Raises
+        ------
+        InputError
+            If s is not a number or is a pole.
+        """
+        at = np.asarray(s)
+        if at.dtype.kind not in "biufc" or np.isnan(at).any():
+            raise InputError(f"a transfer matrix is evaluated at complex numbers, got {s!r}")
+        made = np.empty((*at.shape, *self.shape), dtype=complex)
+        made[...] = self.d
+        there = np.isfinite(at)
+        if self.order == 0 or not there.any():
             return made
-        there = np.isfinite(omega)
-        s = 1j * omega[there] if self.dt_s is None else np.exp(1j * omega[there] * self.dt_s)
-        away = s[:, None, None] * np.eye(self.order) - self.a
+        away = at[there].astype(complex)[:, None, None] * np.eye(self.order) - self.a
         try:
             made[there] += self.c @ np.linalg.solve(away, self.b + 0j)
         except np.linalg.LinAlgError:
             raise InputError(
-                "a frequency is that of a pole on the stability boundary, where the response is "
-                "infinite; choose another frequency"
+                "a frequency is that of a pole, where the response is infinite; choose another "
+                "frequency"
             ) from None
         return made
+
+    def __repr__(self) -> str:
+        """Return one line: order, signals, sampling, unstable poles."""
+        (p, m), n = self.shape, self.order
+        signals = [
+            _count(count, what) + (f" ({', '.join(names)})" if 0 < len(names) <= _NAMED else "")
+            for count, what, names in ((m, "input", self.inputs), (p, "output", self.outputs))
+        ]
+        time = "continuous time" if self.dt_s is None else f"sampled every {self.dt_s:g} s"
+        poles = self.poles
+        bad = poles.real >= 0.0 if self.dt_s is None else np.abs(poles) >= 1.0
+        judged = f"{_count(int(bad.sum()), 'pole')} not stable" if bad.any() else "stable"
+        return f"<LtiSystem: {_count(n, 'state')}, {', '.join(signals)}, {time}, {judged}>"
+
+    # numpy leaves sums and products with a system to the system
+    __array_ufunc__ = None
+
+    def __matmul__(self, other: LtiSystem | ArrayLike) -> LtiSystem:
+        """Return the series connection, `other` first."""
+        right = self._operand(other)
+        if right is None:
+            return NotImplemented
+        if self.shape[1] != right.shape[0]:
+            raise InputError(
+                f"in series: {right.shape[0]} outputs into {self.shape[1]} inputs do not fit"
+            )
+        dt_s = _common_period(self, right)
+        return LtiSystem(
+            np.block([[right.a, np.zeros((right.order, self.order))], [self.b @ right.c, self.a]]),
+            np.vstack([right.b, self.b @ right.d]),
+            np.hstack([self.d @ right.c, self.c]),
+            self.d @ right.d,
+            dt_s,
+            right.inputs,
+            self.outputs,
+        )
+
+    def __rmatmul__(self, other: ArrayLike) -> LtiSystem:
+        """Return the series connection, `self` first."""
+        left = self._operand(other)
+        return NotImplemented if left is None else left @ self
+
+    def __mul__(self, other: LtiSystem | ArrayLike) -> LtiSystem:
+        """Return the series connection, `other` first, or the product with a number."""
+        if _is_number(other):
+            factor = float(other)  # type: ignore[arg-type]
+            return replace(self, c=factor * self.c, d=factor * self.d)
+        return self @ other
+
+    def __rmul__(self, other: ArrayLike) -> LtiSystem:
+        """Return the series connection, `self` first, or the product with a number."""
+        return self * other if _is_number(other) else other @ self
+
+    def __truediv__(self, number: float) -> LtiSystem:
+        """Return the system divided by a number."""
+        return self * (1.0 / number) if _is_number(number) else NotImplemented
+
+    def __neg__(self) -> LtiSystem:
+        """Return the negative."""
+        return self * -1.0
+
+    def __add__(self, other: LtiSystem | ArrayLike) -> LtiSystem:
+        """Return the parallel connection."""
+        right = self._operand(other)
+        if right is None:
+            return NotImplemented
+        if right.shape != self.shape:
+            shapes = sorted({self.shape, right.shape})
+            raise InputError(f"a sum needs systems of one shape, got {shapes}")
+        return LtiSystem(
+            np.block(
+                [
+                    [self.a, np.zeros((self.order, right.order))],
+                    [np.zeros((right.order, self.order)), right.a],
+                ]
+            ),
+            np.vstack([self.b, right.b]),
+            np.hstack([self.c, right.c]),
+            self.d + right.d,
+            _common_period(self, right),
+            self.inputs or right.inputs,
+            self.outputs or right.outputs,
+        )
+
+    __radd__ = __add__
+
+    def __sub__(self, other: LtiSystem | ArrayLike) -> LtiSystem:
+        """Return the parallel connection with the negative of the other."""
+        right = self._operand(other)
+        return NotImplemented if right is None else self + -right
+
+    def __rsub__(self, other: ArrayLike) -> LtiSystem:
+        """Return the parallel connection of the other with the negative."""
+        return -self + other
+
+    def __getitem__(self, part: tuple[Selection, Selection]) -> LtiSystem:
+        """Return the part from some inputs to some outputs, ``G[outputs, inputs]``.
+
+        Parameters
+        ----------
+        part : tuple
+            Outputs and inputs: an index, a slice, a name, or a sequence of indices or names. The
+            states stay.
+
+        Raises
+        ------
+        InputError
+            If a name or an index is unknown, or there are not two of them.
+        """
+        if not isinstance(part, tuple) or len(part) != 2:
+            raise InputError(
+                "a part of a system is named by outputs and inputs: G[outputs, inputs]"
+            )
+        rows = _select(part[0], self.shape[0], self.outputs, "output")
+        columns = _select(part[1], self.shape[1], self.inputs, "input")
+        return replace(
+            self, b=self.b[:, columns], c=self.c[rows], d=self.d[np.ix_(rows, columns)],
+            inputs=tuple(self.inputs[i] for i in columns) if self.inputs else (),
+            outputs=tuple(self.outputs[i] for i in rows) if self.outputs else (),
+        )  # fmt: skip
+
+    def _operand(self, other: object) -> LtiSystem | None:
+        """Return a system, matrix or number as a system; None if it is something else."""
+        if isinstance(other, LtiSystem):
+            return other
+        if _is_number(other):
+            if self.shape != (1, 1):
+                raise InputError(
+                    f"a number is no term of a sum of {self.shape[0]} × {self.shape[1]} systems; "
+                    "write the matrix, k * np.eye(n) for k I"
+                )
+            other = [[other]]
+        if not isinstance(other, np.ndarray | list | tuple):
+            return None
+        d = real_matrix(other, "a gain")
+        p, m = d.shape
+        return LtiSystem(np.zeros((0, 0)), np.zeros((0, m)), np.zeros((p, 0)), d, self.dt_s)
 
     def of(self, outputs: Sequence[str], inputs: Sequence[str]) -> LtiSystem:
         """Return the subsystem from some inputs to some outputs, by name, in the order given.
@@ -161,6 +334,39 @@ class LtiSystem:
             self, b=self.b[:, columns], c=self.c[rows], d=self.d[np.ix_(rows, columns)],
             inputs=tuple(inputs), outputs=tuple(outputs),
         )  # fmt: skip
+
+
+def _is_number(given: object) -> bool:
+    return isinstance(given, Real) or (isinstance(given, np.ndarray) and given.ndim == 0)
+
+
+def _count(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+def _common_period(one: LtiSystem, other: LtiSystem) -> float | None:
+    """Return the sampling period of two systems; a constant gain has that of the other."""
+    periods = {s.dt_s for s in (one, other) if s.order or s.dt_s is not None}
+    if len(periods) > 1:
+        raise InputError(f"systems of different sampling periods do not connect: {periods}")
+    return next(iter(periods), None)
+
+
+def _select(chosen: Selection, count: int, names: tuple[str, ...], what: str) -> list[int]:
+    """Return the indices of outputs or inputs."""
+    if isinstance(chosen, slice):
+        return list(range(count))[chosen]
+    several = not isinstance(chosen, str | int | np.integer)
+    wanted: list[int | str] = list(chosen) if several else [chosen]  # type: ignore[arg-type,list-item]
+    places = []
+    for one in wanted:
+        if isinstance(one, str):
+            places += indices_of(names, [one], what)
+        elif not isinstance(one, bool) and -count <= one < count:
+            places.append(int(one) % count)
+        else:
+            raise InputError(f"no {what} {one!r}; there are {count}, numbered from 0")
+    return places
 
 
 def real_matrix(given: object, name: str) -> Array:

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module, metadata
-from types import MappingProxyType
+from types import MappingProxyType, ModuleType
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
 import pluggy
@@ -166,6 +166,16 @@ def load_object(path: str) -> Any:
     return getattr(import_module(module), name)
 
 
+class _Manager(pluggy.PluginManager):
+    """Looks for hooks among the names that a module has, and loads none that it offers lazily."""
+
+    def parse_hookimpl_opts(self, plugin: object, name: str) -> pluggy.HookimplOpts | None:
+        """Return the options of a hook, None if the name is no hook."""
+        if isinstance(plugin, ModuleType) and name not in vars(plugin):
+            return None
+        return super().parse_hookimpl_opts(plugin, name)
+
+
 @dataclass
 class Registry:
     """The components of all plugins that loaded, and the faults of those that did not.
@@ -205,7 +215,7 @@ class Registry:
         PluginError
             If the plugin is broken and the registry is strict.
         """
-        manager = pluggy.PluginManager("hillsphere")
+        manager = _Manager("hillsphere")
         manager.add_hookspecs(_Hooks)
         try:
             manager.register(plugin, name)

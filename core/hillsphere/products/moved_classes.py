@@ -16,6 +16,10 @@ _MOVED = {
     "hillsphere.linear_products": "hillsphere_controllers.linear_products",
     "hillsphere.lti": "hillsphere.base.lti",
     "hillsphere.products": "hillsphere.products.products",
+    "hillsphere_controllers.lft.transformation":
+        "hillsphere_controllers.linear_fractional.transformation",
+    "hillsphere_controllers.lft.uncertainties":
+        "hillsphere_controllers.linear_fractional.uncertainties",
     "hillsphere_estimators.navigation.comparison_products":
         "hillsphere_estimators.navigation_comparison.products",
     "hillsphere_estimators.refinement.products": "hillsphere_estimators.orbit_refinement.products",

@@ -64,6 +64,14 @@ class Drawing:
         """Whether the SVG exceeds `MAX_SVG_BYTES`, so that the report shows the PNG."""
         return len(self.svg) > MAX_SVG_BYTES
 
+    def __repr__(self) -> str:
+        """Return the size alone: the bytes fill pages."""
+        return f"<Drawing: SVG of {len(self.svg)} bytes>"
+
+    def _repr_svg_(self) -> str:
+        """Return the SVG, which notebooks show."""
+        return self.svg.decode()
+
 
 def draw(figure: AnyFigure, *, png: bool = False) -> Drawing:
     """Draw a figure.

@@ -1,8 +1,191 @@
-"""Built-in controllers plugin: laws that command a thruster, sampled or continuous."""
+"""Linear control: the flat namespace of control engineers, and the plugin's control laws.
+
+``import hillsphere_controllers as hc`` offers the usual names, such as `hinfsyn`, `mussv` and
+`systune`. They are loaded from their modules on first use: the import itself is light. Systems may
+be `LtiSystem` or those of python-control; who gives the latter gets them back.
+"""
 
 from __future__ import annotations
 
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 from hillsphere.plugins import Component, hookimpl
+
+if TYPE_CHECKING:
+    from hillsphere.lti import LtiSystem
+    from hillsphere_controllers.linear_fractional.transformation import Lft
+    from hillsphere_controllers.systems.algebra import gain
+    from hillsphere_controllers.systems.conversion import (
+        from_control,
+        to_control,
+        transfer_function,
+    )
+    from hillsphere_controllers.systems.weights import performance_weight, shelving_weight
+    from hillsphere_controllers.toolbox.responses import (
+        Bode,
+        Margins,
+        SingularValues,
+        StepResponse,
+        bode,
+        h2norm,
+        hinfnorm,
+        margins,
+        sigma,
+        step,
+    )
+    from hillsphere_controllers.toolbox.robustness import (
+        DiskMargins,
+        GainBounds,
+        MuBounds,
+        MuSynthesis,
+        RobustMargin,
+        diskmargin,
+        mussv,
+        musyn,
+        robgain,
+        robstab,
+        wcgain,
+    )
+    from hillsphere_controllers.toolbox.synthesis import (
+        GapMetric,
+        H2Synthesis,
+        HinfSynthesis,
+        LoopShaping,
+        MixedSensitivity,
+        gapmetric,
+        h2syn,
+        hinfsyn,
+        mixsyn,
+        ncfmargin,
+        ncfsyn,
+    )
+    from hillsphere_controllers.toolbox.tuning import (
+        FixedStructure,
+        GainGoal,
+        PolesGoal,
+        Tuned,
+        VarianceGoal,
+        hinfstruct,
+        systune,
+        tunableGain,
+        tunablePID,
+        tunableSS,
+        tunableTF,
+    )
+    from hillsphere_controllers.toolbox.uncertain import (
+        PlantCover,
+        append,
+        feedback,
+        lft,
+        ucover,
+        ultidyn,
+        ureal,
+        uss,
+    )
+
+__all__ = [
+    "Bode",
+    "DiskMargins",
+    "FixedStructure",
+    "GainBounds",
+    "GainGoal",
+    "GapMetric",
+    "H2Synthesis",
+    "HinfSynthesis",
+    "Lft",
+    "LoopShaping",
+    "LtiSystem",
+    "Margins",
+    "MixedSensitivity",
+    "MuBounds",
+    "MuSynthesis",
+    "PlantCover",
+    "PolesGoal",
+    "RobustMargin",
+    "SingularValues",
+    "StepResponse",
+    "Tuned",
+    "VarianceGoal",
+    "append",
+    "bode",
+    "diskmargin",
+    "feedback",
+    "from_control",
+    "gain",
+    "gapmetric",
+    "h2norm",
+    "h2syn",
+    "hillsphere_components",
+    "hinfnorm",
+    "hinfstruct",
+    "hinfsyn",
+    "lft",
+    "margins",
+    "mixsyn",
+    "mussv",
+    "musyn",
+    "ncfmargin",
+    "ncfsyn",
+    "performance_weight",
+    "robgain",
+    "robstab",
+    "shelving_weight",
+    "sigma",
+    "step",
+    "systune",
+    "to_control",
+    "transfer_function",
+    "tunableGain",
+    "tunablePID",
+    "tunableSS",
+    "tunableTF",
+    "ucover",
+    "ultidyn",
+    "ureal",
+    "uss",
+    "wcgain",
+]
+
+_MODULES = {
+    "hillsphere.lti": "LtiSystem",
+    "hillsphere_controllers.linear_fractional.transformation": "Lft",
+    "hillsphere_controllers.systems.algebra": "gain",
+    "hillsphere_controllers.systems.conversion": "from_control to_control transfer_function",
+    "hillsphere_controllers.systems.weights": "performance_weight shelving_weight",
+    "hillsphere_controllers.toolbox.responses": (
+        "Bode Margins SingularValues StepResponse bode h2norm hinfnorm margins sigma step"
+    ),
+    "hillsphere_controllers.toolbox.robustness": (
+        "DiskMargins GainBounds MuBounds MuSynthesis RobustMargin diskmargin mussv musyn "
+        "robgain robstab wcgain"
+    ),
+    "hillsphere_controllers.toolbox.synthesis": (
+        "GapMetric H2Synthesis HinfSynthesis LoopShaping MixedSensitivity gapmetric h2syn "
+        "hinfsyn mixsyn ncfmargin ncfsyn"
+    ),
+    "hillsphere_controllers.toolbox.tuning": (
+        "FixedStructure GainGoal PolesGoal Tuned VarianceGoal hinfstruct systune "
+        "tunableGain tunablePID tunableSS tunableTF"
+    ),
+    "hillsphere_controllers.toolbox.uncertain": (
+        "PlantCover append feedback lft ucover ultidyn ureal uss"
+    ),
+}
+"""Module → the names that it offers here."""
+_LAZY = {name: module for module, names in _MODULES.items() for name in names.split()}
+
+if not TYPE_CHECKING:  # type checkers see the imports above, and report any other name
+
+    def __getattr__(name: str) -> object:
+        if name not in _LAZY:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        globals()[name] = getattr(import_module(_LAZY[name]), name)
+        return globals()[name]
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
 
 
 @hookimpl

@@ -59,7 +59,7 @@ def test_other_objects_of_python_control() -> None:
         from_control(control.ss([[0.5]], [[1.0]], [[1.0]], [[0.0]], True))
     with pytest.raises(InputError, match="got ndarray"):
         from_control(np.eye(2))
-    with pytest.raises(InputError, match="no state space"):
+    with pytest.raises(InputError, match="not proper"):
         from_control(control.tf([1.0, 0.0, 0.0], [1.0, 1.0]))
 
 

@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere_controllers.lft.affine import AffineFit, affine_fit, affine_lft
-from hillsphere_controllers.lft.uncertainties import Uncertainty, real_parameter
+from hillsphere_controllers.linear_fractional.affine import AffineFit, affine_fit, affine_lft
+from hillsphere_controllers.linear_fractional.uncertainties import Uncertainty, real_parameter
 
 
 def symmetric(values: list[float], seed: int) -> Array:

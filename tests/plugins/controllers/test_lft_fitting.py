@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere_controllers.lft.fitting import fit_polynomial
-from hillsphere_controllers.lft.uncertainties import real_parameter
+from hillsphere_controllers.linear_fractional.fitting import fit_polynomial
+from hillsphere_controllers.linear_fractional.uncertainties import real_parameter
 
 TWO = (real_parameter("speed", 100.0, 300.0, 150.0), real_parameter("height", -1.0, 2.0))
 

@@ -11,15 +11,15 @@ from numpy.testing import assert_allclose
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere_controllers.lft.polynomials import (
+from hillsphere_controllers.linear_fractional.polynomials import (
     Terms,
     affine,
     copies_lower_bound,
     evaluate_polynomial,
     polynomial,
 )
-from hillsphere_controllers.lft.transformation import Lft
-from hillsphere_controllers.lft.uncertainties import (
+from hillsphere_controllers.linear_fractional.transformation import Lft
+from hillsphere_controllers.linear_fractional.uncertainties import (
     Uncertainty,
     corners,
     random_values,

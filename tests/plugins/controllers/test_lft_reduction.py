@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere_controllers.lft.algebra import (
+from hillsphere_controllers.linear_fractional.algebra import (
     dynamics,
     join_inputs,
     matrix_block,
@@ -14,10 +14,14 @@ from hillsphere_controllers.lft.algebra import (
     stack_outputs,
     state_space,
 )
-from hillsphere_controllers.lft.polynomials import affine, polynomial
-from hillsphere_controllers.lft.reduction import gain_bound, minimal, reduce_lft
-from hillsphere_controllers.lft.transformation import Lft
-from hillsphere_controllers.lft.uncertainties import corners, random_values, real_parameter
+from hillsphere_controllers.linear_fractional.polynomials import affine, polynomial
+from hillsphere_controllers.linear_fractional.reduction import gain_bound, minimal, reduce_lft
+from hillsphere_controllers.linear_fractional.transformation import Lft
+from hillsphere_controllers.linear_fractional.uncertainties import (
+    corners,
+    random_values,
+    real_parameter,
+)
 from hillsphere_controllers.systems.algebra import gain
 
 A, B = real_parameter("a", 1.0, 3.0), real_parameter("b", -1.0, 1.0, 0.5)

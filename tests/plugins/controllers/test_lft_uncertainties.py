@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Dispersion, Parameter
 from hillsphere.plugins import create
-from hillsphere_controllers.lft.uncertainties import (
+from hillsphere_controllers.linear_fractional.uncertainties import (
     Uncertainty,
     bound_dispersion,
     corners,

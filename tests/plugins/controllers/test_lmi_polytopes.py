@@ -9,9 +9,9 @@ from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.errors import InfeasibleError, SynthesisFailedError
-from hillsphere_controllers.lft.algebra import inverse, parameter, state_space
-from hillsphere_controllers.lft.polynomials import polynomial
-from hillsphere_controllers.lft.uncertainties import real_parameter
+from hillsphere_controllers.linear_fractional.algebra import inverse, parameter, state_space
+from hillsphere_controllers.linear_fractional.polynomials import polynomial
+from hillsphere_controllers.linear_fractional.uncertainties import real_parameter
 from hillsphere_controllers.lmi.polytopes import corner_systems, hull_gain, hull_stability
 from hillsphere_controllers.lmi.solving import cp, minimise
 from hillsphere_controllers.systems.bilinear import discrete

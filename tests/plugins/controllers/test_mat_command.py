@@ -11,8 +11,8 @@ from numpy.testing import assert_array_equal
 from hillsphere.cli.endings import run
 from hillsphere.lti import LtiSystem
 from hillsphere.products.product_codec import save_product
-from hillsphere_controllers.lft.transformation import Lft
-from hillsphere_controllers.lft.uncertainties import real_parameter
+from hillsphere_controllers.linear_fractional.transformation import Lft
+from hillsphere_controllers.linear_fractional.uncertainties import real_parameter
 from hillsphere_controllers.linear_products import UncertainModels
 from hillsphere_controllers.stages.uncertain import uncertain_model
 from hillsphere_controllers.systems.exchange import load_mat

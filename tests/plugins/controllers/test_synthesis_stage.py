@@ -20,8 +20,8 @@ from hillsphere.testing import RecordingContext, check_presentation, check_produ
 from hillsphere_controllers.analysis.h2_norm import h2_norm
 from hillsphere_controllers.full_order.hinf import hinf_synthesis
 from hillsphere_controllers.full_order.mixed_sensitivity import mixed_sensitivity
-from hillsphere_controllers.lft.transformation import Lft
-from hillsphere_controllers.lft.uncertainties import Uncertainty
+from hillsphere_controllers.linear_fractional.transformation import Lft
+from hillsphere_controllers.linear_fractional.uncertainties import Uncertainty
 from hillsphere_controllers.linear_products import LinearModels, UncertainModels
 from hillsphere_controllers.stages.linear_models.specs import LinearModelsSpec
 from hillsphere_controllers.stages.linear_models.stage import LinearModelsStage

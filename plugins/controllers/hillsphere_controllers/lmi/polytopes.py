@@ -34,8 +34,8 @@ from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.errors import InfeasibleError, SynthesisFailedError
-from hillsphere_controllers.lft.transformation import Lft
-from hillsphere_controllers.lft.uncertainties import corners, random_values
+from hillsphere_controllers.linear_fractional.transformation import Lft
+from hillsphere_controllers.linear_fractional.uncertainties import corners, random_values
 from hillsphere_controllers.lmi.solving import check_order, cp, minimise
 from hillsphere_controllers.systems.balancing import balance_states
 

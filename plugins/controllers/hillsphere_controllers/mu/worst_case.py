@@ -56,7 +56,8 @@ class WorstCase:
         Δ there.
     values : dict of str to float
         Of the real blocks, by their name, or their number without one; normalised:
-        `hillsphere_controllers.lft.uncertainties.physical_values` has them in their units.
+        `hillsphere_controllers.linear_fractional.uncertainties.physical_values` has them in their
+        units.
     system : LtiSystem
         Δ(s), stable, as large as `delta`, whose response at the frequency it is. Without states if
         all blocks are real.

@@ -68,7 +68,8 @@ class WorstCaseGain:
         Δ(s), stable and of the size allowed, or a matrix if all blocks are real.
     values : dict of str to float
         Of its real blocks, by their name, or their number without one; normalised:
-        `hillsphere_controllers.lft.uncertainties.physical_values` has them in their units.
+        `hillsphere_controllers.linear_fractional.uncertainties.physical_values` has them in their
+        units.
     certified : CertifiedPeak
         What proves the upper bound.
     """

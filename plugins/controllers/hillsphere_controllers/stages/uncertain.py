@@ -7,8 +7,8 @@ from typing import Literal, cast
 
 import numpy as np
 
-from hillsphere_controllers.lft.transformation import Lft
-from hillsphere_controllers.lft.uncertainties import Uncertainty
+from hillsphere_controllers.linear_fractional.transformation import Lft
+from hillsphere_controllers.linear_fractional.uncertainties import Uncertainty
 from hillsphere_controllers.linear_products import UncertainModel
 
 __all__ = ["to_lft", "uncertain_model"]

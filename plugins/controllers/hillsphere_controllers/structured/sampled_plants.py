@@ -9,8 +9,7 @@ weighted: with z = exp(jθ) and ω = (2/T) tan(θ/2),
     = \frac{1}{2\pi}\int_{-\infty}^{\infty}
       \left|\frac{2/\sqrt T}{j\omega + 2/T}\,G\right|^2 d\omega .
 
-A controller of free entries is mapped to one, so the structure survives; those with fixed entries,
-PID and transfer functions do not.
+A structure of the controller in discrete time is one of its image too (`sampled_structure`).
 """
 
 from __future__ import annotations
@@ -27,14 +26,18 @@ from hillsphere_controllers.analysis.h2_norm import h2_norm
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.errors import SynthesisFailedError
 from hillsphere_controllers.structured.requirements import Channel, DesignPlant
-from hillsphere_controllers.structured.structure import Diagonal, FreeEntries, Structure
+from hillsphere_controllers.structured.sampled_structure import (
+    image_structure,
+    sampled_controller_of,
+)
+from hillsphere_controllers.structured.structure import Structure
 from hillsphere_controllers.structured.synthesis import (
     Progress,
     StructuredDesign,
     synthesise,
 )
 from hillsphere_controllers.systems.algebra import lower_lft
-from hillsphere_controllers.systems.bilinear import continuous, discrete
+from hillsphere_controllers.systems.bilinear import continuous
 
 __all__ = ["sampled_norms", "synthesise_sampled"]
 
@@ -66,9 +69,10 @@ def synthesise_sampled(
         In discrete time, of one period. An H2 norm is the root of the sum of squares of the
         response to unit impulses.
     structure : Structure
-        All of whose entries are free, or a diagonal of such.
+        Of the controller in discrete time, see `sampled_structure.image_structure`.
     starts, seed, initial, scatter, target, largest_gain, controller_stable, bandwidth_rad_s
-        As for `synthesise`; parameters and gain are those of the controller's image.
+        As for `synthesise`; the gain is that of the controller's image, and so are the parameters
+        of a PID and of a controller without fixed entries.
     shaken, progress, ctx
         As for `synthesise`.
 
@@ -81,7 +85,7 @@ def synthesise_sampled(
     Raises
     ------
     InputError
-        If periods differ, or the structure does not survive the map.
+        If periods differ, or the structure is of a kind that has no image.
     NotStabilisableError, SynthesisFailedError
         As `synthesise`; also if the sampled closed loops do not have the norms of the images.
     """
@@ -92,19 +96,15 @@ def synthesise_sampled(
             "plants must be in discrete time and of one period, got "
             f"{', '.join('continuous' if p is None else f'{p:g} s' for p in periods) or 'none'}"
         )
-    if not _is_free(structure):
-        raise InputError(
-            "in discrete time every entry of the controller must be free: the bilinear map, by "
-            "which it is found, keeps no fixed entries, no PID and no transfer function"
-        )
     period = next(p for p in periods if p is not None)
+    image = image_structure(structure, period)
     design = synthesise(
-        [_image(plant, structure) for plant in many], structure, starts=starts, seed=seed,
+        [_image(plant, structure) for plant in many], image, starts=starts, seed=seed,
         initial=initial, scatter=scatter, target=target, largest_gain=largest_gain,
         controller_stable=controller_stable, bandwidth_rad_s=bandwidth_rad_s, shaken=shaken,
         progress=progress, ctx=ctx,
     )  # fmt: skip
-    controller = discrete(design.controller, period)
+    controller = sampled_controller_of(image, design.theta, period)
     gamma = 0.0
     for plant in many:
         for channel, norm in zip(plant.channels, sampled_norms(plant, controller), strict=True):
@@ -151,12 +151,6 @@ def sampled_norms(plant: DesignPlant, controller: LtiSystem) -> list[float]:
         size = hinf_norm(part).upper if channel.norm == "hinf" else h2_norm(part)
         norms.append(channel.weight * float(size))
     return norms
-
-
-def _is_free(structure: Structure) -> bool:
-    if isinstance(structure, Diagonal):
-        return all(_is_free(part) for part in structure.parts)
-    return isinstance(structure, FreeEntries) and bool(structure.free.all())
 
 
 def _image(plant: DesignPlant, structure: Structure) -> DesignPlant:

@@ -121,20 +121,7 @@ def series(*systems: LtiSystem) -> LtiSystem:
         raise InputError("nothing to put in series")
     made = systems[0]
     for after in systems[1:]:
-        if after.shape[1] != made.shape[0]:
-            raise InputError(
-                f"in series: {made.shape[0]} outputs into {after.shape[1]} inputs do not fit"
-            )
-        dt_s = _common_period((made, after))
-        made = LtiSystem(
-            np.block([[made.a, np.zeros((made.order, after.order))], [after.b @ made.c, after.a]]),
-            np.vstack([made.b, after.b @ made.d]),
-            np.hstack([after.d @ made.c, after.c]),
-            after.d @ made.d,
-            dt_s,
-            made.inputs,
-            after.outputs,
-        )
+        made = after @ made
     return made
 
 
@@ -144,20 +131,14 @@ def parallel(*systems: LtiSystem) -> LtiSystem:
     Raises
     ------
     InputError
-        If shapes or sampling periods differ.
+        If there is none, or shapes or sampling periods differ.
     """
-    shapes = {s.shape for s in systems}
-    if len(shapes) != 1:
-        raise InputError(f"a sum needs systems of one shape, got {sorted(shapes)}")
-    return LtiSystem(
-        _diagonal([s.a for s in systems]),
-        np.vstack([s.b for s in systems]),
-        np.hstack([s.c for s in systems]),
-        np.sum([s.d for s in systems], axis=0),
-        _common_period(systems),
-        systems[0].inputs,
-        systems[0].outputs,
-    )
+    if not systems:
+        raise InputError("nothing to add")
+    made = systems[0]
+    for other in systems[1:]:
+        made = made + other
+    return made
 
 
 def feedback(forward: LtiSystem, back: LtiSystem, sign: int = -1) -> LtiSystem:

@@ -1,22 +1,74 @@
-"""Conversion from and to transfer functions and objects of python-control."""
+"""Conversion from and to transfer functions and objects of python-control.
+
+`as_lti` is the one place where a function that takes systems of either library converts them, and
+`like` the one place where its result is given back in the library of what was given.
+"""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
+from hillsphere_controllers.systems.algebra import append, gain
 from hillsphere_controllers.systems.balancing import balance_states
+from hillsphere_controllers.systems.minimal import minimal_realisation
 
-__all__ = ["from_control", "to_control", "transfer_function"]
+__all__ = ["as_lti", "from_control", "like", "to_control", "transfer_function"]
+
+
+def as_lti(given: object, what: str = "the system") -> LtiSystem:
+    """Return a system of this library, of python-control, or a constant matrix as an `LtiSystem`.
+
+    Parameters
+    ----------
+    given : LtiSystem, control.StateSpace, control.TransferFunction, array_like or float
+        The system; a matrix or a number is a constant gain.
+    what : str
+        What it is, for messages.
+
+    Raises
+    ------
+    InputError
+        If it is something else, or as `from_control`.
+    """
+    if isinstance(given, LtiSystem):
+        return given
+    if _is_of_control(given):
+        return from_control(given)
+    if isinstance(given, float | int | np.number | np.ndarray | list):
+        return gain(np.asarray(given))
+    raise InputError(
+        f"{what} must be an LtiSystem, a control.StateSpace, a control.TransferFunction or a "
+        f"matrix, got {type(given).__name__}"
+    )
+
+
+def like(made: LtiSystem, *given: object) -> Any:
+    """Return a result as a `control.StateSpace` if one of the given systems is of python-control.
+
+    Otherwise it is returned as it is.
+    """
+    return to_control(made) if any(_is_of_control(one) for one in given) else made
+
+
+def _is_of_control(given: object) -> bool:
+    # who has made such an object has imported the package
+    control = sys.modules.get("control")
+    return control is not None and isinstance(given, control.InputOutputSystem)
 
 
 def transfer_function(
-    numerator: Sequence[float], denominator: Sequence[float], dt_s: float | None = None
+    numerator: Sequence[float] | Array,
+    denominator: Sequence[float] | Array,
+    dt_s: float | None = None,
 ) -> LtiSystem:
     """Return a transfer function of one input and one output as a system.
 
@@ -91,35 +143,46 @@ def from_control(system: Any) -> LtiSystem:
     Parameters
     ----------
     system : control.StateSpace or control.TransferFunction
-        A transfer function is realised by python-control; one of several inputs and outputs needs
-        its optional package slycot for that. No period given counts as continuous time.
+        A transfer function of several inputs and outputs is realised entry by entry, and reduced
+        to a minimal realisation. No period given (dt = 0 or None) counts as continuous time.
 
     Raises
     ------
     InputError
         If python-control is not installed, the object is another one, is not proper, or in
-        discrete time of a period that is not given.
+        discrete time of a period that is not given (dt = True).
     """
     control = _control()
-    if isinstance(system, control.TransferFunction):
-        try:
-            system = control.ss(system)
-        except Exception as error:
-            raise InputError(
-                f"python-control makes no state space of this transfer function: {error}"
-            ) from error
-    if not isinstance(system, control.StateSpace):
+    if not isinstance(system, control.StateSpace | control.TransferFunction):
         raise InputError(
             "a control.StateSpace or control.TransferFunction is needed, got "
-            f"{type(system).__name__}"
+            f"{type(system).__name__}; a delay in continuous time has none: take control.pade"
         )
     if system.dt is True:
         raise InputError("a system in discrete time needs its sampling period (dt = 0.1, say)")
+    dt_s = float(system.dt) if system.dt else None
+    labels = tuple(system.input_labels), tuple(system.output_labels)
+    if isinstance(system, control.TransferFunction):
+        return replace(_realise(system, dt_s), inputs=labels[0], outputs=labels[1])
     return LtiSystem(
-        system.A, system.B, system.C, system.D,
-        None if not system.dt else float(system.dt),
-        tuple(system.input_labels), tuple(system.output_labels), tuple(system.state_labels),
-    )  # fmt: skip
+        system.A, system.B, system.C, system.D, dt_s, *labels, tuple(system.state_labels)
+    )
+
+
+def _realise(function: Any, dt_s: float | None) -> LtiSystem:
+    """Return a minimal realisation of a transfer function of python-control."""
+    rows = []
+    for numerators, denominators in zip(function.num_list, function.den_list, strict=True):
+        row = [
+            transfer_function(num, den, dt_s)
+            for num, den in zip(numerators, denominators, strict=True)
+        ]
+        # the inputs of one row side by side, their outputs added
+        rows.append(np.ones((1, len(row))) @ append(*row))
+    if len(rows) == 1 and rows[0].shape[1] == 1:
+        return rows[0]
+    same_inputs = np.vstack([np.eye(rows[0].shape[1])] * len(rows))
+    return minimal_realisation(append(*rows) @ same_inputs)
 
 
 def _control() -> Any:

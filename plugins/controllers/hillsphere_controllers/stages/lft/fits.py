@@ -9,12 +9,12 @@ import numpy as np
 
 from hillsphere.interfaces import Array, Integers
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.lft.affine import affine_fit, affine_lft
-from hillsphere_controllers.lft.algebra import state_space
-from hillsphere_controllers.lft.fitting import PolynomialFit, fit_polynomial
-from hillsphere_controllers.lft.reduction import ReducedLft, reduce_lft
-from hillsphere_controllers.lft.transformation import Lft
-from hillsphere_controllers.lft.uncertainties import Uncertainty
+from hillsphere_controllers.linear_fractional.affine import affine_fit, affine_lft
+from hillsphere_controllers.linear_fractional.algebra import state_space
+from hillsphere_controllers.linear_fractional.fitting import PolynomialFit, fit_polynomial
+from hillsphere_controllers.linear_fractional.reduction import ReducedLft, reduce_lft
+from hillsphere_controllers.linear_fractional.transformation import Lft
+from hillsphere_controllers.linear_fractional.uncertainties import Uncertainty
 from hillsphere_controllers.stages.lft.specs import LftSpec
 
 __all__ = ["Fit", "certain_lft", "fit_by_affine", "fit_by_polynomials"]

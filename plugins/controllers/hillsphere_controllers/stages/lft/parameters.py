@@ -11,7 +11,11 @@ from hillsphere.base.matching import match_names
 from hillsphere.base.problems import did_you_mean
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Dispersion, Integers, Parameter
-from hillsphere_controllers.lft.uncertainties import Uncertainty, bound_dispersion, real_parameter
+from hillsphere_controllers.linear_fractional.uncertainties import (
+    Uncertainty,
+    bound_dispersion,
+    real_parameter,
+)
 from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.lft.specs import LftSpec
 

@@ -11,8 +11,8 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Integers
 from hillsphere.lti import LtiSystem
 from hillsphere.presentation import Presentation
-from hillsphere_controllers.lft.transformation import Lft
-from hillsphere_controllers.lft.uncertainties import Uncertainty, real_parameter
+from hillsphere_controllers.linear_fractional.transformation import Lft
+from hillsphere_controllers.linear_fractional.uncertainties import Uncertainty, real_parameter
 from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.frequencies import frequencies
 from hillsphere_controllers.stages.lft.fits import (

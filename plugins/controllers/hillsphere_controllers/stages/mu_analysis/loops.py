@@ -12,8 +12,8 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.frequency import largest_gains
-from hillsphere_controllers.lft.transformation import Lft
-from hillsphere_controllers.lft.uncertainties import physical_values
+from hillsphere_controllers.linear_fractional.transformation import Lft
+from hillsphere_controllers.linear_fractional.uncertainties import physical_values
 from hillsphere_controllers.linear_products import UncertainModel
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.certified import CertifiedPeak

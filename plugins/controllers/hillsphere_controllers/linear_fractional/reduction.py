@@ -27,8 +27,8 @@ from scipy.linalg import block_diag
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Integers
-from hillsphere_controllers.lft.transformation import Lft, evaluate_upper_lft
-from hillsphere_controllers.lft.uncertainties import random_values
+from hillsphere_controllers.linear_fractional.transformation import Lft, evaluate_upper_lft
+from hillsphere_controllers.linear_fractional.uncertainties import random_values
 from hillsphere_controllers.mu.blocks import BlockStructure, full
 from hillsphere_controllers.mu.upper_bound import upper_bound
 from hillsphere_controllers.systems.algebra import gain

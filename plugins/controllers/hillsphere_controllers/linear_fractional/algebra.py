@@ -10,8 +10,8 @@ from scipy.linalg import block_diag
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.lft.transformation import Lft, connect_lfts, constant
-from hillsphere_controllers.lft.uncertainties import Uncertainty
+from hillsphere_controllers.linear_fractional.transformation import Lft, connect_lfts, constant
+from hillsphere_controllers.linear_fractional.uncertainties import Uncertainty
 from hillsphere_controllers.systems.algebra import gain
 
 __all__ = [

@@ -31,9 +31,9 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import real_matrix
-from hillsphere_controllers.lft.reduction import minimal
-from hillsphere_controllers.lft.transformation import Lft
-from hillsphere_controllers.lft.uncertainties import Uncertainty
+from hillsphere_controllers.linear_fractional.reduction import minimal
+from hillsphere_controllers.linear_fractional.transformation import Lft
+from hillsphere_controllers.linear_fractional.uncertainties import Uncertainty
 from hillsphere_controllers.systems.algebra import gain
 
 __all__ = [

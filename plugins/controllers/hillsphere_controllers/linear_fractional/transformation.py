@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.lft.uncertainties import Uncertainty
+from hillsphere_controllers.linear_fractional.uncertainties import Uncertainty
 from hillsphere_controllers.mu.blocks import Block, BlockStructure
 from hillsphere_controllers.systems.algebra import append, close_with_gain, gain, upper_lft
 
@@ -44,8 +44,9 @@ Values = Mapping[str, ArrayLike | LtiSystem]
 class Lft:
     """An uncertain system, or an uncertain matrix if M has no states.
 
-    ``+``, ``-``, ``@`` and the product with a number make others; so do the functions of
-    `hillsphere_controllers.lft.algebra`. Matrices and `LtiSystem` are taken for certain ones.
+    ``+``, ``-``, ``@`` make others, and ``*``, which is ``@`` or the product with a number; so do
+    the functions of `hillsphere_controllers.linear_fractional.algebra`. Matrices and `LtiSystem`
+    are taken for certain ones.
 
     Parameters
     ----------
@@ -299,14 +300,18 @@ class Lft:
         """Return the difference."""
         return constant(other) - self
 
-    def __mul__(self, number: float) -> Lft:
-        """Return the product with a number; for that with a system or a matrix there is @."""
-        if np.ndim(number) or isinstance(number, Lft | LtiSystem):
-            raise InputError("* is by a number; the product with a system or a matrix is a @ b")
+    def __mul__(self, other: Lft | LtiSystem | Array | float) -> Lft:
+        """Return the product with a number, or `self @ other`."""
+        if isinstance(other, Lft | LtiSystem | np.ndarray):
+            return self @ other
         (p, m) = self.shape
-        return connect_lfts((self,), np.zeros((m, p)), np.eye(m), float(number) * np.eye(p))
+        return connect_lfts((self,), np.zeros((m, p)), np.eye(m), float(other) * np.eye(p))
 
-    __rmul__ = __mul__
+    def __rmul__(self, other: LtiSystem | Array | float) -> Lft:
+        """Return the product with a number, or `other @ self`."""
+        if isinstance(other, LtiSystem | np.ndarray):
+            return constant(other) @ self
+        return self * other
 
     def __matmul__(self, other: Lft | LtiSystem | Array) -> Lft:
         """Return the product: the outputs of the right LFT are the inputs of the left one."""

@@ -22,9 +22,13 @@ from numpy.typing import NDArray
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere_controllers.lft.polynomials import Terms, evaluate_polynomial, scaled_polynomial
-from hillsphere_controllers.lft.transformation import Lft
-from hillsphere_controllers.lft.uncertainties import Uncertainty
+from hillsphere_controllers.linear_fractional.polynomials import (
+    Terms,
+    evaluate_polynomial,
+    scaled_polynomial,
+)
+from hillsphere_controllers.linear_fractional.transformation import Lft
+from hillsphere_controllers.linear_fractional.uncertainties import Uncertainty
 
 __all__ = ["PolynomialFit", "fit_polynomial"]
 

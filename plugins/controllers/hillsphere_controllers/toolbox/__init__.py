@@ -1,0 +1,1 @@
+"""The flat namespace of control engineers: thin functions under their usual names."""

@@ -1,0 +1,313 @@
+"""Responses of systems in time and frequency as arrays, with charts of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere.lti import LtiSystem
+from hillsphere.presentation import Axis, Chart, Curve, Panel, Rule
+from hillsphere.show.drawing import Drawing, draw
+from hillsphere_controllers.analysis.h2_norm import h2_norm
+from hillsphere_controllers.analysis.hinf_norm import HinfNorm, hinf_norm
+from hillsphere_controllers.analysis.margins import LoopMargins, loop_margins
+from hillsphere_controllers.stages.step_responses import step_responses
+from hillsphere_controllers.systems.conversion import as_lti
+from hillsphere_controllers.toolbox.results import Readable
+
+__all__ = [
+    "Bode", "Margins", "SingularValues", "StepResponse", "bode", "h2norm", "hinfnorm", "margins",
+    "sigma", "step",
+]  # fmt: skip
+
+_POINTS = 400
+"""Frequencies of a curve: a printed figure shows no corners."""
+_BEYOND = 100.0
+"""Factor by which the default frequencies go beyond the slowest and the fastest pole: two decades
+show the asymptotes."""
+
+
+class _Plotted(Readable):
+    """A result with a chart."""
+
+    def chart(self) -> Chart:
+        """Return the chart as data."""
+        raise NotImplementedError
+
+    def plot(self, path: str | Path | None = None) -> Drawing:
+        """Draw the chart; notebooks show what is returned.
+
+        Parameters
+        ----------
+        path : str or Path, optional
+            File to write, ``.svg`` or ``.png``.
+
+        Raises
+        ------
+        InputError
+            If the file has another ending.
+        """
+        kind = "" if path is None else Path(path).suffix
+        if path is not None and kind not in (".svg", ".png"):
+            raise InputError(f"a plot is written to a .svg or .png file, got {path}")
+        drawing = draw(self.chart(), png=kind == ".png")
+        if path is not None:
+            content = drawing.svg if kind == ".svg" else drawing.png
+            Path(path).write_bytes(content or b"")
+        return drawing
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StepResponse(_Plotted):
+    """Responses to unit steps.
+
+    Parameters
+    ----------
+    times_s : ndarray, shape (K,)
+        Times.
+    outputs : ndarray, shape (K, p, m)
+        Of all outputs to a step of each input.
+    names : tuple of str
+        Of the p · m transfers, the inputs of the first output first.
+    """
+
+    times_s: Array
+    outputs: Array
+    names: tuple[str, ...]
+
+    def chart(self) -> Chart:
+        """Return the responses over time."""
+        curves = [
+            Curve(self.times_s, self.outputs[:, i, j], name)
+            for (i, j), name in zip(np.ndindex(self.outputs.shape[1:]), self.names, strict=True)
+        ]
+        panel = Panel(Axis("time", "s"), Axis("output"), curves)
+        return Chart("Step response", [panel], alt="Outputs over time after a unit step.")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Bode(_Plotted):
+    """Magnitude and phase over frequency.
+
+    Parameters
+    ----------
+    omega_rad_s : ndarray, shape (K,)
+        Frequencies.
+    magnitude : ndarray, shape (K, p, m)
+        Gains, not in decibels.
+    phase_rad : ndarray, shape (K, p, m)
+        Phases, continuous over frequency.
+    names : tuple of str
+        As of `StepResponse`.
+    """
+
+    omega_rad_s: Array
+    magnitude: Array
+    phase_rad: Array
+    names: tuple[str, ...]
+
+    def chart(self) -> Chart:
+        """Return magnitude and phase in two panels."""
+        omega = Axis("frequency", "rad/s", "log")
+        gain, phase = [], []
+        for (i, j), name in zip(np.ndindex(self.magnitude.shape[1:]), self.names, strict=True):
+            gain.append(Curve(self.omega_rad_s, _decibels(self.magnitude[:, i, j]), name))
+            phase.append(Curve(self.omega_rad_s, np.degrees(self.phase_rad[:, i, j]), name))
+        panels = [
+            Panel(omega, Axis("magnitude", "dB"), gain),
+            Panel(omega, Axis("phase", "°"), phase, legend="none"),
+        ]
+        return Chart(
+            "Bode diagram", panels, alt="Magnitude and phase over frequency.", share_x=True
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SingularValues(_Plotted):
+    """Singular values over frequency.
+
+    Parameters
+    ----------
+    omega_rad_s : ndarray, shape (K,)
+        Frequencies.
+    values : ndarray, shape (K, min(p, m))
+        The largest first.
+    """
+
+    omega_rad_s: Array
+    values: Array
+
+    def chart(self) -> Chart:
+        """Return the singular values in decibels."""
+        curves = [
+            Curve(self.omega_rad_s, _decibels(row), f"σ{k + 1}")
+            for k, row in enumerate(self.values.T)
+        ]
+        panel = Panel(Axis("frequency", "rad/s", "log"), Axis("singular value", "dB"), curves)
+        return Chart("Singular values", [panel], alt="Singular values over frequency.")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Margins(_Plotted):
+    """Margins of a loop closed by negative feedback, each channel with the others closed.
+
+    Parameters
+    ----------
+    stable : bool
+        Whether the closed loop is stable.
+    loops : tuple of LoopMargins
+        One per channel.
+    response : Bode
+        Of the loop, for the chart.
+    """
+
+    stable: bool
+    loops: tuple[LoopMargins, ...]
+    response: Bode
+
+    def __iter__(self) -> Iterator[LoopMargins]:
+        """Iterate over the channels."""
+        return iter(self.loops)
+
+    def chart(self) -> Chart:
+        """Return the Bode diagram of the loop, with lines at the crossings."""
+        bode_chart = self.response.chart()
+        gain, phase = (one for one in bode_chart.panels if isinstance(one, Panel))
+        crossings = [one.phase_rad_s for one in self.loops if np.isfinite(one.phase_rad_s)]
+        marks = [Rule("x", omega, "gain crossing") for omega in crossings]
+        panels = [
+            Panel(gain.x, gain.y, [*gain.marks, Rule("y", 0.0), *marks]),
+            Panel(phase.x, phase.y, [*phase.marks, Rule("y", -180.0), *marks], legend="none"),
+        ]
+        return Chart("Loop and its margins", panels, alt=bode_chart.alt, share_x=True)
+
+
+def hinfnorm(G: LtiSystem, *, tolerance: float = 1e-9) -> HinfNorm:
+    """Return the H∞ norm of a system, where it is reached, and an upper bound.
+
+    Parameters
+    ----------
+    G : LtiSystem or system of python-control
+        The system.
+    tolerance : float
+        Relative distance between the bounds.
+    """
+    return hinf_norm(as_lti(G, "the system G"), tolerance)
+
+
+def h2norm(G: LtiSystem) -> float:
+    """Return the H2 norm of a system of this library or of python-control."""
+    return h2_norm(as_lti(G, "the system G"))
+
+
+def step(G: LtiSystem, duration_s: float | None = None) -> StepResponse:
+    """Return the responses to unit steps, exact at the times.
+
+    Parameters
+    ----------
+    G : LtiSystem or system of python-control
+        Stable, unless a duration is given.
+    duration_s : float, optional
+        How long; by default until all has settled.
+
+    Raises
+    ------
+    InputError
+        If the system is not stable and no duration is given, or the duration is not positive.
+    """
+    system = as_lti(G, "the system G")
+    if duration_s is None and not system.is_stable:
+        raise InputError("the system is not stable: give the duration of its step response")
+    if duration_s is not None and not 0.0 < duration_s < np.inf:
+        raise InputError(f"a duration must be > 0 s and finite, got {duration_s}")
+    times, (outputs,) = step_responses([system], duration_s)
+    return StepResponse(times, outputs, _names(system))
+
+
+def bode(G: LtiSystem, omega_rad_s: Array | None = None) -> Bode:
+    """Return magnitude and phase over frequency.
+
+    Parameters
+    ----------
+    G : LtiSystem or system of python-control
+        The system.
+    omega_rad_s : ndarray, shape (K,), optional
+        Frequencies, rising; by default two decades beyond the poles, or to half the sampling rate.
+
+    Raises
+    ------
+    InputError
+        If a frequency is that of a pole.
+    """
+    system = as_lti(G, "the system G")
+    omega, made = _response(system, omega_rad_s)
+    phase = np.unwrap(np.angle(made), axis=0)
+    return Bode(omega, np.abs(made), phase, _names(system))
+
+
+def sigma(G: LtiSystem, omega_rad_s: Array | None = None) -> SingularValues:
+    """Return the singular values over frequency.
+
+    Parameters
+    ----------
+    G, omega_rad_s
+        As of `bode`.
+    """
+    omega, made = _response(as_lti(G, "the system G"), omega_rad_s)
+    values: Array = np.asarray(np.linalg.svd(made, compute_uv=False), dtype=float)
+    return SingularValues(omega, values)
+
+
+def margins(L: LtiSystem) -> Margins:
+    """Return gain, phase and delay margins of a loop closed by negative feedback.
+
+    Parameters
+    ----------
+    L : LtiSystem or system of python-control
+        The loop, as many outputs as inputs.
+
+    Raises
+    ------
+    InputError
+        As `hillsphere_controllers.analysis.margins.loop_margins`.
+    """
+    loop = as_lti(L, "the loop L")
+    found = loop_margins(loop)
+    return Margins(all(one.stable for one in found), found, bode(loop))
+
+
+def _response(system: LtiSystem, omega_rad_s: Array | None) -> tuple[Array, NDArray[np.complex128]]:
+    omega = _grid(system) if omega_rad_s is None else np.asarray(omega_rad_s, dtype=float)
+    return omega, system.response(omega)
+
+
+def _grid(system: LtiSystem) -> Array:
+    poles = system.poles
+    if system.dt_s is not None:
+        poles = np.asarray(np.log(poles[np.abs(poles) > 0.0]) / system.dt_s)
+    sizes = np.abs(poles)
+    sizes = sizes[sizes > 1e-9 * sizes.max(initial=0.0)]
+    low, high = (float(sizes.min()), float(sizes.max())) if sizes.size else (1.0, 1.0)
+    if system.dt_s is None:
+        return np.geomspace(low / _BEYOND, high * _BEYOND, _POINTS)
+    top = np.pi / system.dt_s
+    return np.geomspace(min(low, top) / _BEYOND, top, _POINTS)
+
+
+def _names(system: LtiSystem) -> tuple[str, ...]:
+    p, m = system.shape
+    outputs = system.outputs or tuple(f"y{i + 1}" for i in range(p))
+    inputs = system.inputs or tuple(f"u{j + 1}" for j in range(m))
+    return tuple(f"{y} from {u}" for y in outputs for u in inputs)
+
+
+def _decibels(gains: Array) -> Array:
+    with np.errstate(divide="ignore"):
+        made = 20.0 * np.log10(gains)
+    return np.where(np.isfinite(made), made, np.nan)

@@ -1,0 +1,294 @@
+"""The flat namespace: light to import, typed, for systems of python-control too."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import hillsphere_controllers as hc
+from hillsphere.errors import InputError
+
+ROOT = Path(__file__).parents[3]
+EXAMPLE = Path(__file__).parent / "toolbox_example.py"
+PLANT = hc.LtiSystem(
+    np.array([[0.0, 1.0], [-1.0, -0.1]]),
+    np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 1.0]]),
+    np.array([[1.0, 0.0], [0.0, 0.0], [1.0, 0.0]]),
+    np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.3], [0.0, 0.3, 0.0]]),
+)
+LAG = hc.transfer_function([1.0], [1.0, 1.0])
+
+
+def run(code: str) -> str:
+    made = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return made.stdout
+
+
+def test_import_and_registration_load_nothing_numerical() -> None:
+    """Pluggy looks at every name of a plugin: those that are lazy stay unloaded."""
+    out = run(
+        "import sys, hillsphere_controllers as hc\n"
+        "from hillsphere.plugins import default_registry\n"
+        "assert 'hinfsyn' in dir(hc)\n"
+        "registry = default_registry()\n"
+        "assert not registry.broken, registry.broken\n"
+        "print([m for m in ('numpy', 'scipy', 'cvxpy', 'control') if m in sys.modules])"
+    )
+    assert out.strip() == "[]"
+
+
+def test_every_name_is_there_and_the_function_lft_is_no_package() -> None:
+    assert set(hc.__all__) <= set(dir(hc))
+    for name in hc.__all__:
+        assert getattr(hc, name) is not None
+    import hillsphere_controllers.linear_fractional.algebra  # noqa: F401
+
+    assert callable(hc.lft)
+    with pytest.raises(AttributeError, match="no attribute 'hinfsin'"):
+        getattr(hc, "hinfsin")  # noqa: B009
+
+
+def test_example_runs() -> None:
+    subprocess.run([sys.executable, str(EXAMPLE)], check=True, capture_output=True)
+
+
+@pytest.mark.slow
+def test_example_is_typed_strictly(tmp_path: Path) -> None:
+    """The project's own run of mypy sees the example too; here a wrong type is seen besides."""
+    mypy = pytest.importorskip("mypy.api", reason="mypy is not installed")
+    wrong = tmp_path / "wrong.py"
+    wrong.write_text(EXAMPLE.read_text("utf-8").replace("design.gamma, float", "design.gamma, int"))
+    common = ["--config-file", str(ROOT / "pyproject.toml"), "--follow-imports=silent"]
+    out, _, code = mypy.run([*common, str(EXAMPLE)])
+    assert code == 0, out
+    out, _, code = mypy.run([*common, str(wrong)])
+    assert code == 1
+    assert 'Expression is of type "float", not "int"' in out
+
+
+def test_synthesis_gives_back_what_it_is_given() -> None:
+    control = pytest.importorskip("control", reason="python-control is not installed")
+    own, theirs = hc.hinfsyn(PLANT, 1, 1), hc.hinfsyn(hc.to_control(PLANT), 1, 1)
+    assert isinstance(own.K, hc.LtiSystem)
+    assert isinstance(theirs.K, control.StateSpace)
+    assert isinstance(theirs.CL, control.StateSpace)
+    assert theirs.gamma == own.gamma
+    closed = hc.to_control(PLANT).lft(theirs.K, 1, 1)
+    assert control.system_norm(closed, "inf") == pytest.approx(own.gamma, rel=1e-4)
+    assert isinstance(hc.h2syn(hc.to_control(PLANT), 1, 1).K, control.StateSpace)
+    function = control.tf([1.0], [1.0, 0.1, 1.0])
+    mixed = hc.mixsyn(function, hc.performance_weight(0.5, steady_error=0.01), 0.1)
+    assert isinstance(mixed.T, control.StateSpace)
+    assert isinstance(hc.ncfsyn(function).K, control.StateSpace)
+    assert hc.gapmetric(function, function).nugap < 1e-6
+    assert isinstance(hc.lft(PLANT, hc.to_control(own.K)), control.StateSpace)
+    assert "of python-control" in repr(mixed)
+    own_disk = hc.diskmargin(hc.from_control(function)).disk_margin
+    assert hc.diskmargin(function).loops == pytest.approx((own_disk,), rel=1e-6)
+    assert hc.bode(function).magnitude.shape == (400, 1, 1)
+
+
+def test_transfer_functions_of_several_inputs_are_realised_minimally() -> None:
+    control = pytest.importorskip("control", reason="python-control is not installed")
+    given = control.tf(
+        [[[1.0], [1.0]], [[1.0], [2.0]]], [[[1.0, -1.0], [1.0, 2.0]], [[1.0, -1.0], [1.0, -1.0]]]
+    )
+    made = hc.from_control(given)
+    # residues at s = 1: [1 0; 1 2] of rank 2; at −2 of rank 1
+    assert made.order == 3
+    for s in (0.3 + 1j, -1.0):
+        assert_allclose(made(s), given(s), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("numerator", "denominator", "dt", "message"),
+    [
+        ([1.0, 0.0, 0.0], [1.0, 1.0], 0, "not proper"),
+        ([1.0], [1.0, 1.0], True, "needs its sampling period"),
+    ],
+)
+def test_systems_of_control_without_a_form_here(
+    numerator: list[float], denominator: list[float], dt: float | bool, message: str
+) -> None:
+    control = pytest.importorskip("control", reason="python-control is not installed")
+    with pytest.raises(InputError, match=message):
+        hc.bode(control.tf(numerator, denominator, dt))
+
+
+@pytest.mark.parametrize("dt", [0, None])
+def test_no_period_is_continuous_time(dt: int | None) -> None:
+    control = pytest.importorskip("control", reason="python-control is not installed")
+    assert hc.from_control(control.tf([1.0], [1.0, 1.0], dt)).dt_s is None
+
+
+def test_other_objects() -> None:
+    control = pytest.importorskip("control", reason="python-control is not installed")
+    with pytest.raises(InputError, match=r"got FrequencyResponseData.*control\.pade"):
+        hc.bode(control.frd(np.ones(3), [1.0, 2.0, 3.0]))
+    with pytest.raises(InputError, match=r"the plant P must be an LtiSystem, .* got str"):
+        hc.hinfsyn("P", 1, 1)  # type: ignore[type-var]
+
+
+def test_ureal() -> None:
+    for made, ends in (
+        (hc.ureal("k", 2.0), (1.0, 3.0)),
+        (hc.ureal("k", 2.0, range=(1.5, 4.0)), (1.5, 4.0)),
+        (hc.ureal("k", 2.0, plusminus=0.5), (1.5, 2.5)),
+        (hc.ureal("k", 2.0, plusminus=(-0.5, 1.0)), (1.5, 3.0)),
+        (hc.ureal("k", -2.0, percentage=10.0), (-2.2, -1.8)),
+    ):
+        (one,) = made.uncertainties
+        assert (one.lower, one.upper) == pytest.approx(ends)
+    with pytest.raises(InputError, match="not several"):
+        hc.ureal("k", 1.0, plusminus=0.1, percentage=3.0)
+    with pytest.raises(InputError, match="bound must be > 0"):
+        hc.ultidyn("d", bound=0.0)
+
+
+def test_uncertain_product_is_that_of_matrices() -> None:
+    k = hc.ureal("k", 2.0, plusminus=0.5)
+    assert (LAG * k).at({"k": 1.5})(0.0).item() == pytest.approx(1.5)
+    assert (k * LAG * 2.0).at({"k": 1.5})(0.0).item() == pytest.approx(3.0)
+    system = hc.uss(-k, np.eye(1), np.eye(1), np.zeros((1, 1)))
+    assert system.at({"k": 1.5}).poles[0] == pytest.approx(-1.5)
+
+
+def test_lft_closes_above_or_below() -> None:
+    p = hc.gain(np.array([[1.0, 1.0], [1.0, 0.0]]))
+    half = hc.gain(np.array([[0.5]]))
+    assert hc.lft(p, half)(0.0).item() == pytest.approx(1.5)
+    assert hc.lft(half, p)(0.0).item() == pytest.approx(1.0)
+    assert_allclose(hc.lft(p, p, 1, 1)(0.0), [[2.0, 1.0], [1.0, 0.0]])
+    k = hc.ureal("k", 0.5, plusminus=0.1)
+    assert hc.lft(p, k).at({"k": 0.5})(0.0).item() == pytest.approx(1.5)
+    assert hc.lft(k, p).at({"k": 0.5})(0.0).item() == pytest.approx(1.0)
+    with pytest.raises(InputError, match="closes the other one"):
+        hc.lft(hc.gain(np.ones((1, 3))), hc.gain(np.ones((2, 2))))
+    with pytest.raises(InputError, match="both nu and ny"):
+        hc.lft(p, p, 1)
+
+
+def test_robust_margins_of_an_exact_case() -> None:
+    """1/(s + k): stable for k > 0, gain 1/k; k = 2 ± 1."""
+    k = hc.ureal("k", 2.0, plusminus=1.0)
+    system = hc.uss(-k, np.eye(1), np.eye(1), np.zeros((1, 1)))
+    stability = hc.robstab(system)
+    assert stability.lower_bound == pytest.approx(2.0, rel=0.02)
+    assert stability.lower_bound <= 2.0 * (1.0 + 1e-9) <= stability.upper_bound * (1.0 + 1e-6)
+    worst = hc.wcgain(system)
+    assert worst.lower_bound == pytest.approx(1.0, rel=1e-3)
+    assert worst.worst["k"] == pytest.approx(1.0, abs=1e-3)
+    # 1/(2 − t) = 0.8 at t = 0.75
+    margin = hc.robgain(system, 0.8)
+    assert margin.lower_bound <= 0.75 * (1.0 + 1e-9) <= margin.upper_bound * (1.0 + 1e-6)
+    assert margin.upper_bound - margin.lower_bound < 0.03
+    assert hc.robgain(system, 0.4).upper_bound == 0.0  # the nominal gain is 0.5
+    unstable = hc.uss(k, np.eye(1), np.eye(1), np.zeros((1, 1)))
+    assert hc.robstab(unstable).upper_bound == 0.0
+    with pytest.raises(InputError, match="uncertain system is needed"):
+        hc.robstab(LAG)  # type: ignore[arg-type]
+
+
+def test_mussv_of_known_matrices() -> None:
+    """Rank one: µ is |m₁₁| + |m₂₂| for complex scalars; a full block has the norm."""
+    m = np.array([[1.0, 2.0], [0.5, 1.0]])
+    made = hc.mussv(m, [[1, 1], [1, 1]])
+    assert made.upper[0] == pytest.approx(2.0, rel=1e-4)
+    assert made.lower[0] == pytest.approx(2.0, rel=1e-6)
+    assert hc.mussv(m, [[2, 2]]).upper[0] == pytest.approx(np.linalg.norm(m, 2), rel=1e-4)
+    # a real δ cannot make 1 − jδ zero
+    assert hc.mussv(np.array([[1j]]), [[-1, 0]]).upper[0] < 1e-4
+    along = hc.mussv(LAG, [[1, 1]], np.array([0.0, 1.0]))
+    assert_allclose(along.upper, [1.0, np.sqrt(0.5)], rtol=1e-4)
+    with pytest.raises(InputError, match="a system needs them"):
+        hc.mussv(LAG, [[1, 1]])
+    with pytest.raises(InputError, match="rows of two whole numbers"):
+        hc.mussv(m, [[1.5, 1]])  # type: ignore[list-item]
+
+
+def test_musyn_proves_what_wcgain_finds() -> None:
+    """1/(s + 1) with 20 % error of its input at low, 200 % at high frequency."""
+    delta = hc.ultidyn("input")
+    plant = LAG @ (np.eye(1) + hc.shelving_weight(0.2, 2.0, 10.0) @ delta)
+    w1 = hc.performance_weight(0.5, steady_error=0.02)
+    open_loop = generalised(plant, w1)
+    design = hc.musyn(open_loop, 1, 1, iterations=1, highest_order=2, joint_steps=0)
+    assert design.mu < 0.7
+    assert design.mu == pytest.approx(min(design.steps), rel=0.01)
+    assert design.lower_bound <= design.mu
+    # µ < 1 is robust performance: the gain with all uncertainties is below one
+    assert hc.wcgain(design.CL).upper_bound < 1.0
+
+
+def generalised(plant: hc.Lft, w1: hc.LtiSystem) -> hc.Lft:
+    """Return (r, u) → (W₁ e, e), e = r − G u."""
+    signals = hc.Lft(hc.gain(np.array([[1.0, -1.0], [1.0, -1.0]])))
+    return hc.append(w1, np.eye(1)) @ signals @ hc.append(np.eye(1), plant)
+
+
+def test_hinfstruct_and_systune() -> None:
+    design = hc.hinfstruct(PLANT, hc.tunableSS(1, 1, 1), starts=2)
+    assert design.lower_bound <= design.gamma < 0.64
+    assert hc.hinfnorm(design.CL[0]).value == pytest.approx(design.gamma, rel=1e-6)
+    tuned = hc.systune(
+        PLANT,
+        hc.tunablePID("pd"),
+        soft=[hc.GainGoal(outputs=[0])],
+        hard=[hc.GainGoal(outputs=[1], value=0.5), hc.PolesGoal(min_damping=0.3)],
+        starts=1,
+    )
+    assert tuned.hard[0] <= 1.0 + 1e-5
+    poles = tuned.CL[0].poles
+    assert (-poles.real / np.abs(poles)).min() >= 0.3 - 1e-3
+    with pytest.raises(InputError, match="needs a soft goal"):
+        hc.systune(PLANT, hc.tunableGain(1, 1), soft=[])
+    assert hc.tunableTF(1, 2).size == 4
+    assert hc.tunablePID("p").order == 0
+
+
+def test_responses_are_those_of_python_control() -> None:
+    control = pytest.importorskip("control", reason="python-control is not installed")
+    system = hc.transfer_function([1.0, 2.0], [1.0, 0.5, 4.0])
+    made = hc.step(system)
+    theirs = control.step_response(hc.to_control(system), made.times_s)
+    assert_allclose(made.outputs[:, 0, 0], theirs.outputs, atol=1e-8)
+    omega = np.array([0.1, 1.0, 10.0])
+    bode = hc.bode(system, omega)
+    assert_allclose(bode.magnitude[:, 0, 0], np.abs(hc.to_control(system)(1j * omega)), rtol=1e-10)
+    assert hc.sigma(system).values.shape == (400, 1)
+    assert hc.margins(system).stable
+    with pytest.raises(InputError, match="give the duration"):
+        hc.step(hc.transfer_function([1.0], [1.0, -1.0]))
+    assert hc.step(hc.transfer_function([1.0], [1.0, -1.0]), 2.0).outputs[-1, 0, 0] == (
+        pytest.approx(np.exp(2.0) - 1.0, rel=1e-9)
+    )
+
+
+def test_plots(tmp_path: Path) -> None:
+    for made in (hc.step(LAG), hc.bode(LAG), hc.sigma(LAG), hc.margins(5.0 * LAG)):
+        assert made.plot().svg.startswith(b"<?xml")
+    hc.step(LAG).plot(tmp_path / "step.png")
+    assert (tmp_path / "step.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(InputError, match=r"\.svg or \.png"):
+        hc.step(LAG).plot(tmp_path / "step.gif")
+
+
+def test_repr_of_results_has_a_line_per_field() -> None:
+    text = repr(hc.gapmetric(LAG, 2.0 * LAG))
+    assert text.splitlines()[0] == "GapMetric"
+    assert [line.split()[0] for line in text.splitlines()[1:]] == ["gap", "nugap"]
+    assert "<LtiSystem: 2 states" in repr(hc.h2syn(PLANT, 1, 1))
+    assert "array of 400" in repr(hc.sigma(LAG))
+
+
+def test_ucover_covers() -> None:
+    plants = [hc.transfer_function([k], [2.0, 1.0]) for k in (0.8, 1.2)]
+    made = hc.ucover(plants, hc.transfer_function([1.0], [2.0, 1.0]), 0)
+    assert_allclose(made.W.d, [[0.2]], rtol=1e-4)
+    loop = hc.feedback(made.usys, np.eye(1))
+    assert hc.robstab(loop).lower_bound > 1.0
