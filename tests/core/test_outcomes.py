@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -110,6 +111,25 @@ def test_an_interval_decides(keys: dict[str, Any], state: str) -> None:
     one = judge(**({"metric": "failures"} | keys))
     assert one.state == state
     assert bool(one.reason) == (state == "undecided")
+
+
+@pytest.mark.parametrize(
+    ("interval", "shown"),
+    [
+        ((1.0, 4.0), "2 % (1 to 4)"),
+        ((1.0, math.inf), "2 % (at least 1)"),
+        ((-math.inf, 4.0), "2 % (at most 4)"),
+        ((-math.inf, math.inf), "2 % (no finite end)"),
+    ],
+)
+def test_an_interval_without_an_end_is_told_in_words(
+    interval: tuple[float, float], shown: str
+) -> None:
+    metrics = {"share": Metric(2.0, "%", interval, 0.95)}
+    evidence = RunEvidence({"fly": Presentation(metrics=metrics)})
+    keys = {"text": "t", "stage": "fly", "op": "<=", "metric": "share", "value": 5}
+    spec = ValueSpec.model_validate({**keys, "confidence": 0.95})
+    assert Value(spec).judge(evidence).got == shown
 
 
 @pytest.mark.parametrize(

@@ -119,8 +119,7 @@ class _Compared:
         sign, shown = _SIGNS[spec.op], _write_limit(spec.value, spec.unit or one.unit)
         got = format_value(one.value, one.unit, apart_from=limit)
         if one.interval is not None and (spec.confidence is not None or one.has_proved_bounds):
-            ends = " to ".join(format_value(end, "") for end in one.interval)
-            got += f" ({ends})"
+            got += f" ({_interval_text(*one.interval)})"
         return Judgement(
             state=state,
             text=spec.text,
@@ -327,6 +326,14 @@ def format_value(value: _Plain | None, unit: str, *, apart_from: _Plain | None =
             digits += 1
             text = _number(value, digits)
     return f"{text} {unit}".strip() if unit != "°" else f"{text}°"
+
+
+def _interval_text(low: float, high: float) -> str:
+    """Return an interval in words, without an end that is infinite."""
+    ends = [format_value(end, "") for end in (low, high)]
+    if high == math.inf:
+        return "no finite end" if low == -math.inf else f"at least {ends[0]}"
+    return f"at most {ends[1]}" if low == -math.inf else " to ".join(ends)
 
 
 def _write_limit(value: _Plain, unit: str) -> str:
