@@ -20,7 +20,7 @@ import tokenize
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -312,7 +312,9 @@ def _decode(node: Any, arrays: dict[str, np.ndarray[Any, Any]], file: str) -> An
             current_field(node["product"], name): _decode(value, arrays, file)
             for name, value in node["fields"].items()
         }
-        if set(table) != set(_stored_fields(cls)):
+        # A field that a later version added has a default, which says what earlier files mean.
+        added = {field.name for field in fields(cls) if field.default is not MISSING}
+        if not set(_stored_fields(cls)) - added <= set(table) <= set(_stored_fields(cls)):
             raise InputError(
                 f"{file}: {cls.__name__} has other fields now than when the file was written; "
                 "run the mission again"
