@@ -146,6 +146,28 @@ def plugins(json: Json = False, strict_plugins: StrictPlugins = False) -> None:
 
 
 @app.command()
+def describe(
+    kind: Annotated[
+        str | None, typer.Argument(metavar="[KIND]", help="Kind of components, such as stage.")
+    ] = None,
+    type_: Annotated[
+        str | None, typer.Argument(metavar="[TYPE]", help="A type, such as qso_family.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Describe kinds of components, the types of a kind, or the keys of a type."""
+    from hillsphere.cli import describing
+
+    registry = registry_of(strict=False)
+    if kind is None:
+        describing.describe_kinds(registry, json)
+    elif type_ is None:
+        describing.describe_kind(registry, kind, json)
+    else:
+        describing.describe_component(registry, kind, type_, json)
+
+
+@app.command()
 def schema() -> None:
     """Write the JSON Schema of mission files."""
     from hillsphere.cli.streams import say
