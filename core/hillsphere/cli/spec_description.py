@@ -87,7 +87,7 @@ def _keys(
         field, extra = spec.model_fields[name], spec.schema_extra(name)
         units = tuple(UNITS[extra["x-dimension"]]) if "x-dimension" in extra else ()
         written = _find_example(spec, name, examples)
-        parts = list(_nested(field.annotation, ""))
+        parts = list(_inner_tables(field.annotation, ""))
         yield KeyDescription(
             key=prefix + name,
             value=_value(field, extra),
@@ -106,23 +106,23 @@ def _keys(
                 )
 
 
-def _nested(annotation: Any, suffix: str) -> Iterator[tuple[str, type[Spec]]]:
+def _inner_tables(annotation: Any, suffix: str) -> Iterator[tuple[str, type[Spec]]]:
     """Yield (what stands between its key and those of the table, Spec) for every nested Spec."""
     annotation = inner(annotation)
     if isinstance(annotation, type) and issubclass(annotation, Spec):
         yield suffix, annotation
     elif len(some := members(annotation)) > 1:
         for member in some:
-            yield from _nested(member, suffix)
+            yield from _inner_tables(member, suffix)
     elif get_origin(annotation) is dict:
-        yield from _nested(get_args(annotation)[1], suffix + ".NAME")
+        yield from _inner_tables(get_args(annotation)[1], suffix + ".NAME")
     elif get_origin(annotation) is tuple:
         for item in dict.fromkeys(a for a in get_args(annotation) if a is not Ellipsis):
-            yield from _nested(item, suffix + "[]")
+            yield from _inner_tables(item, suffix + "[]")
 
 
 def _inside(value: Any, suffix: str) -> Iterator[Any]:
-    """Yield the tables of an example at the places that a suffix of `_nested` stands for."""
+    """Yield the tables of an example at the places that a suffix of `_inner_tables` stands for."""
     if suffix.startswith("[]") and isinstance(value, list | tuple):
         for item in value:
             yield from _inside(item, suffix[2:])
