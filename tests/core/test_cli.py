@@ -285,8 +285,22 @@ def test_missions_are_listed(hillsphere: Runner) -> None:
     found = packaged_missions()
     shown = json.loads(hillsphere("missions", "--json").stdout)
     assert [(m["name"], m["title"]) for m in shown] == found
-    lines = hillsphere("missions").stdout.splitlines()
-    assert [line.split()[0] for line in lines] == [name for name, _ in found]
+    profiles = {m["name"]: list(m["cpu_s"]) for m in shown}
+    assert profiles["phobos-qso"] == ["", "fast", "measured"]  # "": the whole mission
+    head, *lines = hillsphere("missions").stdout.splitlines()
+    assert head.split() == ["mission", "CPU", "time", "profiles", "title"]
+    assert [line.split()[0] for line in lines[:-2]] == [name for name, _ in found]
+    assert "CPU time of one run" in lines[-1]
+
+
+def test_measured_times_are_those_of_packaged_missions_and_their_profiles() -> None:
+    from hillsphere.base.paths import missions_directory
+    from hillsphere.mission import load_mission
+
+    measured = json.loads((missions_directory() / "times.json").read_text("utf-8"))
+    for name, times in measured["cpu_s"].items():
+        assert set(times) <= {"", *load_mission(name).profiles}
+        assert all(seconds > 0 for seconds in times.values())
 
 
 def test_schema_is_json_schema_with_the_plugins_in_it(hillsphere: Runner, mission: Path) -> None:

@@ -36,6 +36,7 @@ MISSIONS = sorted(path.stem for path in (ROOT / "missions").glob("*.toml"))
         ["plugins", "--json"],
         ["missions"],
         ["schema"],
+        ["describe", "stage", "closed_loop"],
     ],
     ids=" ".join,
 )

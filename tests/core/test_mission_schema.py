@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import json
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import jsonschema
 import pytest
+import referencing
+from referencing import Resource
 
 from hillsphere.base.paths import missions_directory
+from hillsphere.cli.endings import run
 from hillsphere.mission import MissionError, load_mission, packaged_missions
-from hillsphere.mission.schema import mission_schema
+from hillsphere.mission.schema import mission_schema, split_schema
+from hillsphere.mission.tables import MISSION_KINDS
 from hillsphere.plugins import Component, Registry, default_registry, hookimpl
 
 
@@ -114,3 +119,55 @@ def test_examples_and_packaged_missions_are_accepted() -> None:
     for name, _ in packaged_missions():
         text = (missions_directory() / f"{name}.toml").read_text()
         accepted.validate(tomllib.loads(text))
+
+
+def split_validator(documents: dict[str, Any]) -> Any:
+    """Make a validator that finds the documents by their names, as files of one folder."""
+    resources = [
+        (f"file:///schemas/{name}", Resource.from_contents({**document, "$id": f"/schemas/{name}"}))
+        for name, document in documents.items()
+    ]
+    registry: Any = referencing.Registry().with_resources(resources)
+    return jsonschema.Draft202012Validator(
+        {"$ref": "file:///schemas/mission.schema.json"}, registry=registry
+    )
+
+
+def test_documents_of_the_kinds_judge_as_the_whole_does(toys: Registry, sound_mission: str) -> None:
+    documents = json.loads(json.dumps(split_schema(mission_schema(toys))))
+    assert set(documents) == {"mission.schema.json", *(f"{k}.schema.json" for k in MISSION_KINDS)}
+    for name, document in documents.items():
+        jsonschema.Draft202012Validator.check_schema(document)
+        assert document["$id"] == name
+    judge = split_validator(documents)
+    assert judge.is_valid(tomllib.loads(sound_mission))
+    for old, new in BAD:
+        assert not judge.is_valid(tomllib.loads(sound_mission.replace(old, new, 1))), (old, new)
+
+
+def test_every_reference_of_a_document_leads_somewhere() -> None:
+    documents = split_schema(mission_schema(default_registry()))
+
+    def references(value: Any) -> Iterator[str]:
+        if isinstance(value, dict):
+            yield from (v for k, v in value.items() if k == "$ref" and isinstance(v, str))
+            value = list(value.values())
+        if isinstance(value, list):
+            for item in value:
+                yield from references(item)
+
+    for document in documents.values():
+        for reference in references(document):
+            name, _, place = reference.partition("#/$defs/")
+            assert name in documents if name else place in document["$defs"], reference
+
+
+def test_folder_of_documents(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "new" / "schemas"
+    assert run(["schema", "--folder", str(folder)]) == 0
+    written = sorted(path.name for path in folder.iterdir())
+    assert capsys.readouterr().out.count("\n") == len(written)
+    assert json.loads((folder / "stage.schema.json").read_text("utf-8"))["$defs"]
+    (tmp_path / "file").write_text("")
+    assert run(["schema", "--folder", str(tmp_path / "file")]) == 2
+    assert "cannot be written" in capsys.readouterr().err

@@ -78,6 +78,8 @@ def test_wheel_holds_missions_types_and_entry_points(
         if path.is_file():
             assert f"hillsphere/missions/{path.relative_to(ROOT / 'missions').as_posix()}" in names
     assert "hillsphere/py.typed" in names
+    templates = list((ROOT / "core" / "hillsphere" / "cli" / "templates").iterdir())
+    assert {f"hillsphere/cli/templates/{path.name}" for path in templates} <= names
     for package in plugin_packages():
         assert f"{package.name}/py.typed" in names
         assert f"{package.name} = {package.name}" in offered

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hillsphere.cli.completion import complete_mission, complete_profile, complete_setting
 from hillsphere.cli.plugin_commands import CommandGroup
 
 if TYPE_CHECKING:
@@ -23,19 +24,31 @@ app = typer.Typer(
     help="Mission analysis for small bodies: missions are TOML files, models are plugins.",
     epilog="Exit codes: 0 success, 1 a stage failed, 2 bad input, 3 internal error, "
     "4 a requirement is not met or undecided, or runs differ, 130 interrupted.",
-    add_completion=False,
     rich_markup_mode=None,
     invoke_without_command=True,
 )
 
 MissionName = Annotated[
-    str, typer.Argument(metavar="MISSION", help="Name of a packaged mission, or path of a .toml.")
+    str,
+    typer.Argument(
+        metavar="MISSION",
+        help="Name of a packaged mission, or path of a .toml.",
+        autocompletion=complete_mission,
+    ),
 ]
 Sets = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Replace a value, e.g. stage.a.b_km=3."),
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Replace a value, e.g. stage.a.b_km=3.",
+        autocompletion=complete_setting,
+    ),
 ]
-Profile = Annotated[str | None, typer.Option(metavar="NAME", help="Apply [profile.NAME].")]
+Profile = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="Apply [profile.NAME].", autocompletion=complete_profile),
+]
 Json = Annotated[bool, typer.Option("--json", help="Write JSON to stdout.")]
 AllowPath = Annotated[
     bool, typer.Option("--allow-path", help="Let the mission read files outside its directory.")

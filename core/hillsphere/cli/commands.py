@@ -1,6 +1,7 @@
 """Commands about missions, plugins and the installation.
 
-Each command imports its modules when it is called; commands about runs are in `run_commands`.
+Each command imports its modules when it is called. Commands about runs are in `run_commands`, lists
+and descriptions of what is installed in `reference_commands`.
 """
 
 from __future__ import annotations
@@ -10,8 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+# Their commands are registered by being imported; help lists them in this order.
+import hillsphere.cli.author_commands
+import hillsphere.cli.reference_commands
 import hillsphere.cli.result_commands
-import hillsphere.cli.run_commands  # noqa: F401 - first: help lists commands in order of definition
+import hillsphere.cli.run_commands  # noqa: F401
 from hillsphere.cli.application import (
     AllowPath,
     Json,
@@ -22,6 +26,7 @@ from hillsphere.cli.application import (
     load,
     registry_of,
 )
+from hillsphere.cli.completion import complete_mission
 from hillsphere.cli.output import write, write_json, write_table
 from hillsphere.cli.plugin_commands import shadowed_commands
 
@@ -50,7 +55,10 @@ def _hillsphere(
 @app.command()
 def validate(
     missions: Annotated[
-        list[str], typer.Argument(metavar="MISSION...", help="Packaged names or paths.")
+        list[str],
+        typer.Argument(
+            metavar="MISSION...", help="Packaged names or paths.", autocompletion=complete_mission
+        ),
     ],
     sets: Sets = None,
     profile: Profile = None,
@@ -96,18 +104,6 @@ def validate(
 
 
 @app.command()
-def missions(json: Json = False) -> None:
-    """List the packaged missions."""
-    from hillsphere.mission.load import packaged_missions
-
-    packaged = packaged_missions()
-    if json:
-        write_json([{"name": name, "title": title} for name, title in packaged])
-    else:
-        write_table(packaged)
-
-
-@app.command()
 def plugins(json: Json = False, strict_plugins: StrictPlugins = False) -> None:
     """List plugins and their components."""
     registry = registry_of(strict_plugins)
@@ -143,18 +139,6 @@ def plugins(json: Json = False, strict_plugins: StrictPlugins = False) -> None:
         write(f"contested: {message}")
     for name in registry.disabled:
         write(f"disabled: {name}")
-
-
-@app.command()
-def schema() -> None:
-    """Write the JSON Schema of mission files."""
-    from hillsphere.cli.streams import say
-    from hillsphere.mission.schema import mission_schema
-
-    registry = registry_of(strict=False)
-    write_json(mission_schema(registry))
-    for message in registry.contested.values():
-        say(f"not in the schema: {message}")
 
 
 @app.command()
@@ -240,4 +224,5 @@ def _contested_components(registry: Registry) -> dict[tuple[str, str], str]:
         for command in app.registered_commands
         if command.callback
     }
+    own |= {str(group.name) for group in app.registered_groups}
     return {**registry.contested, **shadowed_commands(registry, own)}

@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from hillsphere.base.errors import HillsphereError, InputError, Interrupted, PluginError
 from hillsphere.base.signals import STOPPING, end_in_time, ignore, interrupt
@@ -19,6 +19,9 @@ __all__ = ["main", "run"]
 
 TRACEBACK_VARIABLE = "HILLSPHERE_TRACEBACK"
 """Set to 1, an internal error shows its traceback on stderr instead of logging it."""
+
+COMPLETION_VARIABLE = "_HILLSPHERE_COMPLETE"
+"""Set by the script of ``--show-completion``, with the shell's name, while a line is typed."""
 
 _UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 
@@ -95,6 +98,8 @@ def _invoke(arguments: list[str]) -> int:
     # The base of typer's errors has moved between its versions; BadParameter, two below, has not.
     command_error: type[Exception] = typer.BadParameter.__mro__[2]
     command = typer.main.get_command(app)
+    if COMPLETION_VARIABLE in os.environ:
+        return _complete(command)
     try:
         with command.make_context("hillsphere", arguments) as context:
             result = command.invoke(context)
@@ -106,6 +111,19 @@ def _invoke(arguments: list[str]) -> int:
         say(_usage_message(error))
         return int(getattr(error, "exit_code", ExitCode.BAD_INPUT))
     return result if isinstance(result, int) else ExitCode.SUCCESS
+
+
+def _complete(command: Any) -> int:
+    """Write the completions for the line that the shell passes in the environment.
+
+    The shell shows stderr amid the line that is being typed. So a fault, of a plugin's command for
+    example, is not told; there are no completions then.
+    """
+    try:
+        command.main([], prog_name="hillsphere", complete_var=COMPLETION_VARIABLE)
+    except Exception:
+        return ExitCode.BAD_INPUT
+    return ExitCode.SUCCESS
 
 
 def _usage_message(error: BaseException) -> str:

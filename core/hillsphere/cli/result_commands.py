@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from hillsphere.cli.application import Json, app
+from hillsphere.cli.completion import complete_mission
 from hillsphere.cli.exit_codes import ExitCode
 from hillsphere.cli.output import number, write, write_json, write_table
 
@@ -126,7 +127,12 @@ def compare(
 @app.command()
 def papers(
     mission: Annotated[
-        str | None, typer.Argument(metavar="MISSION", help="A packaged mission; by default all.")
+        str | None,
+        typer.Argument(
+            metavar="MISSION",
+            help="A packaged mission; by default all.",
+            autocompletion=complete_mission,
+        ),
     ] = None,
     json: Json = False,
 ) -> None:

@@ -19,6 +19,7 @@ from hillsphere.cli.application import (
     load,
     registry_of,
 )
+from hillsphere.cli.completion import complete_mission, complete_stage
 from hillsphere.cli.output import write
 
 RunName = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.")]
@@ -43,7 +44,10 @@ ExecutorType = Annotated[
 MissionAgain = Annotated[
     str | None,
     typer.Option(
-        "--mission", metavar="MISSION", help="The run's mission; needed if it is no packaged one."
+        "--mission",
+        metavar="MISSION",
+        help="The run's mission; needed if it is no packaged one.",
+        autocompletion=complete_mission,
     ),
 ]
 Scheduler = Annotated[
@@ -57,7 +61,12 @@ Verbose = Annotated[
 ]
 StageName = Annotated[
     str | None,
-    typer.Option("--stage", metavar="NAME", help="Campaign; needed if the mission has several."),
+    typer.Option(
+        "--stage",
+        metavar="NAME",
+        help="Campaign; needed if the mission has several.",
+        autocompletion=complete_stage,
+    ),
 ]
 
 
@@ -170,7 +179,11 @@ def figures(
     run: RunName,
     name: Annotated[
         str | None,
-        typer.Argument(metavar="ID", help="A stage, for all of its figures, or a figure."),
+        typer.Argument(
+            metavar="ID",
+            help="A stage, for all of its figures, or a figure.",
+            autocompletion=complete_stage,
+        ),
     ] = None,
     mission: MissionAgain = None,
     allow_path: AllowPath = False,

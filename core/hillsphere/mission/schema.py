@@ -25,7 +25,7 @@ from hillsphere.mission.tables import (
 from hillsphere.plugins.registry import DEFAULT_TYPES, Registered, Registry
 from hillsphere.spec.units import UNITS, unit_keys, unit_text
 
-__all__ = ["mission_schema"]
+__all__ = ["mission_schema", "split_schema"]
 
 _JSON_BOUNDS = {
     "gt": "exclusiveMinimum",
@@ -56,9 +56,9 @@ def mission_schema(registry: Registry) -> dict[str, Any]:
         for (kind, type_), message in registry.contested.items()
         if kind in MISSION_KINDS
     }
-    head = _object(Head.model_json_schema(mode="validation"))
+    head = _object(Head.model_json_schema(mode="validation"), named=False)
     for name, definition in head.pop("$defs", {}).items():
-        definitions[name] = _object(definition)
+        definitions[name] = _object(definition, named=False)
     properties: dict[str, Any] = {
         "format": {"const": FORMAT, "description": "version of the mission format"},
         **head["properties"],
@@ -100,6 +100,51 @@ def mission_schema(registry: Registry) -> dict[str, Any]:
     if broken:
         schema["x-broken"] = broken
     return schema
+
+
+def split_schema(schema: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the schema of `mission_schema` as one document per kind of table.
+
+    Parameters
+    ----------
+    schema : mapping
+        The whole schema.
+
+    Returns
+    -------
+    dict
+        Name of a file to its schema: ``mission.schema.json`` for the whole file, which refers to
+        ``gravity.schema.json`` and so on. The name is also its ``"$id"``, relative to the folder
+        in which the files stand together.
+    """
+    definitions: Mapping[str, Any] = schema["$defs"]
+    properties = dict(schema["properties"])
+    documents: dict[str, dict[str, Any]] = {}
+    for kind in MISSION_KINDS:
+        documents[f"{kind}.schema.json"] = {
+            "$schema": schema["$schema"],
+            "$id": f"{kind}.schema.json",
+            "title": f"Hillsphere: tables [{kind}.NAME]",
+            **properties[kind],
+            "$defs": _of_kind(kind, definitions),
+        }
+        properties[kind] = {"$ref": f"{kind}.schema.json"}
+    own = {
+        name: definition
+        for name, definition in definitions.items()
+        if name.partition(".")[0] not in MISSION_KINDS
+    }
+    head = {"$schema": schema["$schema"], "$id": "mission.schema.json"}
+    whole = {**head, **schema, "properties": properties, "$defs": own}
+    return {"mission.schema.json": whole, **documents}
+
+
+def _of_kind(kind: str, definitions: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        name: definition
+        for name, definition in definitions.items()
+        if name.partition(".")[0] == kind
+    }
 
 
 _NOT_IN_PROFILES = ("format", "profile")
@@ -198,8 +243,12 @@ def _kind(
     }
 
 
-def _object(schema: dict[str, Any]) -> dict[str, Any]:
-    """Replace every quantity of a Spec's schema by one key per unit, of which one is allowed."""
+def _object(schema: dict[str, Any], *, named: bool = True) -> dict[str, Any]:
+    """Replace every quantity of a Spec's schema by one key per unit, of which one is allowed.
+
+    With `named`, an array of tables may be a table of named elements: in the tables of components,
+    but not at the head of a mission.
+    """
     properties: dict[str, Any] = {}
     required: list[str] = []
     rules: list[dict[str, Any]] = []
@@ -209,7 +258,8 @@ def _object(schema: dict[str, Any]) -> dict[str, Any]:
         bounds = declared.pop("x-bounds", {})
         is_required = key in schema.get("required", [])
         if dimension is None:
-            properties[key] = _or_named(_with_bounds(declared, bounds, 1.0))
+            bounded = _with_bounds(declared, bounds, 1.0)
+            properties[key] = _or_named(bounded) if named else bounded
             if is_required:
                 required.append(key)
             continue

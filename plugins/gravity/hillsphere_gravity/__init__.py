@@ -46,4 +46,11 @@ def hillsphere_components() -> list[Component]:
         _gravity(
             "sum", "composite:gravity_sum", "SumSpec", "a sum of models, each placed and turned"
         ),
+        Component(
+            "command",
+            "gravity",
+            "hillsphere_gravity.command:app",
+            "",
+            "show potential and acceleration of a gravity file at given places",
+        ),
     ]

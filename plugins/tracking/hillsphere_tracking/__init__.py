@@ -67,6 +67,13 @@ def hillsphere_components() -> list[Component]:
         ),
         Component(
             "command",
+            "passes",
+            "hillsphere_tracking.passes.command:app",
+            "",
+            "list the passes of a satellite over a ground station",
+        ),
+        Component(
+            "command",
             "track",
             "hillsphere_tracking.live.command:app",
             "",

@@ -20,7 +20,7 @@ from hillsphere_tracking.passes.sources import blind_sectors_of, mask_of, orbits
 from hillsphere_tracking.satellite_specs import SatelliteSpec, StationSpec
 from hillsphere_tracking.satellites import Orbit
 
-__all__ = ["orbit_of", "place_of", "tracker_of"]
+__all__ = ["orbit_of", "place_of", "specs_within", "tracker_of"]
 
 SpecT = TypeVar("SpecT", bound=Spec)
 
@@ -33,7 +33,7 @@ def orbit_of(mission: Mission | None, file: str, name: str) -> Orbit:
         assert isinstance(spec, SatelliteSpec)
         orbits = orbits_from((spec,))
     elif mission is not None:
-        orbits = orbits_from(tuple(_within(mission, SatelliteSpec)))
+        orbits = orbits_from(tuple(specs_within(mission, SatelliteSpec)))
     else:
         raise InputError("which satellite? give --elements FILE (TLE or OMM), or --mission")
     if name and not file:
@@ -83,7 +83,7 @@ def place_of(
         return Place(given, mask or HorizonMask())
     if mission is None or latitude is not None or longitude is not None:
         raise InputError("which station? give --latitude and --longitude, or --mission")
-    stations = {spec.name: spec for spec in _within(mission, StationSpec)}
+    stations = {spec.name: spec for spec in specs_within(mission, StationSpec)}
     if not name and len(stations) == 1:
         name = next(iter(stations))
     if name not in stations:
@@ -103,7 +103,7 @@ def tracker_of(mission: Mission | None, name: str) -> Tracker[Any]:
     return tracker
 
 
-def _within(mission: Mission, kind: type[SpecT]) -> Iterator[SpecT]:
+def specs_within(mission: Mission, kind: type[SpecT]) -> Iterator[SpecT]:
     """Yield the distinct Specs of a class in the tables of a mission, at any depth."""
     seen: list[SpecT] = []
 

@@ -1,0 +1,165 @@
+"""The command ``hillsphere gravity``: the field of a file at given places, without a mission."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hillsphere.cli.output import number, write, write_json, write_table
+from hillsphere.cli.streams import say
+from hillsphere.errors import InputError
+
+if TYPE_CHECKING:
+    from hillsphere.interfaces import Array
+
+__all__ = ["app"]
+
+app = typer.Typer(add_completion=False, rich_markup_mode=None)
+
+_SUFFIXES = (".gfc", ".shadr", ".sha", ".tab", ".obj")
+_COLUMNS = ("latitude (°)", "longitude (°)", "radius (km)", "U (m²/s²)", "|g| (m/s²)",
+            "g_x (m/s²)", "g_y (m/s²)", "g_z (m/s²)")  # fmt: skip
+
+
+@app.command()
+def gravity(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE", help="Field (.gfc, .shadr, .sha, .tab) or mesh of triangles (.obj)."
+        ),
+    ],
+    at: Annotated[
+        list[str],
+        typer.Option(
+            metavar="LAT,LON,RADIUS_KM",
+            help="Place: planetocentric latitude and east longitude, degrees, and distance from "
+            "the centre, km. May be given several times.",
+        ),
+    ],
+    max_degree: Annotated[
+        int | None, typer.Option(metavar="N", min=0, help="Use degrees up to this (fields).")
+    ] = None,
+    tide_system: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Tide system, of a .gfc file that does not state it."),
+    ] = None,
+    gm_km3_s2: Annotated[
+        float | None,
+        typer.Option("--gm-km3-s2", metavar="GM", help="Gravitational parameter (meshes), km³/s²."),
+    ] = None,
+    density_g_cm3: Annotated[
+        float | None,
+        typer.Option(
+            "--density-g-cm3", metavar="RHO", help="Density instead of GM (meshes), g/cm³."
+        ),
+    ] = None,
+    length_unit: Annotated[
+        str, typer.Option(metavar="m|km", help="Unit of the vertices (meshes).")
+    ] = "km",
+    json: Annotated[bool, typer.Option("--json", help="Write JSON to stdout.")] = False,
+) -> None:
+    """Show potential and acceleration of a gravity file at given places.
+
+    The potential is positive; the acceleration is its gradient in the body-fixed frame, without
+    the centrifugal part of a turning body.
+    """
+    places = [_place(text) for text in at]
+    mesh = {"gm_km3_s2": gm_km3_s2, "density_g_cm3": density_g_cm3}
+    if (suffix := file.suffix.lower()) not in _SUFFIXES:
+        raise InputError(f"{file}: the suffix must be one of {', '.join(_SUFFIXES)}")
+    if suffix == ".obj":
+        model = _mesh_model(file, length_unit, mesh)
+    else:
+        model = _series_model(file, max_degree, tide_system, mesh)
+    rows = _evaluate(model, places)
+    if json:
+        write_json({"file": str(file), "gm_m3_s2": float(model.gm_m3_s2), "points": rows})
+        return
+    write(f"{file}: GM = {number(float(model.gm_m3_s2) / 1e9)} km³/s²\n")
+    write_table([list(map(number, _cells(row))) for row in rows], header=_COLUMNS)
+    radius_m = getattr(model, "reference_radius_m", None)
+    inside = sum(radius_m is not None and row["radius_m"] < radius_m for row in rows)
+    if radius_m is not None and inside:
+        say(
+            f"{inside} of {len(rows)} places lie inside the reference sphere of {radius_m / 1e3:g} "
+            "km, where the series need not converge"
+        )
+
+
+def _place(text: str) -> tuple[float, float, float]:
+    """Return latitude, longitude (degrees) and radius (km) of an option's text."""
+    try:
+        latitude, longitude, radius = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(
+            f"--at {text[:60]!r}: expected LAT,LON,RADIUS_KM, such as 10,-75.5,20"
+        ) from None
+    # written so that nan is refused, too
+    if not (abs(latitude) <= 90.0 and abs(longitude) <= 360.0 and 0.0 < radius < 1e12):
+        raise InputError(
+            f"--at {text[:60]!r}: the latitude must lie within ±90°, the longitude within ±360°, "
+            "and the radius must be positive (km)"
+        )
+    return latitude, longitude, radius
+
+
+def _series_model(
+    file: Path, max_degree: int | None, tide_system: str | None, mesh: dict[str, float | None]
+) -> Any:
+    from hillsphere import create
+
+    for key, value in mesh.items():
+        if value is not None:
+            raise InputError(f"--{key.replace('_', '-')} is for meshes (.obj); {file} has its own")
+    keys: dict[str, Any] = {"file": str(file)}
+    if max_degree is not None:
+        keys["max_degree"] = max_degree
+    if tide_system is not None:
+        keys["tide_system"] = tide_system
+    elif file.suffix.lower() != ".gfc":
+        keys["tide_system"] = "unknown"  # a SHADR file states none, and the field is the same
+    return create("gravity", "harmonics", **keys)
+
+
+def _mesh_model(file: Path, length_unit: str, mesh: dict[str, float | None]) -> Any:
+    from hillsphere import create
+
+    given = {key: value for key, value in mesh.items() if value is not None}
+    if len(given) != 1:
+        raise InputError(f"{file}: a mesh needs either --gm-km3-s2 or --density-g-cm3")
+    shape = create("shape", "polyhedron", file=str(file), length_unit=length_unit)
+    return create("gravity", "polyhedron", shape=shape, **given)
+
+
+def _evaluate(model: Any, places: list[tuple[float, float, float]]) -> list[dict[str, Any]]:
+    import numpy as np
+
+    from hillsphere.gravity import GravityField
+
+    latitude, longitude, radius_km = np.array(places).T
+    lat, lon, radius = np.radians(latitude), np.radians(longitude), radius_km * 1e3
+    r: Array = radius * np.array(
+        [np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)]
+    )
+    field = GravityField(model)
+    u, g = field.potential(r), field.acceleration(r)
+    return [
+        {
+            "latitude_deg": float(latitude[i]),
+            "longitude_deg": float(longitude[i]),
+            "radius_m": float(radius[i]),
+            "potential_m2_s2": float(u[i]),
+            "acceleration_m_s2": [float(component) for component in g[:, i]],
+        }
+        for i in range(len(places))
+    ]
+
+
+def _cells(row: dict[str, Any]) -> list[float]:
+    x, y, z = row["acceleration_m_s2"]
+    size = float((x * x + y * y + z * z) ** 0.5)
+    return [row["latitude_deg"], row["longitude_deg"], row["radius_m"] / 1e3,
+            row["potential_m2_s2"], size, x, y, z]  # fmt: skip
