@@ -68,7 +68,7 @@ def passes(
     one: dict[str, Any] = {"file": str(elements)}
     if satellite:
         one["name"] = satellite
-    stage = create(
+    stage: Any = create(
         "stage", "passes", satellites=[one], stations=stations, duration_d=days, start=start,
         refraction=refraction,
     )  # fmt: skip
