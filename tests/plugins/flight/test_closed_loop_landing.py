@@ -587,7 +587,7 @@ def test_the_command_of_the_overtime(period: float, kind: str) -> None:
     assert_allclose(found.goal[3:, -1], end[3:], rtol=1e-12)
     shown = flown.present(found)
     check_presentation(shown)
-    assert f"with the command {kind}" in str(shown.tables)
+    assert f"with the command {kind}" in str([vars(table) for table in shown.tables.values()])
 
 
 @pytest.mark.parametrize(

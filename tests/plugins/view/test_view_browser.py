@@ -111,6 +111,9 @@ def test_report_opens_in_a_page_of_its_own(page: Any) -> None:
     report = opened.value
     report.wait_for_selector("h1")
     # Its own script has run, although the server's policy and sandbox are around it.
+    contents = report.locator("nav details")
+    if contents.get_attribute("open") is None:  # folded on a narrow page
+        contents.locator("summary").click()
     report.wait_for_selector("#search", state="visible")
     assert report.url.endswith("/runs/0/one/report.html")
 

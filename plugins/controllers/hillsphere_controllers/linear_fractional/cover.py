@@ -49,6 +49,9 @@ _POINTS = 120
 """Frequencies of the default grid: about thirty per decade of the plants' dynamics."""
 _BEYOND = 10.0
 """Factor by which the default grid goes beyond the slowest and the fastest pole."""
+_BELOW_NYQUIST = 0.99
+"""End of the grid by half the sampling frequency, at which a strictly proper plant that was made
+discrete by the bilinear transform is zero, so that a relative difference there is 0/0."""
 _FLOOR = 1e-4
 """Share of the largest radius below which a smaller one is not fitted: rounding, and a weight that
 follows it to zero would need many more states."""
@@ -308,5 +311,5 @@ def _default_grid(systems: Sequence[LtiSystem]) -> Array:
     sizes = np.abs(poles)
     sizes = sizes[sizes > 0.0]
     low, high = (sizes.min(), sizes.max()) if sizes.size else (1.0, 1.0)
-    top = _BEYOND * high if dt_s is None else np.pi / dt_s
+    top = _BEYOND * high if dt_s is None else _BELOW_NYQUIST * np.pi / dt_s
     return np.geomspace(min(low / _BEYOND, top / _BEYOND), top, _POINTS)
