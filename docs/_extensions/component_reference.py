@@ -66,7 +66,8 @@ def describe_type(spec: type[Spec], name: str) -> str:
     extra = spec.schema_extra(name)
     if kind := extra.get("x-kind"):
         many = "an array of names" if "tuple" in str(field.annotation) else "the name"
-        tables = "an earlier stage" if kind == "stage" else f"a table [{kind}.NAME]"
+        link = f"a table :doc:`[{kind}.NAME] </reference/keys/{kind}>`"
+        tables = "an earlier stage" if kind == "stage" else link
         product = str(extra.get("x-product", "")).rpartition(":")[2]
         return f"{many} of {tables}" + (f" that gives a ``{product}``" if product else "")
     if extra.get("x-path") or inner(field.annotation) is DataPath:
@@ -170,7 +171,10 @@ def type_page(record: Registered) -> list[str]:
     summary = record.component.summary
     lines = heading(type_, "=")
     lines += [f'``[{kind}.NAME]``, ``type = "{type_}"``: {escape(summary)}.', ""]
-    lines += [*docstring(spec), ""]
+    text = docstring(spec)
+    if text and text[0].rstrip(".").lower() == escape(record.component.summary).lower():
+        text = text[1:]  # the summary has told it
+    lines += [*text, ""]
     if produces := str(getattr(spec, "produces", "")):
         lines += [f"It returns a ``{produces.rpartition(':')[2]}``.", ""]
     if spec.model_fields:
