@@ -16,6 +16,7 @@ import typer
 
 from hillsphere.cli import commands, result_commands, run_commands
 from hillsphere.mission import load_mission
+from hillsphere.plugins import default_registry
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = sorted([DOCS / "start.md", *(DOCS / "how-to").glob("*.md")])
@@ -101,8 +102,10 @@ def unknown_options(words: list[str]) -> list[str]:
     """Return the options of a command line that the command does not have."""
     assert commands.app is run_commands.app is result_commands.app  # all have added theirs to it
     group: Any = typer.main.get_command(commands.app)
-    command = group.get_command(typer.Context(group), words[0])
-    assert command is not None, words[0]
+    command = group.commands.get(words[0])
+    if command is None:  # a plugin's, which the group would import when it is called
+        record = default_registry().get("command", words[0])
+        command = typer.main.get_command(record.load_target())
     known = {option for one in command.params for option in (*one.opts, *one.secondary_opts)}
     given = {word.partition("=")[0] for word in words[1:] if word.startswith("--")}
     return sorted(given - known - {"--help"})
