@@ -370,6 +370,8 @@ NO_READERS = {
     "hillsphere.runs.pipeline": RUN_DIRECTORY,
     "hillsphere.show.report": "the package's own style sheet and script, plotly.js",
     "hillsphere.show.comparison_page": "the package's own style sheet",
+    "hillsphere.cli.author_commands": "writes copies of packaged missions, and plugins",
+    "hillsphere.cli.plugin_template": "the package's own templates",
     "hillsphere.runs.run_calls": RUN_DIRECTORY,
     "hillsphere.runs.run_summary": RUN_DIRECTORY,
     "hillsphere.runs.rerun": RUN_DIRECTORY,

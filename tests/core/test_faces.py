@@ -63,6 +63,8 @@ def is_documented(module: str, name: str) -> bool:
                 if (alias.asname or alias.name) == name:
                     return is_documented(node.module, alias.name)
         elif isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name == name:
+            if "overload" in map(ast.unparse, node.decorator_list):
+                continue  # the last definition is the function
             return bool(ast.get_docstring(node))
         elif isinstance(node, ast.Assign | ast.AnnAssign):
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]

@@ -67,31 +67,3 @@ def test_renamed_fields_exist(path: str) -> None:
     renamed = moved_classes._RENAMED_FIELDS[path]
     assert set(renamed.values()) <= today
     assert not set(renamed) & today
-
-
-@dataclass(frozen=True)
-class Grown:
-    """A product to which a later version added a field."""
-
-    first: int
-    labels: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Before:
-    """The same before."""
-
-    first: int
-
-
-def test_a_file_without_a_field_that_was_added_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "one.npz"
-    save_product(path, Before(3))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(globals(), "Before", Grown)
-        assert load_product(path) == Grown(3, ())
-    save_product(path, Grown(3, ("a",)))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(globals(), "Grown", Before)
-        with pytest.raises(InputError, match="has other fields now"):
-            load_product(path)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-__all__ = ["current_class", "current_field"]
+from typing import Any
+
+__all__ = ["added_fields", "current_class", "current_field"]
 
 # fmt: off
 _MOVED = {
@@ -100,3 +102,14 @@ def current_field(path: str, name: str) -> str:
         The name itself if the field was not renamed.
     """
     return _RENAMED_FIELDS.get(current_class(path), {}).get(name, name)
+
+
+_ADDED_FIELDS: dict[str, dict[str, Any]] = {
+    "hillsphere.products.products:CaseTable": {"swept_labels": ()},
+}
+"""Path of a class → fields that an earlier version did not have, with what its files mean."""
+
+
+def added_fields(cls: type) -> dict[str, Any]:
+    """Return the values of the fields that files of an earlier version do not have."""
+    return _ADDED_FIELDS.get(f"{cls.__module__}:{cls.__qualname__}", {})

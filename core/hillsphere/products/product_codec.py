@@ -20,7 +20,7 @@ import tokenize
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -32,7 +32,7 @@ from hillsphere.base.npz import read_arrays as read_members
 from hillsphere.base.private_cache import is_private
 from hillsphere.base.regular_files import open_regular
 from hillsphere.products.fields import dimension_sizes
-from hillsphere.products.moved_classes import current_class, current_field
+from hillsphere.products.moved_classes import added_fields, current_class, current_field
 
 __all__ = ["canonical", "load_product", "read_arrays", "read_fault", "save_product"]
 
@@ -312,9 +312,8 @@ def _decode(node: Any, arrays: dict[str, np.ndarray[Any, Any]], file: str) -> An
             current_field(node["product"], name): _decode(value, arrays, file)
             for name, value in node["fields"].items()
         }
-        # A field that a later version added has a default, which says what earlier files mean.
-        added = {field.name for field in fields(cls) if field.default is not MISSING}
-        if not set(_stored_fields(cls)) - added <= set(table) <= set(_stored_fields(cls)):
+        table = added_fields(cls) | table
+        if set(table) != set(_stored_fields(cls)):
             raise InputError(
                 f"{file}: {cls.__name__} has other fields now than when the file was written; "
                 "run the mission again"
