@@ -146,6 +146,7 @@ def mixsyn(
     W3: LtiSystem | float | None = None,
     *,
     disturbance: float = 0.0,
+    back_off: float = 0.005,
 ) -> MixedSensitivity[System]:
     """Return the controller that nearly minimises the H∞ norm of [W₁ S; W₂ K S; W₃ T].
 
@@ -157,6 +158,9 @@ def mixsyn(
         Weights of the error, the controls and the outputs; None: left out.
     disturbance : float
         Size of a disturbance at the controls, which plants with poles on the axis need.
+    back_off : float
+        By how much γ is larger than the least one, as in
+        `hillsphere_controllers.full_order.hinf.hinf_synthesis`.
 
     Returns
     -------
@@ -172,7 +176,9 @@ def mixsyn(
         w if w is None or isinstance(w, float | int) else as_lti(w, f"the weight W{k}")
         for k, w in enumerate((W1, W2, W3), 1)
     ]
-    design = mixed_sensitivity(as_lti(G, "the plant G"), *weights, disturbance=disturbance)
+    design = mixed_sensitivity(
+        as_lti(G, "the plant G"), *weights, disturbance=disturbance, back_off=back_off
+    )
     return MixedSensitivity(
         like(design.controller, G), like(design.design.closed_loop, G), design.gamma,
         like(design.sensitivity, G), like(design.control, G), like(design.complementary, G),
