@@ -247,7 +247,7 @@ def run_command(directory: Path, *arguments: str) -> Run:
         [sys.executable, "-m", "hillsphere", "run", *arguments, "--out", str(directory)],
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=1200,  # s; five times the longest mission alone, for a machine that is busy
         check=False,
     )
     assert done.returncode in (0, 4), f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
