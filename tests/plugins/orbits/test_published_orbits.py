@@ -115,6 +115,11 @@ def test_the_distant_retrograde_orbit_of_the_moon() -> None:
     assert any(fault in sentence for sentence in made.present(product).verdict)
 
 
+WHOLE_FAMILY = pytest.mark.slow
+"""Halo families that one test alone computes to their last orbit; that of the Earth and Moon at L2
+is always tested."""
+
+
 @pytest.mark.parametrize(
     ("mu", "period", "constant"),
     [
@@ -169,15 +174,21 @@ def test_retrograde_orbit_840_of_the_earth_and_moon() -> None:
         ("south", "L2", EARTH_MOON,
          (1.0134037728554581, -0.17536227281091840, -8.3688427472776439e-2), 1.3960732332950263),
         # number 1147, beside the Lyapunov orbits [5]
-        ("north", "L1", EARTH_MOON,
+        pytest.param(
+         "north", "L1", EARTH_MOON,
          (8.2339081983651485e-1, 9.8941366235910004e-4, 1.2634272983881797e-1),
-         2.7430007981241529),
+         2.7430007981241529,
+         marks=WHOLE_FAMILY),
         # number 928 [3], of the southern branch: z has the other sign
-        ("north", "L1", EARTH_MOON,
-         (8.60129407766971e-1, 1.841529273318465e-1, 2.5380541457638645e-1), 2.3976941611197926),
+        pytest.param(
+         "north", "L1", EARTH_MOON,
+         (8.60129407766971e-1, 1.841529273318465e-1, 2.5380541457638645e-1), 2.3976941611197926,
+         marks=WHOLE_FAMILY),
         # Gateway's near-rectilinear orbit, of 6.56 days or two of nine in a lunar month [6]
-        ("north", "L2", 1.0 / (81.30059 + 1.0),
-         (1.022021512735817408, 0.182096761524240501, -0.103256341062793816), 1.511111111111111111),
+        pytest.param(
+         "north", "L2", 1.0 / (81.30059 + 1.0),
+         (1.022021512735817408, 0.182096761524240501, -0.103256341062793816), 1.511111111111111111,
+         marks=WHOLE_FAMILY),
     ],
 )  # fmt: skip
 def test_libration_orbits_with_a_printed_period(
@@ -195,11 +206,15 @@ def test_libration_orbits_with_a_printed_period(
     ("kind", "point", "mu", "printed", "closed"),
     [
         # quoted without number or period [7]
-        ("north", "L2", SATURN_ENCELADUS,
-         (1.0025904252283664, 4.8802791235671040e-3, -5.4593457318909567e-3), 1e-11),
+        pytest.param(
+         "north", "L2", SATURN_ENCELADUS,
+         (1.0025904252283664, 4.8802791235671040e-3, -5.4593457318909567e-3), 1e-11,
+         marks=WHOLE_FAMILY),
         # quoted without number or period [3]
-        ("south", "L2", SATURN_TITAN,
-         (1.0146402930203535, -5.197874717887378e-2, -3.743802561661956e-2), 1e-11),
+        pytest.param(
+         "south", "L2", SATURN_TITAN,
+         (1.0146402930203535, -5.197874717887378e-2, -3.743802561661956e-2), 1e-11,
+         marks=WHOLE_FAMILY),
         # a state that misses the perpendicular crossing by 1e-8, after its own period [8]
         ("lyapunov", "L1", JUPITER_GANYMEDE, (0.965251234321497, 0.0, 0.046053059097282), 2e-9),
         # by 4.5e-6, and its period is 2.9e-4 too long: SciPy's correction moves ẏ by 3.7e-8 [8]
