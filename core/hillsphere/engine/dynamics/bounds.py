@@ -26,6 +26,10 @@ __all__ = ["Bound"]
 _Part = Interval | None
 """An interval, or None for what is zero whatever the state."""
 
+_CLOSE = 1e-14
+"""Residual of Kepler's equation at which its iteration ends, relative to 1 + |M|: some tens of
+roundings, which the bound of the anomaly includes."""
+
 
 class Bound(Overloaded):
     """Bounds of a quantity along a flight, lane by lane.
@@ -221,10 +225,12 @@ class Bound(Overloaded):
         """
         if eccentricity.rate is not None or eccentricity.second is not None:
             raise TypeError("no bound of the eccentric anomaly for an eccentricity that changes")
-        ends = [[_eccentric_anomaly(e, m) for e in eccentricity.value] for m in self.value]
+        low, high = eccentricity.value
+        shapes = (low,) if low is high else (low, high)
+        first, last = ([_eccentric_anomaly(e, m) for e in shapes] for m in self.value)
         value = (
-            iv.widen(np.minimum(*ends[0]))[0],
-            iv.widen(np.maximum(*ends[1]))[1],
+            np.min([anomaly[0] for anomaly in first], axis=0),
+            np.max([anomaly[1] for anomaly in last], axis=0),
         )
         e = Bound(eccentricity.value)
         shape = 1.0 / (1.0 - e * Bound(value).symbolic_cos())
@@ -233,14 +239,24 @@ class Bound(Overloaded):
         return self._chained(value, slope, bend)
 
 
-def _eccentric_anomaly(e: Array, m: Array) -> Array:
+def _eccentric_anomaly(e: Array, m: Array) -> Interval:
+    """Return an interval that contains E of E − e sin E = m, by Newton's method."""
     e, m = np.broadcast_arrays(e, m)
     anomaly = m + e * np.sin(m)
-    # Newton's method from here converges for e < 0.99 in fewer steps than these; a NaN stays.
+    # It converges from here for e < 0.99 in fewer steps than these; a NaN stays. Converged lanes
+    # keep their value, so that no lane's result depends on the others.
+    moving = np.ones(np.shape(anomaly), dtype=bool)
     for _ in range(60):
-        anomaly = anomaly - (anomaly - e * np.sin(anomaly) - m) / (1.0 - e * np.cos(anomaly))
-    left = np.abs(anomaly - e * np.sin(anomaly) - m)
-    return np.where(left <= 1e-14 * (1.0 + np.abs(m)), anomaly, np.nan)
+        step = (anomaly - e * np.sin(anomaly) - m) / (1.0 - e * np.cos(anomaly))
+        anomaly = np.where(moving, anomaly - step, anomaly)
+        moving &= np.abs(step) > _CLOSE * (1.0 + np.abs(m))
+        if not moving.any():
+            break
+    # The residual and its rounding, over the least slope 1 − e: no root is farther away.
+    rounding = 4.0 * np.finfo(float).eps * (1.0 + np.abs(m))
+    left = np.abs(anomaly - e * np.sin(anomaly) - m) + rounding
+    error = np.where(left <= _CLOSE * (1.0 + np.abs(m)), left / (1.0 - e) + rounding, np.nan)
+    return anomaly - error, anomaly + error
 
 
 def _add(a: _Part, b: _Part) -> _Part:
