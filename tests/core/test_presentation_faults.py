@@ -34,3 +34,15 @@ def test_marks_stand_for_rows_of_the_stages_own_table() -> None:
     assert faults(Chart("C", [space])) == [
         "figure 'f': a Cloud stands for rows 1 to 1 of its table '', which has 0"
     ]
+
+
+def test_marks_may_stand_for_rows_that_a_cut_table_does_not_list() -> None:
+    whole = Table("T", [Column("a")], [{"a": 1.0}, {"a": 2.0}, {"a": 3.0}])
+    cut = whole.first(2, "values")
+    assert [row["a"] for row in cut.rows] == [1.0, 2.0]
+    assert cut.notes == ["The first 2 of 3 values."]
+    assert whole.first(3) is whole
+    last = Chart("C", [flat(Points([0], [0], rows=[2]))], table="t")
+    assert presentation_faults(Presentation(tables={"t": cut}, figures={"f": last})) == []
+    beyond = Chart("C", [flat(Points([0], [0], rows=[3]))], table="t")
+    assert presentation_faults(Presentation(tables={"t": cut}, figures={"f": beyond}))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from html import escape
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -94,12 +94,37 @@ class Table:
         Column name to cell; a missing cell is ``None``. Nothing is rounded here.
     notes : sequence of str
         Notes for the reader: source of the ``*_paper`` columns, reasons for differences.
+    total : int, optional
+        Rows of the whole table, where only the first are listed (see `first`). Marks of figures may
+        stand for any of them.
     """
 
     title: str
     columns: Sequence[Column]
     rows: Sequence[Mapping[str, Cell]]
     notes: Sequence[str] = ()
+    total: int | None = None
+
+    def first(self, count: int, what: str = "") -> Table:
+        """Return a table that lists at most the first rows.
+
+        Parameters
+        ----------
+        count : int
+            Rows at most.
+        what : str
+            What the rows are, ``"models"``, for a note that the table is cut; empty for no note.
+
+        Returns
+        -------
+        Table
+            This one, if it is not longer.
+        """
+        total = len(self.rows)
+        if total <= count:
+            return self
+        notes = [*self.notes, f"The first {count} of {total} {what}."] if what else self.notes
+        return replace(self, rows=self.rows[:count], notes=notes, total=total)
 
     def __repr__(self) -> str:
         names = ", ".join(column.name for column in self.columns)
@@ -277,7 +302,8 @@ def presentation_faults(presentation: Presentation) -> list[str]:
 def _chart_faults(name: str, chart: Chart, tables: Mapping[str, Table]) -> list[str]:
     if chart.table and chart.table not in tables:
         return [f"figure {name!r}: its table {chart.table!r} is not one of {sorted(tables)}"]
-    count = len(tables[chart.table].rows) if chart.table else 0
+    table = tables[chart.table] if chart.table else None
+    count = 0 if table is None else max(len(table.rows), table.total or 0)
     faults = []
     for panel in chart.panels:
         for mark in panel.solids if isinstance(panel, Space) else panel.marks:

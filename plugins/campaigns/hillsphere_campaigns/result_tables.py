@@ -52,7 +52,6 @@ __all__ = [
     "point_table",
     "sobol_table",
     "statistics_table",
-    "tabulate_first",
     "undecided_table",
 ]
 
@@ -118,12 +117,6 @@ def interval_columns(
     ]
 
 
-def tabulate_first(title: str, columns: Sequence[FilledColumn], notes: Sequence[str] = ()) -> Table:
-    """Return a table of the first rows of columns, at most `MOST_ROWS`."""
-    table = tabulate(title, columns, notes)
-    return replace(table, rows=table.rows[:MOST_ROWS])
-
-
 def _statistics_columns(
     found: Sequence[MetricStatistics], levels: Sequence[float], level: float
 ) -> list[FilledColumn]:
@@ -170,7 +163,8 @@ def statistics_table(
         "values themselves for a quantile.",
     ]
     columns = _statistics_columns(found[:MOST_ROWS], levels, level)
-    return tabulate("Statistics", columns, [*notes, *([caveat] if caveat else [])])
+    table = tabulate("Statistics", columns, [*notes, *([caveat] if caveat else [])])
+    return replace(table, total=len(found))
 
 
 def class_table(table: CaseTable, level: float, drawn: bool) -> Table:
@@ -198,7 +192,7 @@ def class_table(table: CaseTable, level: float, drawn: bool) -> Table:
     notes += _step_error_notes(table)
     if not drawn:
         notes.append("The cases are no independent draws: they are those of as many random ones.")
-    return tabulate_first("How the cases ended", columns, notes)
+    return tabulate("How the cases ended", columns, notes).first(MOST_ROWS)
 
 
 def _step_error_notes(table: CaseTable) -> list[str]:
@@ -335,7 +329,7 @@ def sobol_table(found: SobolIndices, level: float) -> Table:
         "variance that is due to the input alone (first), and with all that it does together with "
         "others (total). " + _INTERVALS.format(level=100 * level) + " Bootstrap."
     ]
-    return tabulate_first("Sobol indices", columns, notes)
+    return tabulate("Sobol indices", columns, notes).first(MOST_ROWS)
 
 
 def _swept_columns(table: CaseTable, points: slice) -> list[FilledColumn]:
@@ -378,7 +372,7 @@ def point_table(table: CaseTable, level: float) -> Table:
         + _INTERVALS.format(level=100 * level)
         + " Ratios by Clopper and Pearson, over decided cases."
     ]
-    return tabulate("Failures over the sweep", columns, notes)
+    return replace(tabulate("Failures over the sweep", columns, notes), total=count)
 
 
 def point_statistics_table(table: CaseTable, levels: Sequence[float], level: float) -> Table:
@@ -398,4 +392,4 @@ def point_statistics_table(table: CaseTable, levels: Sequence[float], level: flo
         + _INTERVALS.format(level=100 * level) + first_rows(metrics, "metrics")
     ]  # fmt: skip
     columns = [text_column("point", labels, "point"), *_statistics_columns(found, levels, level)]
-    return tabulate("Statistics over the sweep", columns, notes)
+    return replace(tabulate("Statistics over the sweep", columns, notes), total=count * metrics)

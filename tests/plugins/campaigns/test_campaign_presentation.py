@@ -198,6 +198,12 @@ def test_sweep_over_one_quantity() -> None:
     assert [r["metric"] for r in found.tables["sweep_statistics"].rows[:2]] == ["dv", "rms_error"]
 
 
+def test_sweep_over_more_points_than_the_table_lists() -> None:
+    found = shown(sweep({PERIOD: np.linspace(30.0, 240.0, 600)}, 3))
+    assert len(found.tables["sweep_failures"].rows) < 600 == found.tables["sweep_failures"].total
+    assert {"sweep_failures", "sweep_metrics"} <= set(found.figures)
+
+
 def test_sweep_over_two_quantities() -> None:
     axes = {PERIOD: np.array([30.0, 60.0, 120.0]), SIGMA: np.array([1.0, 2.0, 4.0, 8.0])}
     assert {"sweep_failures", "sweep_metrics"} <= set(shown(sweep(axes, 60)).figures)

@@ -257,6 +257,19 @@ def test_faults_of_given_models_are_said(table: dict[str, Any], said: str) -> No
         run_on(GIVEN, table)
 
 
+def test_more_models_than_the_table_lists_are_drawn() -> None:
+    many = 60
+    count = np.arange(1.0, many + 1.0)
+    product = LinearModels(
+        tuple(moving(k) for k in count), tuple(f"model {k:g}" for k in count),
+        ("point",), ("-",), count[None], np.array([1.0]), 2, 4, (),
+    )  # fmt: skip
+    made = present_linear_models(product)
+    check_presentation(made)
+    table = made.tables["linear_models"]
+    assert len(table.rows) < many == table.total
+
+
 def test_poles_on_the_border_are_not_counted_by_their_rounding() -> None:
     """Free masses: two poles at zero and a pair on the axis, none of them unstable."""
     table = present_linear_models(run(keys())).tables["linear_models"]

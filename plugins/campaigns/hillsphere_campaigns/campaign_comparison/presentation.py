@@ -37,11 +37,9 @@ from hillsphere_campaigns.figures import (
 )
 from hillsphere_campaigns.result_tables import (
     MOST_ROWS,
-    first_rows,
     gather,
     gather_intervals,
     interval_columns,
-    tabulate_first,
 )
 
 __all__ = ["present_comparison", "select_shown"]
@@ -83,20 +81,19 @@ def present_comparison(product: CampaignComparison, show: Sequence[str] = ()) ->
         f"are those of {level} confidence intervals, each row by itself."
     )
     tables = {
-        "comparison_failures": tabulate_first(
+        "comparison_failures": tabulate(
             f"Failures compared with {product.baseline}",
             _failure_columns(product),
             [note + " Interval of the difference by Tango (1998).", *_undecided_notes(product)],
-        ),
+        ).first(MOST_ROWS),
         "comparison_metrics": tabulate(
             f"Metrics compared with {product.baseline}",
-            _metric_columns(metrics[:MOST_ROWS]),
+            _metric_columns(metrics),
             [
                 note,
-                "Over pairs that both came to their end; each number in the unit of its row."
-                + first_rows(len(metrics), "rows"),
+                "Over pairs that both came to their end; each number in the unit of its row.",
             ],
-        ),
+        ).first(MOST_ROWS, "rows"),
     }
     figures = {"comparison_failures": _failure_chart(product)}
     shown = [

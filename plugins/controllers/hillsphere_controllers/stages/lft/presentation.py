@@ -12,7 +12,6 @@ from hillsphere.show.tables import FieldColumns, column, tabulate, text_column
 from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.lft.figures import error_chart, response_chart, size_chart
 from hillsphere_controllers.stages.lft.products import FittedModels
-from hillsphere_controllers.stages.table_cells import first_rows
 
 __all__ = ["present_uncertain_models"]
 
@@ -135,7 +134,7 @@ def _terms(product: FittedModels) -> Table:
         "The terms are powers of the distance from nominal. "
         "The largest error is relative to the range."
     ]
-    return first_rows(tabulate("Terms of the fit", columns, notes), _TERMS, "terms")
+    return tabulate("Terms of the fit", columns, notes).first(_TERMS, "terms")
 
 
 def _term(names: tuple[str, ...], exponents: list[int]) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from hillsphere.lti import LtiSystem
@@ -70,7 +72,7 @@ def present_linear_models(product: LinearModels) -> Presentation:
         notes.append(f"The first {_LISTED} of {count} models.")
     return Presentation(
         metrics={"linear_models": Metric(count)},
-        tables={"linear_models": tabulate("Linear models", columns, notes)},
+        tables={"linear_models": replace(tabulate("Linear models", columns, notes), total=count)},
         figures={"linear_models": _gain_chart(product, "linear_models")},
     )
 

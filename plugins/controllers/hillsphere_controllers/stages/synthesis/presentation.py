@@ -27,7 +27,7 @@ from hillsphere_controllers.stages.synthesis.search_tables import (
     start_sentences,
     worst_sentence,
 )
-from hillsphere_controllers.stages.table_cells import finite_fields, first_rows
+from hillsphere_controllers.stages.table_cells import finite_fields
 
 __all__ = ["present_synthesis"]
 
@@ -109,7 +109,7 @@ def _norms(product: Synthesis) -> Table:
         *map(of, ("hinf", "hinf_upper", "peak_rad_s", "hinf_error", "sampled", "h2")),
         *map(of, ("abscissa_1_s", "damping", "disk")),
     ]
-    return first_rows(tabulate("Closed loops", columns, _notes(product)), _LISTED, "models")
+    return tabulate("Closed loops", columns, _notes(product)).first(_LISTED, "models")
 
 
 def _margins(product: Synthesis) -> Table:
@@ -147,7 +147,7 @@ def _margins(product: Synthesis) -> Table:
         "margin."
     )
     table = tabulate("Margins of single loops", columns, (note,))
-    return first_rows(table, _LISTED * len(places))
+    return table.first(_LISTED * len(places))
 
 
 def _controller(product: Synthesis) -> Table:
@@ -159,7 +159,7 @@ def _controller(product: Synthesis) -> Table:
     ]
     note = "The matrices of the controller are in the stage's product."
     title = f"Poles of the controller, order {poles.size}"
-    return first_rows(tabulate(title, columns, (note,)), _LISTED)
+    return tabulate(title, columns, (note,)).first(_LISTED)
 
 
 def _iterations(found: Iterations) -> Table:

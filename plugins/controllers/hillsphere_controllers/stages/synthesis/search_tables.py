@@ -10,7 +10,7 @@ import numpy as np
 from hillsphere.presentation import Metric, Table
 from hillsphere.show.tables import FieldColumns, column, finite_or_blank, tabulate, text_column
 from hillsphere_controllers.stages.synthesis.products import RobustResult, SearchResult
-from hillsphere_controllers.stages.table_cells import finite_fields, first_rows
+from hillsphere_controllers.stages.table_cells import finite_fields
 
 __all__ = ["search_metrics", "search_tables", "start_sentences", "worst_sentence"]
 
@@ -63,7 +63,7 @@ def search_tables(search: SearchResult, names: Sequence[str]) -> dict[str, Table
             "own searches begin at the joint controller."
         )
         title = "The same structure for each plant by itself"
-        tables["synthesis_own"] = first_rows(tabulate(title, columns, (note,)), _LISTED)
+        tables["synthesis_own"] = tabulate(title, columns, (note,)).first(_LISTED)
     return tables
 
 
@@ -126,7 +126,7 @@ def _searches(search: SearchResult) -> Table:
         column("above", finite_or_blank(above), "above the best", 3, unit="%"),
     ]
     note = "A blank cell means that no admissible controller was found."
-    return first_rows(tabulate("Searches", columns, (note,)), _LISTED)
+    return tabulate("Searches", columns, (note,)).first(_LISTED)
 
 
 def _equals(search: SearchResult) -> Table:
@@ -140,14 +140,14 @@ def _equals(search: SearchResult) -> Table:
         "Designs whose γ differs by at most the tie are equal. The one with the smallest worst "
         "case found for the wider uncertainty is taken."
     )
-    return first_rows(tabulate("Equal designs", columns, (note,)), _LISTED)
+    return tabulate("Equal designs", columns, (note,)).first(_LISTED)
 
 
 def _worst(robust: RobustResult) -> Table:
     of = FieldColumns(finite_fields(robust, "worst"), "models")
     columns = [of("labels", "model"), of("worst", "gamma")]
     note = "Each γ is reached by a perturbation and is a lower bound; µ gives an upper bound."
-    return first_rows(tabulate("Worst cases", columns, (note,)), _LISTED)
+    return tabulate("Worst cases", columns, (note,)).first(_LISTED)
 
 
 def _scenarios(robust: RobustResult) -> Table:

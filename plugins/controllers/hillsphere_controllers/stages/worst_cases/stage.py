@@ -13,7 +13,6 @@ from hillsphere.show.tables import FieldColumns, column, tabulate, text_column
 from hillsphere_controllers.linear_products import UncertainModel, UncertainModels
 from hillsphere_controllers.stages.linearise.products import LinearisedFlight
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
-from hillsphere_controllers.stages.table_cells import first_rows
 from hillsphere_controllers.stages.uncertain import to_lft
 from hillsphere_controllers.stages.worst_cases.products import WorstCases
 from hillsphere_controllers.stages.worst_cases.specs import WorstCasesSpec
@@ -204,7 +203,7 @@ class WorstCasesStage:
             )
         return Presentation(
             metrics={"worst_cases": Metric(cases)},
-            tables={"worst_cases": first_rows(tabulate("Worst cases", columns, notes), _SHOWN)},
+            tables={"worst_cases": tabulate("Worst cases", columns, notes).first(_SHOWN)},
             figures={},
         )
 
