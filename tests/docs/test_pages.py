@@ -19,8 +19,6 @@ from hillsphere.cli.application import app
 from hillsphere.mission import load_mission
 from hillsphere.plugins import default_registry
 
-pytestmark = pytest.mark.slow  # pages run missions
-
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = sorted([DOCS / "start.md", *(DOCS / "how-to").glob("*.md")])
 TEXTS = {path.relative_to(DOCS).as_posix(): path.read_text("utf-8") for path in PAGES}
@@ -46,6 +44,7 @@ def pages_with(language: str) -> list[str]:
     return [name for name, text in TEXTS.items() if blocks(text, language)]
 
 
+@pytest.mark.slow  # pages run missions
 @pytest.mark.parametrize("name", pages_with("python"))
 def test_python_of_a_page_prints_what_it_shows(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
