@@ -1,5 +1,8 @@
 """Faults of a presentation that a report could not show."""
 
+import pytest
+
+from hillsphere.errors import StageError
 from hillsphere.presentation import (
     Axis,
     Chart,
@@ -12,6 +15,7 @@ from hillsphere.presentation import (
     Table,
     presentation_faults,
 )
+from hillsphere.show.presentation import check_presentation
 
 
 def faults(chart: Chart) -> list[str]:
@@ -46,3 +50,10 @@ def test_marks_may_stand_for_rows_that_a_cut_table_does_not_list() -> None:
     assert presentation_faults(Presentation(tables={"t": cut}, figures={"f": last})) == []
     beyond = Chart("C", [flat(Points([0], [0], rows=[3]))], table="t")
     assert presentation_faults(Presentation(tables={"t": cut}, figures={"f": beyond}))
+
+
+def test_a_message_tells_the_first_faults_only() -> None:
+    many = Chart("C", [flat(Points([0], [0], rows=[row])) for row in range(9)], table="t")
+    table = Table("T", [Column("a")], [{"a": 1.0}])
+    with pytest.raises(StageError, match=r"rows 3 to 3 of its table 't', which has 1; and 5 more$"):
+        check_presentation(Presentation(tables={"t": table}, figures={"f": many}))

@@ -223,6 +223,10 @@ class Presentation:
     files: Mapping[str, str] = field(default_factory=dict)
 
 
+_TOLD = 3
+"""Faults in one message at most: a fault of one mark is usually that of all marks of its figure."""
+
+
 def check_presentation(shown: object) -> Presentation:
     """Return the result of a stage's ``present``, after a check that it can be written to files.
 
@@ -234,7 +238,8 @@ def check_presentation(shown: object) -> Presentation:
     if not isinstance(shown, Presentation):
         raise StageError(f"present must return a Presentation, got a {type(shown).__name__}")
     if faults := presentation_faults(shown):
-        raise StageError("its presentation is invalid: " + "; ".join(faults))
+        more = f"; and {len(faults) - _TOLD} more" if len(faults) > _TOLD else ""
+        raise StageError("its presentation is invalid: " + "; ".join(faults[:_TOLD]) + more)
     return shown
 
 
