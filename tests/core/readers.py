@@ -372,6 +372,7 @@ NO_READERS = {
     "hillsphere.show.comparison_page": "the package's own style sheet",
     "hillsphere.cli.author_commands": "writes copies of packaged missions, and plugins",
     "hillsphere.cli.plugin_template": "the package's own templates",
+    "hillsphere.plugins.plugin_files": "a program that the user names; test_plugin_files.py",
     "hillsphere.runs.run_calls": RUN_DIRECTORY,
     "hillsphere.runs.run_summary": RUN_DIRECTORY,
     "hillsphere.runs.rerun": RUN_DIRECTORY,

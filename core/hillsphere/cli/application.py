@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -14,8 +15,8 @@ if TYPE_CHECKING:
     from hillsphere.plugins.registry import Registry
 
 __all__ = [
-    "AllowPath", "Json", "MissionName", "Profile", "Sets", "StrictPlugins", "app", "load",
-    "registry_of",
+    "AllowPath", "Json", "MissionName", "PluginFiles", "Profile", "Sets", "StrictPlugins", "app",
+    "load", "registry_of",
 ]  # fmt: skip
 
 app = typer.Typer(
@@ -55,6 +56,27 @@ AllowPath = Annotated[
 ]
 StrictPlugins = Annotated[
     bool, typer.Option("--strict-plugins", help="Stop at the first broken plugin.")
+]
+
+
+def _add_plugin_files(paths: list[Path] | None) -> list[Path]:
+    """Load the plugin files of a command line, before the command asks for components."""
+    if paths:
+        from hillsphere.plugins.plugin_files import add_plugin_file
+
+        for path in paths:
+            add_plugin_file(path)
+    return paths or []
+
+
+PluginFiles = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--plugin",
+        metavar="FILE",
+        callback=_add_plugin_files,
+        help="Execute this Python file, and use the components that it offers.",
+    ),
 ]
 
 

@@ -19,6 +19,7 @@ import hillsphere.cli.run_commands  # noqa: F401
 from hillsphere.cli.application import (
     AllowPath,
     Json,
+    PluginFiles,
     Profile,
     Sets,
     StrictPlugins,
@@ -65,6 +66,7 @@ def validate(
     json: Json = False,
     allow_path: AllowPath = False,
     strict_plugins: StrictPlugins = False,
+    plugin: PluginFiles = None,
 ) -> int:
     """Check missions, under each of their profiles, without running them."""
     from hillsphere.base.errors import InputError, PluginError
@@ -104,7 +106,9 @@ def validate(
 
 
 @app.command()
-def plugins(json: Json = False, strict_plugins: StrictPlugins = False) -> None:
+def plugins(
+    json: Json = False, strict_plugins: StrictPlugins = False, plugin: PluginFiles = None
+) -> None:
     """List plugins and their components."""
     registry = registry_of(strict_plugins)
     contested = _contested_components(registry)

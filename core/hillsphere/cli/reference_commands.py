@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from hillsphere.base.errors import InputError
-from hillsphere.cli.application import Json, app, registry_of
+from hillsphere.cli.application import Json, PluginFiles, app, registry_of
 from hillsphere.cli.completion import complete_kind, complete_type
 from hillsphere.cli.output import write, write_json, write_table
 from hillsphere.cli.streams import say
@@ -62,6 +62,7 @@ def describe(
         ),
     ] = None,
     json_: Json = False,
+    plugin: PluginFiles = None,
 ) -> None:
     """Describe kinds of components, the types of a kind, or the keys of a type."""
     from hillsphere.cli import describing
@@ -81,6 +82,7 @@ def schema(
         Path | None,
         typer.Option(metavar="DIR", help="Write one file per kind of table there instead."),
     ] = None,
+    plugin: PluginFiles = None,
 ) -> None:
     """Write the JSON Schema of mission files."""
     from hillsphere.mission.schema import mission_schema, split_schema

@@ -12,6 +12,7 @@ from hillsphere.cli.application import (
     AllowPath,
     Json,
     MissionName,
+    PluginFiles,
     Profile,
     Sets,
     StrictPlugins,
@@ -94,6 +95,7 @@ def run(
     verbose: Verbose = False,
     allow_path: AllowPath = False,
     strict_plugins: StrictPlugins = False,
+    plugin: PluginFiles = None,
 ) -> int:
     """Run a mission and write its results to a run directory."""
     chosen = _executor(executor, workers, scheduler) or {"type": "pool"}
@@ -120,6 +122,7 @@ def resume(
     verbose: Verbose = False,
     allow_path: AllowPath = False,
     strict_plugins: StrictPlugins = False,
+    plugin: PluginFiles = None,
 ) -> int:
     """Continue a run that was interrupted or killed, or in which a stage failed.
 
@@ -164,6 +167,7 @@ def rerun(
     json: Json = False,
     allow_path: AllowPath = False,
     strict_plugins: StrictPlugins = False,
+    plugin: PluginFiles = None,
 ) -> int:
     """Repeat one case of a campaign with its history, and compare it with that of the run."""
     from hillsphere.cli.rerunning import rerun_and_show
@@ -188,6 +192,7 @@ def figures(
     mission: MissionAgain = None,
     allow_path: AllowPath = False,
     strict_plugins: StrictPlugins = False,
+    plugin: PluginFiles = None,
 ) -> None:
     """Draw figures of a finished run as SVG and PNG, from its stored products.
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
@@ -364,7 +365,8 @@ def discover(*, strict: bool = False, disabled: Iterable[str] | None = None) -> 
     Returns
     -------
     Registry
-        The framework's own components and those of every entry point in the group ``hillsphere``.
+        The framework's own components, those of every entry point in the group ``hillsphere`` and
+        those of the plugin files that this process has loaded.
     """
     if disabled is None:
         disabled = os.environ.get("HILLSPHERE_DISABLE_PLUGINS", "").split(",")
@@ -383,6 +385,8 @@ def discover(*, strict: bool = False, disabled: Iterable[str] | None = None) -> 
             continue
         dist = f"{point.dist.name} {point.dist.version}" if point.dist else ""
         registry.add_plugin(point.name, module, dist)
+    if files := sys.modules.get("hillsphere.plugins.plugin_files"):
+        files.offer_plugin_files(registry)
     return registry
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from hillsphere.base.errors import InputError
 from hillsphere.base.problems import with_article
+from hillsphere.plugins.plugin_files import plugin_files
 from hillsphere.plugins.registry import Registry, validate
 
 if TYPE_CHECKING:
@@ -43,9 +44,15 @@ def executor_of(choice: ExecutorChoice, registry: Registry) -> Executor:
     Raises
     ------
     InputError
-        If there is no such executor, or its table has an unknown key.
+        If there is no such executor, or its table has an unknown key; if it may work on other
+        machines, which a plugin file of this process does not reach.
     """
     table = executor_table(choice)
+    if plugin_files() and (table is None or table.get("type") not in ("serial", "pool")):
+        raise InputError(
+            "plugin files reach the processes of the executors serial and pool only; for others, "
+            "make a package of them (hillsphere new plugin)"
+        )
     if table is None:
         made: Any = choice
         if not callable(getattr(made, "crew", None)):

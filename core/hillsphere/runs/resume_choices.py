@@ -4,9 +4,9 @@ The file makes `hillsphere resume` work without further arguments. Run directori
 between users, so that the file is untrusted. Only harmless choices are taken from it: the name of a
 packaged mission, the use of the cache, figures as PNG, and a local executor (serial, or a pool with
 its number of workers). Other choices could be used for an attack. The address of a scheduler would
-be connected to, and its data unpickled; any other executor is a program; a mission elsewhere, or
-files outside a mission's directory, would be read. These must be given on the command line, even if
-the same user wrote the file, since nothing in a directory proves that.
+be connected to, and its data unpickled; any other executor is a program, and so is a plugin file; a
+mission elsewhere, or files outside a mission's directory, would be read. These must be given on the
+command line, even if the same user wrote the file, since nothing in a directory proves that.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from hillsphere.base.paths import missions_directory
 from hillsphere.base.processors import processors
 from hillsphere.base.shell_words import shell_line
 from hillsphere.mission.load import Mission
+from hillsphere.plugins.plugin_files import plugin_files
 from hillsphere.runs.executor_choice import ExecutorChoice, executor_table
 from hillsphere.runs.run_manifest import SCHEMA, read_record
 
@@ -74,7 +75,8 @@ def local_facts(mission: Mission, *, cache: bool, executor: Any, figures: bool) 
     Returns
     -------
     dict
-        Path of the mission, whether it reads files outside its directory, and the other arguments.
+        Path of the mission, whether it reads files outside its directory, the plugin files, and the
+        other arguments.
     """
     packaged = missions_directory().resolve()
     is_packaged = mission.path.parent.resolve() == packaged and mission.path.suffix == ".toml"
@@ -91,6 +93,7 @@ def local_facts(mission: Mission, *, cache: bool, executor: Any, figures: bool) 
         "cache": cache,
         "executor": executor,
         "figures": figures,
+        "plugin_files": {file.path: file.sha256 for file in plugin_files()},
     }
 
 
@@ -112,10 +115,18 @@ def read_local(directory: Path) -> Mapping[str, Any]:
         and isinstance(record.get("cache", True), bool)
         and isinstance(record.get("figures", False), bool)
         and (executor is None or (isinstance(executor, dict) and _is_word(executor.get("type"))))
+        and _are_files(record.get("plugin_files", {}))
     )
     if not is_sound:
         raise InputError(f"{path}: is not the file that a run writes")
     return record
+
+
+def _are_files(value: Any) -> bool:
+    return isinstance(value, dict) and all(
+        0 < len(path) <= _LONGEST_TEXT and isinstance(digest, str) and len(digest) <= _LONGEST_TEXT
+        for path, digest in value.items()
+    )
 
 
 def choose(
@@ -160,7 +171,10 @@ def choose(
         missing.append(what)
     if given.executor is None and not _is_of_this_machine(local.get("executor")):
         missing.append(f"the executor {_quote_harmless(_describe(local['executor']))}")
+    lost = _lost_plugin_files(local)
+    missing += [f"the plugin file {_quote_harmless(path)}" for path in lost]
     if missing:
+        command = [*command, *(word for path in lost for word in _option("--plugin", path))]
         whole = replace(
             wanted,
             mission=given.mission if given.mission is not None else wanted.mission,
@@ -180,6 +194,28 @@ def choose(
     )
 
 
+def _lost_plugin_files(local: Mapping[str, Any]) -> list[str]:
+    """Return the plugin files of a run, for those that this process has not loaded.
+
+    Raises
+    ------
+    InputError
+        If a file of this name is loaded whose content is another.
+    """
+    loaded = {file.name: file.sha256 for file in plugin_files()}
+    lost = []
+    for path, digest in local.get("plugin_files", {}).items():
+        name = Path(path).name
+        if name not in loaded:
+            lost.append(path)
+        elif loaded[name] != digest:
+            raise InputError(
+                f"the plugin file {_quote_harmless(name)} is another than that of the run: SHA-256 "
+                f"{loaded[name][:12]}…, in the run {_quote_harmless(digest[:12])}…"
+            )
+    return lost
+
+
 def resume_command(directory: Path, local: Mapping[str, Any]) -> str:
     """Return the command line that continues a run.
 
@@ -190,9 +226,10 @@ def resume_command(directory: Path, local: Mapping[str, Any]) -> str:
     local : mapping
         Content of its `LOCAL`.
     """
-    return shell_line(
-        ["hillsphere", "resume", _as_argument(directory), *_options(_choices_to_give_again(local))]
-    )
+    words = ["hillsphere", "resume", _as_argument(directory)]
+    for path in local.get("plugin_files", {}):
+        words += _option("--plugin", path)
+    return shell_line([*words, *_options(_choices_to_give_again(local))])
 
 
 def is_packaged(name: str) -> bool:

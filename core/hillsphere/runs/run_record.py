@@ -12,6 +12,7 @@ from hillsphere.base.environment import environment, package_versions
 from hillsphere.base.paths import missions_directory
 from hillsphere.base.shell_words import shell_line
 from hillsphere.mission.load import Mission
+from hillsphere.plugins.plugin_files import plugin_files
 from hillsphere.runs.judgements import Judgements, RunEvidence
 from hillsphere.runs.run_manifest import SCHEMA
 from hillsphere.runs.stage_cache import StageKeys, file_digest
@@ -222,6 +223,8 @@ class RunRecord:
             words += ["--profile", self.mission.profile]
         for setting in self.mission.sets:
             words += ["--set", setting]
+        for file in plugin_files():
+            words += ["--plugin", file.name]
         return shell_line(words)
 
     def report(self, state: str) -> str:

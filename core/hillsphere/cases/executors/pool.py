@@ -29,6 +29,7 @@ from hillsphere.cases.executors.sending import pickle_work
 from hillsphere.cases.executors.specs import PoolSpec
 from hillsphere.cases.executors.worker import MOST_FAULTS
 from hillsphere.interfaces.tasks import Failed, Finished, Job, Lost, Outcome, Work, unready
+from hillsphere.plugins.plugin_files import plugin_files
 
 __all__ = ["Pool", "PoolCrew"]
 
@@ -58,7 +59,8 @@ FAREWELL_S = 2.0
 
 _START = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[2]); "
-    "from hillsphere.cases.executors.worker import main; main(int(sys.argv[1]))"
+    "from hillsphere.cases.executors.worker import main; "
+    "main(int(sys.argv[1]), json.loads(sys.argv[3]))"
 )
 
 
@@ -290,7 +292,15 @@ def _start_worker() -> _Worker:
     try:
         process = subprocess.Popen(
             # -P: nothing from the working directory, which may hold a stranger's json.py.
-            [sys.executable, "-P", "-c", _START, str(descriptor), json.dumps(sys.path)],
+            [
+                sys.executable,
+                "-P",
+                "-c",
+                _START,
+                str(descriptor),
+                json.dumps(sys.path),
+                json.dumps([[file.path, file.sha256] for file in plugin_files()]),
+            ],
             pass_fds=(descriptor,),
             env={**os.environ, **ONE_THREAD},
             stdin=subprocess.DEVNULL,

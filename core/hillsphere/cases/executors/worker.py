@@ -26,13 +26,15 @@ MOST_FAULTS = 5
 """Times in a row that a passing fault may keep the work from being prepared."""
 
 
-def main(descriptor: int) -> None:
+def main(descriptor: int, files: list[list[str]]) -> None:
     """Serve the process at the other end of a pipe until it says that all is done, or is gone.
 
     Parameters
     ----------
     descriptor : int
         The worker's end of the pipe.
+    files : list of [path, sha256]
+        Plugin files of that process.
     """
     # A Ctrl-C is for the run, which decides what becomes of its workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -41,13 +43,17 @@ def main(descriptor: int) -> None:
     threading.Thread(target=_leave_with_parent, args=(descriptor,), daemon=True).start()
     # Without the other end there is nobody to tell anything.
     with suppress(EOFError, ConnectionError):
-        _serve(Channel(socket.socket(fileno=descriptor)))
+        _serve(Channel(socket.socket(fileno=descriptor)), files)
 
 
-def _serve(channel: Channel) -> None:
+def _serve(channel: Channel, files: list[list[str]]) -> None:
     channel.send(("hello",))
     work = channel.receive()
     try:
+        if files:
+            from hillsphere.plugins.plugin_files import load_plugin_files
+
+            load_plugin_files(files)
         do = pickle.loads(work).prepare()
     except Exception as error:
         channel.send(("unprepared", is_passing(error), *format_error(error)))

@@ -61,7 +61,13 @@ def outward(lo: Array, hi: Array) -> Interval:
     `numpy.nextafter` in whole expressions. An end that overflowed to the wrong side becomes NaN,
     which means that no bound is known.
     """
-    return lo - (np.abs(lo) * _UNIT + _LEAST), hi + (np.abs(hi) * _UNIT + _LEAST)
+    # In place: for thousands of lanes, memory for every step takes most of the time.
+    below, above = np.abs(lo), np.abs(hi)
+    below *= _UNIT
+    above *= _UNIT
+    below += _LEAST
+    above += _LEAST
+    return lo - below, hi + above
 
 
 def add(a: Interval, b: Interval) -> Interval:

@@ -1,0 +1,144 @@
+"""Plugins of one file, named on the command line: loaded, recorded, and never taken from a run."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import chdir, redirect_stderr, redirect_stdout
+from io import StringIO
+from pathlib import Path
+
+import pytest
+from tests.core.wave_missions import WAVES, waves_mission
+
+from hillsphere.base.errors import PluginError
+from hillsphere.cli.endings import run
+from hillsphere.plugins import add_plugin_file, default_registry, plugin_files
+
+SOURCE = (WAVES / "waves_plugin.py").read_text("utf-8").replace('"waves_plugin:', 'f"{__name__}:')
+"""The plugin of the tests of campaigns, as one file that names itself."""
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Iterator[Path]:
+    """Make a directory with a plugin file and its mission, and forget what a test loads."""
+    (tmp_path / "waves.py").write_text(SOURCE, "utf-8")
+    (tmp_path / "sea.toml").write_text(waves_mission(130), "utf-8")
+    default_registry.cache_clear()
+    with chdir(tmp_path):
+        yield tmp_path
+    forget()
+
+
+def forget() -> None:
+    """Leave this process as one that has not loaded a file yet."""
+    for file in plugin_files.plugin_files():
+        del sys.modules[file.module]
+    plugin_files._loaded.clear()
+    default_registry.cache_clear()
+
+
+def hillsphere(*arguments: str) -> tuple[int, str]:
+    """Run a command as in a process of its own; return its exit code and all that it wrote."""
+    forget()
+    out = StringIO()
+    with redirect_stdout(out), redirect_stderr(out):
+        code = run(list(arguments))
+    return int(code), out.getvalue()
+
+
+def test_a_mission_uses_the_components_of_a_file(place: Path) -> None:
+    code, told = hillsphere("run", "./sea.toml", "--out", "none")
+    assert code == 2
+    assert "no stage of type 'wave'" in told
+    common = ("run", "./sea.toml", "--plugin", "waves.py", "--no-cache", "--workers")
+    assert hillsphere(*common, "0", "--out", "a")[0] == 0
+    assert hillsphere(*common, "2", "--out", "b")[0] == 0
+    a, b = (json.loads((place / name / "summary.json").read_text("utf-8")) for name in "ab")
+    assert a == b
+    manifest = json.loads((place / "a" / "manifest.json").read_text("utf-8"))
+    assert manifest["command"].endswith("--plugin waves.py")
+    digest = manifest["sources"]["hillsphere_plugin_file_waves"]
+    assert manifest["versions"]["plugins"]["waves.py"] == f"waves.py {digest[:12]}"
+    code, told = hillsphere("plugins", "--plugin", "waves.py")
+    assert "waves.py" in told
+    assert hillsphere("describe", "stage", "wave", "--plugin", "waves.py")[0] == 0
+
+
+def test_the_digest_of_a_file_is_in_the_keys_of_its_stages(place: Path) -> None:
+    keys = []
+    for end in ("", "\n# changed\n"):
+        (place / "waves.py").write_text(SOURCE + end, "utf-8")
+        out = f"run{len(end)}"
+        assert hillsphere("run", "./sea.toml", "--plugin", "waves.py", "--out", out)[0] == 0
+        manifest = json.loads((place / out / "manifest.json").read_text("utf-8"))
+        keys.append({name: stage["key"] for name, stage in manifest["stages"].items()})
+    assert all(keys[0][name] != keys[1][name] for name in keys[0])
+
+
+def test_a_run_does_not_choose_its_plugin_file(place: Path) -> None:
+    failing = ("--set", "stage.wave.fails=true")
+    assert hillsphere("run", "./sea.toml", "--plugin", "waves.py", "--out", "a", *failing)[0] == 1
+    code, told = hillsphere("resume", "a", "--mission", "sea.toml")
+    assert code == 2
+    assert "the plugin file" in told
+    assert f"--plugin {place / 'waves.py'}" in told
+    assert hillsphere("resume", "a", "--mission", "sea.toml", "--plugin", "waves.py")[0] == 1
+    (place / "waves.py").write_text(SOURCE + "\n# changed\n", "utf-8")
+    code, told = hillsphere("resume", "a", "--mission", "sea.toml", "--plugin", "waves.py")
+    assert code == 2
+    assert "is another than that of the run" in told
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        ("x = 1\nif\n", "bad.py:2: the plugin file cannot be loaded: SyntaxError"),
+        ("x = 1\n\nraise OSError('no')\n", "bad.py:3: the plugin file cannot be loaded: OSError"),
+        ("raise SystemExit(3)\n", "bad.py:1: the plugin file cannot be loaded: SystemExit: 3"),
+        ("import nowhere_at_all\n", "bad.py:1: the plugin file cannot be loaded: ModuleNotFound"),
+        ("x = 1\n", "bad.py: plugin 'bad.py' is broken: PluginError: it offers no component"),
+        ("\0", "bad.py"),
+        (
+            "from hillsphere.plugins import Component, hookimpl\n"
+            "@hookimpl\n"
+            "def hillsphere_components():\n"
+            "    return [Component('gravity', 'point_mass', 'a:B', 'a:C', 's')]\n",
+            "bad.py: gravity 'point_mass' is already offered by plugin 'hillsphere_gravity'",
+        ),
+    ],
+)  # fmt: skip
+def test_a_faulty_file_is_refused_with_its_line(place: Path, source: str, said: str) -> None:
+    (place / "bad.py").write_text(source, "utf-8")
+    code, told = hillsphere("run", "phobos-qso", "--plugin", "bad.py", "--out", "a")
+    assert code == 2
+    assert said in told
+    assert len(told.splitlines()) == 1
+    assert not (place / "a").exists()
+    assert "hillsphere_plugin_file_bad" not in sys.modules
+
+
+def test_a_worker_refuses_a_file_that_has_changed(place: Path) -> None:
+    file = add_plugin_file("waves.py")
+    assert add_plugin_file(place / "waves.py") == file
+    (place / "waves.py").write_text(SOURCE + "\n", "utf-8")
+    forget()
+    with pytest.raises(PluginError, match="changed since the run began"):
+        plugin_files.load_plugin_files([[file.path, file.sha256]])
+
+
+def test_two_files_of_one_name_and_other_machines_are_refused(place: Path) -> None:
+    (place / "other").mkdir()
+    (place / "other" / "waves.py").write_text(SOURCE, "utf-8")
+    code, told = hillsphere("plugins", "--plugin", "waves.py", "--plugin", "other/waves.py")
+    assert code == 2
+    assert "was loaded under this name before" in told
+    code, told = hillsphere(
+        "run", "./sea.toml", "--plugin", "waves.py", "--executor", "dask", "--out", "a"
+    )
+    assert code == 2
+    assert "serial and pool only" in told
+    code, told = hillsphere("plugins", "--plugin", "absent.py")
+    assert code == 2
+    assert "'absent.py' cannot be read: No such file" in told
