@@ -8,7 +8,18 @@ from __future__ import annotations
 
 
 def describe_error(error: BaseException) -> str:
-    """Return the message of an error on one line; its class as well, unless it is ours."""
+    """Return the message of an error on one line; its class as well, unless it is ours.
+
+    Parameters
+    ----------
+    error : BaseException
+        Any error.
+
+    Returns
+    -------
+    str
+        One line of text.
+    """
     text = " ".join(str(error).split())
     if isinstance(error, HillsphereError) and text:
         return text

@@ -370,7 +370,25 @@ def _select(chosen: Selection, count: int, names: tuple[str, ...], what: str) ->
 
 
 def real_matrix(given: object, name: str) -> Array:
-    """Return a copy of a matrix; `InputError` unless it is a matrix of finite real numbers."""
+    """Return a copy of a matrix; `InputError` unless it is a matrix of finite real numbers.
+
+    Parameters
+    ----------
+    given : object
+        Nested sequences of numbers, or an array.
+    name : str
+        Name of the matrix, for the message.
+
+    Returns
+    -------
+    ndarray, shape (p, m)
+        The copy.
+
+    Raises
+    ------
+    InputError
+        If it is no matrix of finite real numbers.
+    """
     try:
         matrix = np.array(given)
     except ValueError:
@@ -387,7 +405,27 @@ def real_matrix(given: object, name: str) -> Array:
 
 
 def indices_of(known: Sequence[str], wanted: Sequence[str], what: str) -> list[int]:
-    """Return the indices of names among the known ones; `InputError` if one is unknown."""
+    """Return the indices of names among the known ones; `InputError` if one is unknown.
+
+    Parameters
+    ----------
+    known : sequence of str
+        Names in their order.
+    wanted : sequence of str
+        Names to be found.
+    what : str
+        What they name, for the message.
+
+    Returns
+    -------
+    list of int
+        Place of each wanted name.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown; the message gives the nearest one.
+    """
     places = []
     for name in wanted:
         if name not in known:

@@ -61,7 +61,18 @@ compile time grows faster than the model.
 
 
 def is_array_model(model: AnyGravityModel) -> bool:
-    """Return whether a model is a function of arrays rather than an expression."""
+    """Return whether a model is a function of arrays rather than an expression.
+
+    Parameters
+    ----------
+    model : AnyGravityModel
+        Any gravity model.
+
+    Returns
+    -------
+    bool
+        True if it has no expression, as a polyhedron.
+    """
     return isinstance(model, ArrayGravityModel)
 
 
@@ -156,6 +167,20 @@ def acceleration_at(model: GravityModel, r: Vec3, p: Params) -> Vec3:
     """Return the acceleration, m/s², at a position that may be any expression.
 
     Arguments as for `potential_at`.
+
+    Parameters
+    ----------
+    model : GravityModel
+        The field.
+    r : tuple of Expr, length 3
+        Position in the frame of the model, m.
+    p : Params
+        Values of its parameters, as numbers or expressions.
+
+    Returns
+    -------
+    tuple of Expr, length 3
+        Acceleration in that frame, m/s².
     """
     if isinstance(r[0], Overloaded):
         return acceleration_within(model, r, p)
@@ -355,7 +380,20 @@ class GravityField:
 
 
 def field_of(model: AnyGravityModel, run_time: Sequence[str] = ()) -> GravityField:
-    """Return ``GravityField(model, run_time)``."""
+    """Return ``GravityField(model, run_time)``.
+
+    Parameters
+    ----------
+    model : AnyGravityModel
+        The field.
+    run_time : sequence of str
+        Names of the parameters whose values are given at each evaluation.
+
+    Returns
+    -------
+    GravityField
+        The field as a function of arrays.
+    """
     return GravityField(model, run_time)
 
 

@@ -61,7 +61,15 @@ class Variable:
 
 @dataclass(frozen=True)
 class Scales:
-    """Units of length and time in which a plant's numbers are of order one."""
+    """Units of length and time in which a plant's numbers are of order one.
+
+    Parameters
+    ----------
+    length_m : float
+        Unit of length, m.
+    time_s : float
+        Unit of time, s.
+    """
 
     length_m: float
     time_s: float

@@ -314,6 +314,11 @@ def packaged_missions() -> list[tuple[str, str]]:
     """Return (name, title) of the packaged missions, sorted by name; only their heads are read.
 
     The title of an invalid file is its fault.
+
+    Returns
+    -------
+    list of tuple of str
+        Name and title of each.
     """
     missions = []
     for path in sorted(missions_directory().glob("*.toml")):

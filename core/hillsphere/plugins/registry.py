@@ -113,7 +113,17 @@ class _Hooks:
 
 @dataclass(frozen=True)
 class Registered:
-    """A component with the plugin that brought it."""
+    """A component with the plugin that brought it.
+
+    Parameters
+    ----------
+    component : Component
+        The component.
+    plugin : str
+        Name of the plugin: that of its entry point, or of its file.
+    distribution : str
+        Name and version of its distribution; ``""`` for the framework's own components.
+    """
 
     component: Component
     plugin: str
@@ -146,7 +156,18 @@ class Registered:
 
 
 def kind_words(kind: str) -> str:
-    """Return the name of a kind in messages: ``"orbit family"``."""
+    """Return the name of a kind in messages: ``"orbit family"``.
+
+    Parameters
+    ----------
+    kind : str
+        One of `KINDS`.
+
+    Returns
+    -------
+    str
+        Its words, in the singular.
+    """
     return {"dispersions": "distribution"}.get(kind, kind.replace("_", " "))
 
 

@@ -230,6 +230,16 @@ _TOLD = 3
 def check_presentation(shown: object) -> Presentation:
     """Return the result of a stage's ``present``, after a check that it can be written to files.
 
+    Parameters
+    ----------
+    shown : object
+        What the stage returned.
+
+    Returns
+    -------
+    Presentation
+        The same object.
+
     Raises
     ------
     StageError

@@ -101,7 +101,22 @@ def column(
 
 
 def text_column(name: str, values: Values, label: str = "") -> FilledColumn:
-    """Return a column of strings or truth values, K of them, ``None`` for a blank."""
+    """Return a column of strings or truth values, K of them, ``None`` for a blank.
+
+    Parameters
+    ----------
+    name : str
+        Name of the column in files.
+    values : Values
+        K values.
+    label : str
+        Heading; by default the name.
+
+    Returns
+    -------
+    FilledColumn
+        The column, for `tabulate`.
+    """
     return replace(column(name, values, label, unit="-"), unit="")
 
 
@@ -169,12 +184,35 @@ def take_or_blank(values: NDArray[Any], index: Sequence[int] | NDArray[Any]) -> 
     """Return the values (M,) of a column at K indices, NaN where an index is −1.
 
     It serves rows that refer to items of another list, where some rows have no item.
+
+    Parameters
+    ----------
+    values : ndarray, shape (M,)
+        The column.
+    index : array_like of int, shape (K,)
+        Places in it, −1 for none.
+
+    Returns
+    -------
+    ndarray, shape (K,)
+        The values there.
     """
     return np.append(values, np.nan)[np.asarray(index, dtype=np.intp)]
 
 
 def finite_or_blank(values: ArrayLike) -> NDArray[np.float64]:
-    """Return values with NaN, which tables show as blank, in place of infinite ones."""
+    """Return values with NaN, which tables show as blank, in place of infinite ones.
+
+    Parameters
+    ----------
+    values : array_like, any shape
+        Numbers.
+
+    Returns
+    -------
+    ndarray
+        A copy, of the same shape.
+    """
     given = np.asarray(values, dtype=float)
     return np.where(np.isfinite(given), given, np.nan)
 

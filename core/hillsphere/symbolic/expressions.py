@@ -93,6 +93,16 @@ def _call(name: str, engine: Callable[..., Any], *items: Scalar) -> Expr:
 def number_in(item: object) -> float:
     """Return the value of an expression that is a plain number.
 
+    Parameters
+    ----------
+    item : object
+        An expression or a number.
+
+    Returns
+    -------
+    float
+        The number.
+
     Raises
     ------
     TypeError
@@ -113,35 +123,106 @@ pi: Expr = cast(Expr, _hy.pi)
 
 
 def constant(value: float) -> Expr:
-    """Return a number as an expression."""
+    """Return a number as an expression.
+
+    Parameters
+    ----------
+    value : float
+        The number.
+
+    Returns
+    -------
+    Expr
+        An expression without variables.
+    """
     return cast(Expr, _hy.expression(float(value)))
 
 
 def variable(name: str) -> Expr:
-    """Return the variable of this name."""
+    """Return the variable of this name.
+
+    Parameters
+    ----------
+    name : str
+        Its name: a state's, or another quantity's that the equations are evaluated with.
+
+    Returns
+    -------
+    Expr
+        The variable.
+
+    Raises
+    ------
+    InputError
+        If the name is that of a run-time parameter.
+    """
     if name.startswith(_PARAMETER):
         raise InputError(f"variable {name!r}: names with {_PARAMETER!r} are run-time parameters")
     return cast(Expr, _hy.expression(name))
 
 
 def variables(*names: str) -> tuple[Expr, ...]:
-    """Return the variables of these names."""
+    """Return the variables of these names.
+
+    Parameters
+    ----------
+    *names : str
+        Their names.
+
+    Returns
+    -------
+    tuple of Expr
+        One variable for each name, in their order.
+    """
     return tuple(variable(name) for name in names)
 
 
 def parameter(name: str) -> Expr:
-    """Return the run-time parameter of this name; it gets its value at each evaluation."""
+    """Return the run-time parameter of this name; it gets its value at each evaluation.
+
+    Parameters
+    ----------
+    name : str
+        Name by which its value is given.
+
+    Returns
+    -------
+    Expr
+        The parameter.
+    """
     return cast(Expr, _hy.expression(_PARAMETER + name))
 
 
 def variable_names(expressions: Iterable[Expr]) -> list[str]:
-    """Return the names of the variables in the expressions, sorted, without parameters."""
+    """Return the names of the variables in the expressions, sorted, without parameters.
+
+    Parameters
+    ----------
+    expressions : iterable of Expr
+        Any number of them.
+
+    Returns
+    -------
+    list of str
+        Each name once.
+    """
     names = _hy.get_variables([_as_expr(e) for e in expressions])
     return [name for name in names if not name.startswith(_PARAMETER)]
 
 
 def parameter_names(expressions: Iterable[Expr]) -> list[str]:
-    """Return the names of the run-time parameters in the expressions, sorted."""
+    """Return the names of the run-time parameters in the expressions, sorted.
+
+    Parameters
+    ----------
+    expressions : iterable of Expr
+        Any number of them.
+
+    Returns
+    -------
+    list of str
+        Each name once.
+    """
     names = _hy.get_variables([_as_expr(e) for e in expressions])
     return [n.removeprefix(_PARAMETER) for n in names if n.startswith(_PARAMETER)]
 
@@ -151,49 +232,148 @@ def _as_expr(value: Scalar) -> Expr:
 
 
 def sqrt(x: Scalar) -> Expr:
-    """Square root."""
+    """Square root.
+
+    Parameters
+    ----------
+    x : Expr or float
+        Argument, not negative.
+
+    Returns
+    -------
+    Expr
+        The root that is not negative.
+    """
     return _call("sqrt", _hy.sqrt, x)
 
 
 def sin(x: Scalar) -> Expr:
-    """Sine."""
+    """Sine.
+
+    Parameters
+    ----------
+    x : Expr or float
+        Angle, rad.
+
+    Returns
+    -------
+    Expr
+        Sine of x.
+    """
     return _call("sin", _hy.sin, x)
 
 
 def cos(x: Scalar) -> Expr:
-    """Cosine."""
+    """Cosine.
+
+    Parameters
+    ----------
+    x : Expr or float
+        Angle, rad.
+
+    Returns
+    -------
+    Expr
+        Cosine of x.
+    """
     return _call("cos", _hy.cos, x)
 
 
 def tan(x: Scalar) -> Expr:
-    """Tangent."""
+    """Tangent.
+
+    Parameters
+    ----------
+    x : Expr or float
+        Angle, rad.
+
+    Returns
+    -------
+    Expr
+        Tangent of x.
+    """
     return _call("tan", _hy.tan, x)
 
 
 def asin(x: Scalar) -> Expr:
-    """Inverse sine, rad."""
+    """Inverse sine, rad.
+
+    Parameters
+    ----------
+    x : Expr or float
+        Sine of the angle, in [−1, 1].
+
+    Returns
+    -------
+    Expr
+        Angle, rad, in [−π/2, π/2].
+    """
     return _call("asin", _hy.asin, x)
 
 
 def acos(x: Scalar) -> Expr:
-    """Inverse cosine, rad. Keep the argument away from ±1, where the derivative is infinite."""
+    """Inverse cosine, rad. Keep the argument away from ±1, where the derivative is infinite.
+
+    Parameters
+    ----------
+    x : Expr or float
+        Cosine of the angle, in [−1, 1].
+
+    Returns
+    -------
+    Expr
+        Angle, rad, in [0, π].
+    """
     return _call("acos", _hy.acos, x)
 
 
 def atan2(y: Scalar, x: Scalar) -> Expr:
-    """Angle of the point (x, y), rad, in (−π, π]."""
+    """Angle of the point (x, y), rad, in (−π, π].
+
+    Parameters
+    ----------
+    y, x : Expr or float
+        Coordinates of the point, of one unit.
+
+    Returns
+    -------
+    Expr
+        Angle from the x axis, rad.
+    """
     if _overloaded_type(x, y):
         return _call("atan2", _hy.atan2, x, y)
     return cast(Expr, _hy.atan2(_as_expr(y), _as_expr(x)))
 
 
 def exp(x: Scalar) -> Expr:
-    """Exponential."""
+    """Exponential.
+
+    Parameters
+    ----------
+    x : Expr or float
+        Exponent.
+
+    Returns
+    -------
+    Expr
+        e to the power of x.
+    """
     return _call("exp", _hy.exp, x)
 
 
 def log(x: Scalar) -> Expr:
-    """Natural logarithm."""
+    """Natural logarithm.
+
+    Parameters
+    ----------
+    x : Expr or float
+        Argument, positive.
+
+    Returns
+    -------
+    Expr
+        Logarithm to the base e.
+    """
     return _call("log", _hy.log, x)
 
 
@@ -203,6 +383,23 @@ def kepler(e_sin: Scalar, e_cos: Scalar, difference: Scalar) -> Expr:
     With an eccentric anomaly E₀ as origin, s = e sin E₀ and c = e cos E₀, and D and M are the
     differences of the eccentric and of the mean anomaly from there. This form has no singularity
     at e = 0.
+
+    Parameters
+    ----------
+    e_sin, e_cos : Expr or float
+        s and c.
+    difference : Expr or float
+        M, rad.
+
+    Returns
+    -------
+    Expr
+        D, rad.
+
+    Raises
+    ------
+    TypeError
+        If an argument is a bound of an interval, for which there is no solver.
     """
     if _overloaded_type(e_sin, e_cos, difference):
         raise TypeError("kepler needs expressions; intervals have no solver of Kepler's equation")
@@ -216,6 +413,18 @@ def eccentric_anomaly(eccentricity: Scalar, mean: Scalar) -> Expr:
     """Solve Kepler's equation E − e sin E = M for E, 0 ≤ e < 1, in the revolution of M.
 
     Unlike `kepler`, the Taylor propagator can differentiate it.
+
+    Parameters
+    ----------
+    eccentricity : Expr or float
+        e, in [0, 1).
+    mean : Expr or float
+        Mean anomaly M, rad.
+
+    Returns
+    -------
+    Expr
+        Eccentric anomaly E, rad.
     """
     if _overloaded_type(eccentricity, mean):
         return _call("eccentric_anomaly", _hy.kepE, mean, eccentricity)
@@ -225,7 +434,20 @@ def eccentric_anomaly(eccentricity: Scalar, mean: Scalar) -> Expr:
 
 
 def power(x: Scalar, exponent: float) -> Expr:
-    """Raise x to a constant power."""
+    """Raise x to a constant power.
+
+    Parameters
+    ----------
+    x : Expr or float
+        The base; positive unless the exponent is a whole number.
+    exponent : float
+        A number, not an expression.
+
+    Returns
+    -------
+    Expr
+        x to that power.
+    """
     return _as_expr(x) ** exponent
 
 
@@ -236,6 +458,18 @@ def select(condition: Expr, if_true: Scalar, if_false: Scalar) -> Expr:
     it changes branch by `switches` (`hillsphere.interfaces.Piecewise`, or `PiecewisePlant` for a
     plant); otherwise `hillsphere.dynamics.Taylor` stays on the old branch to the end of the step.
     The step map evaluates the condition at every stage and needs no `switches`.
+
+    Parameters
+    ----------
+    condition : Expr
+        Of `less` or `greater`.
+    if_true, if_false : Expr or float
+        The two branches, of one unit.
+
+    Returns
+    -------
+    Expr
+        The branch that the condition selects.
     """
     if isinstance(condition, _Comparison):
         kind = type(condition.difference)
@@ -246,14 +480,36 @@ def select(condition: Expr, if_true: Scalar, if_false: Scalar) -> Expr:
 
 
 def greater(a: Scalar, b: Scalar) -> Expr:
-    """Condition a > b, for `select`."""
+    """Condition a > b, for `select`.
+
+    Parameters
+    ----------
+    a, b : Expr or float
+        What is compared, of one unit.
+
+    Returns
+    -------
+    Expr
+        The condition.
+    """
     if _overloaded_type(a, b):
         return cast(Expr, _Comparison(cast(Any, a) - b))
     return cast(Expr, _hy.gt(_as_expr(a), _as_expr(b)))
 
 
 def less(a: Scalar, b: Scalar) -> Expr:
-    """Condition a < b, for `select`."""
+    """Condition a < b, for `select`.
+
+    Parameters
+    ----------
+    a, b : Expr or float
+        What is compared, of one unit.
+
+    Returns
+    -------
+    Expr
+        The condition.
+    """
     if _overloaded_type(a, b):
         return cast(Expr, _Comparison(cast(Any, b) - a))
     return cast(Expr, _hy.lt(_as_expr(a), _as_expr(b)))
@@ -272,26 +528,70 @@ class _Comparison:
 
 
 def minimum(a: Scalar, b: Scalar) -> Expr:
-    """Return the smaller of two expressions, lane by lane."""
+    """Return the smaller of two expressions, lane by lane.
+
+    Parameters
+    ----------
+    a, b : Expr or float
+        What is compared, of one unit.
+
+    Returns
+    -------
+    Expr
+        The smaller one; its derivative is that of the branch taken.
+    """
     if _overloaded_type(a, b):
         return _call("minimum", _hy.select, a, b)
     return select(less(a, b), a, b)
 
 
 def maximum(a: Scalar, b: Scalar) -> Expr:
-    """Return the larger of two expressions, lane by lane."""
+    """Return the larger of two expressions, lane by lane.
+
+    Parameters
+    ----------
+    a, b : Expr or float
+        What is compared, of one unit.
+
+    Returns
+    -------
+    Expr
+        The larger one; its derivative is that of the branch taken.
+    """
     if _overloaded_type(a, b):
         return -minimum(-cast(Expr, a), -cast(Expr, b))
     return select(greater(a, b), a, b)
 
 
 def is_zero(e: Scalar) -> bool:
-    """Return whether an expression is the literal zero (``0 * x`` is, ``x - x`` is not)."""
+    """Return whether an expression is the literal zero (``0 * x`` is, ``x - x`` is not).
+
+    Parameters
+    ----------
+    e : Expr or float
+        Any expression or number.
+
+    Returns
+    -------
+    bool
+        True only for the number zero.
+    """
     return not _overloaded_type(e) and bool(_as_expr(e) == constant(0.0))
 
 
 def absolute(x: Scalar) -> Expr:
-    """Absolute value, by `select`; its derivative at zero is −1."""
+    """Absolute value, by `select`; its derivative at zero is −1.
+
+    Parameters
+    ----------
+    x : Expr or float
+        Argument, of any unit.
+
+    Returns
+    -------
+    Expr
+        The argument without its sign.
+    """
     e = _as_expr(x)
     if _overloaded_type(e):
         return maximum(e, -e)
@@ -299,7 +599,18 @@ def absolute(x: Scalar) -> Expr:
 
 
 def sum_of(terms: Iterable[Scalar]) -> Expr:
-    """Sum of any number of terms, which compiles to faster code than a chain of ``+``."""
+    """Sum of any number of terms, which compiles to faster code than a chain of ``+``.
+
+    Parameters
+    ----------
+    terms : iterable of Expr or float
+        Any number of them, of one unit; none give zero.
+
+    Returns
+    -------
+    Expr
+        The sum.
+    """
     items = list(terms)
     if _overloaded_type(*items):
         return cast(Expr, reduce(add, items))
@@ -307,7 +618,18 @@ def sum_of(terms: Iterable[Scalar]) -> Expr:
 
 
 def product(factors: Iterable[Scalar]) -> Expr:
-    """Product of any number of factors."""
+    """Product of any number of factors.
+
+    Parameters
+    ----------
+    factors : iterable of Expr or float
+        Any number of them; none give one.
+
+    Returns
+    -------
+    Expr
+        The product.
+    """
     items = list(factors)
     if _overloaded_type(*items):
         return cast(Expr, reduce(mul, items))
@@ -315,21 +637,54 @@ def product(factors: Iterable[Scalar]) -> Expr:
 
 
 def dot(a: Sequence[Scalar], b: Sequence[Scalar]) -> Expr:
-    """Scalar product."""
+    """Scalar product.
+
+    Parameters
+    ----------
+    a, b : sequence of Expr or float
+        The vectors, of one length.
+
+    Returns
+    -------
+    Expr
+        Sum of the products of their elements.
+    """
     if _overloaded_type(*a, *b):
         return sum_of([cast(Any, x) * y for x, y in zip(a, b, strict=True)])
     return sum_of(_as_expr(x) * y for x, y in zip(a, b, strict=True))
 
 
 def cross(a: Sequence[Scalar], b: Sequence[Scalar]) -> Vec3:
-    """Vector product of two 3-vectors."""
+    """Vector product of two 3-vectors.
+
+    Parameters
+    ----------
+    a, b : sequence of Expr or float, length 3
+        The vectors.
+
+    Returns
+    -------
+    tuple of Expr, length 3
+        a × b.
+    """
     ax, ay, az = (cast(Any, x) for x in a) if _overloaded_type(*b) else (_as_expr(x) for x in a)
     bx, by, bz = (_as_expr(x) for x in b)
     return (ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
 
 
 def norm(a: Sequence[Scalar]) -> Expr:
-    """Euclidean length."""
+    """Euclidean length.
+
+    Parameters
+    ----------
+    a : sequence of Expr or float
+        A vector of any length.
+
+    Returns
+    -------
+    Expr
+        Its length, in the unit of its elements.
+    """
     kind = _overloaded_type(*a)
     if kind is None:
         return sqrt(dot(a, a))
@@ -339,7 +694,20 @@ def norm(a: Sequence[Scalar]) -> Expr:
 
 
 def matvec(matrix: Sequence[Sequence[Scalar]], vector: Sequence[Scalar]) -> tuple[Expr, ...]:
-    """Matrix times vector."""
+    """Matrix times vector.
+
+    Parameters
+    ----------
+    matrix : sequence of rows
+        n rows of m elements.
+    vector : sequence of Expr or float
+        m elements.
+
+    Returns
+    -------
+    tuple of Expr
+        The product, n elements.
+    """
     return tuple(dot(row, vector) for row in matrix)
 
 
@@ -394,7 +762,20 @@ def jacobian(expressions: Sequence[Scalar], by: Sequence[Expr]) -> tuple[tuple[E
 
 
 def gradient(expression: Scalar, by: Sequence[Expr]) -> tuple[Expr, ...]:
-    """Gradient: exact derivatives of one function by n variables."""
+    """Gradient: exact derivatives of one function by n variables.
+
+    Parameters
+    ----------
+    expression : Expr or float
+        The function.
+    by : sequence of Expr
+        The variables, n of them.
+
+    Returns
+    -------
+    tuple of Expr
+        Derivative by each variable, in their order.
+    """
     return jacobian([expression], by)[0]
 
 

@@ -47,7 +47,22 @@ def si_unit(unit: str) -> tuple[str, float]:
 
 
 def require_count(given: int, wanted: int, key: str) -> None:
-    """Raise `InputError` if a key has values for another number of quantities than wanted."""
+    """Raise `InputError` if a key has values for another number of quantities than wanted.
+
+    Parameters
+    ----------
+    given : int
+        How many values the key has.
+    wanted : int
+        How many quantities there are.
+    key : str
+        The key, for the message.
+
+    Raises
+    ------
+    InputError
+        If the numbers differ.
+    """
     if given != wanted:
         raise InputError(
             f"{key} is given for {given} quantities, but parameters matches {wanted}; give one "

@@ -86,6 +86,16 @@ class Information:
 def information_root(belief: Belief) -> Array:
     """Return R = S⁻¹ (N, n, n) of a belief with the root S.
 
+    Parameters
+    ----------
+    belief : Belief
+        N beliefs of n states.
+
+    Returns
+    -------
+    ndarray, shape (N, n, n)
+        R, with Rᵀ R the information.
+
     Raises
     ------
     InputError

@@ -54,6 +54,11 @@ def camera_image(
     ambient : float
         Brightness of what the Sun does not reach.
 
+    Returns
+    -------
+    CameraImage
+        Brightness of every ray, and the place of the target in the image.
+
     Raises
     ------
     InputError

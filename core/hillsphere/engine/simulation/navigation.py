@@ -17,7 +17,13 @@ __all__ = ["NavigationErrors", "PerfectNavigation", "SeenStates"]
 
 @dataclass(frozen=True)
 class PerfectNavigation:
-    """Navigation without errors: the law receives the true states."""
+    """Navigation without errors: the law receives the true states.
+
+    Parameters
+    ----------
+    noise : int
+        Normal numbers that it takes at each measurement: none.
+    """
 
     noise: int = 0
 

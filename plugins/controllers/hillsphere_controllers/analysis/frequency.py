@@ -154,7 +154,18 @@ def _modes(a: Array) -> list[tuple[Array, Array, Array] | None]:
 
 
 def largest_gains(responses: Complex) -> Array:
-    """Return the largest singular values (K,) of matrices (K, p, m)."""
+    """Return the largest singular values (K,) of matrices (K, p, m).
+
+    Parameters
+    ----------
+    responses : ndarray, shape (K, p, m)
+        Frequency responses, complex.
+
+    Returns
+    -------
+    ndarray, shape (K,)
+        The largest singular value of each.
+    """
     p, m = responses.shape[1:]
     if p == 0 or m == 0:
         return np.zeros(len(responses))

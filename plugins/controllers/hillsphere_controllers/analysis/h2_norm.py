@@ -73,6 +73,11 @@ def h2_rounding(system: LtiSystem) -> float:
     ----------
     system : LtiSystem
         In continuous or discrete time.
+
+    Returns
+    -------
+    float
+        Size of the rounding, in the unit of the norm.
     """
     if system.order == 0 or 0 in system.shape:
         return 0.0

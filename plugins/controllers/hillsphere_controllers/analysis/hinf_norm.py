@@ -305,14 +305,41 @@ def _gain_with_rounding(system: LtiSystem, omega: float) -> tuple[float, float]:
 
 
 def hamiltonian_eigenvalues(system: LtiSystem, level: float) -> NDArray[np.complex128]:
-    """Return the eigenvalues (2n,) of H at a level above the largest singular value of D."""
+    """Return the eigenvalues (2n,) of H at a level above the largest singular value of D.
+
+    Parameters
+    ----------
+    system : LtiSystem
+        In continuous time, of order n.
+    level : float
+        The level.
+
+    Returns
+    -------
+    ndarray, shape (2n,)
+        Complex eigenvalues; an imaginary one is a frequency where a singular value equals the
+        level.
+    """
     return hamiltonians_eigenvalues(system.a, system.b, system.c, system.d, np.array(level))
 
 
 def hamiltonians_eigenvalues(
     a: Array, b: Array, c: Array, d: Array, level: Array
 ) -> NDArray[np.complex128]:
-    """Return the eigenvalues (..., 2n) of H of systems (..., n, n) …, each at its own level."""
+    """Return the eigenvalues (..., 2n) of H of systems (..., n, n) …, each at its own level.
+
+    Parameters
+    ----------
+    a, b, c, d : ndarray, shapes (..., n, n), (..., n, m), (..., p, n), (..., p, m)
+        Matrices of the systems.
+    level : ndarray, shape (...,)
+        Level of each.
+
+    Returns
+    -------
+    ndarray, shape (..., 2n)
+        Complex eigenvalues.
+    """
     # of the system divided by the level: R = I − DᵀD stays of order one
     root = np.sqrt(level)[..., None, None]
     b, c = b / root, c / root

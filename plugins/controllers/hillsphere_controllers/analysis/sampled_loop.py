@@ -232,6 +232,11 @@ def sampled_margins(loop: SampledLoop) -> SampledMargins:
     ----------
     loop : SampledLoop
         The loop.
+
+    Returns
+    -------
+    SampledMargins
+        Gain, phase and delay margins.
     """
     p, radius = loop.controls, float(loop.spectral_radius())
     if not radius < 1.0:
@@ -293,6 +298,11 @@ def first_unstable_period(
     -------
     float
         The shortest period if the loop is not stable there; infinite if it always is.
+
+    Raises
+    ------
+    InputError
+        If the periods are not positive and rising.
     """
 
     def radius(log_period: float) -> float:

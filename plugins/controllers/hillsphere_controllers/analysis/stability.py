@@ -14,6 +14,16 @@ def spectral_abscissa(system: LtiSystem) -> float:
 
     In discrete time that of the logarithm of the poles over the period, so that both measure the
     rate of the slowest decay; −inf without poles, or with all of them at z = 0.
+
+    Parameters
+    ----------
+    system : LtiSystem
+        In continuous or discrete time.
+
+    Returns
+    -------
+    float
+        The abscissa, 1/s.
     """
     if system.order == 0:
         return -np.inf

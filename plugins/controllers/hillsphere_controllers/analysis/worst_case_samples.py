@@ -40,6 +40,16 @@ class WorstSample:
 def hinf_value(system: LtiSystem) -> float:
     """Return the H∞ norm of a system, the number alone.
 
+    Parameters
+    ----------
+    system : LtiSystem
+        In continuous or discrete time; the norm of an unstable one is infinite.
+
+    Returns
+    -------
+    float
+        The norm.
+
     Raises
     ------
     InputError
@@ -64,6 +74,11 @@ def worst_sample(
         Taken one at a time; only the worst one is kept.
     measure : callable
         From a system to a number, such as `hinf_value`, `h2_norm` or `spectral_abscissa`.
+
+    Returns
+    -------
+    WorstSample
+        The sample, its number and its measure.
 
     Raises
     ------

@@ -214,7 +214,7 @@ def lqg(
         From u to y, in continuous or discrete time.
     state_weight, control_weight : ndarray, shape (n, n), (m, m)
         Of the regulator, see `lqr`.
-    process_noise, measurement_noise, through : ndarray
+    process_noise, measurement_noise, through : ndarray, shape (w, w), (p, p), (n, w)
         Of the filter, see `kalman`.
 
     Returns

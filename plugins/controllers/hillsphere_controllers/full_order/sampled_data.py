@@ -91,6 +91,11 @@ def sampled_noise(a: Array, density: Array, h: float) -> Array:
     h : float
         Period, s.
 
+    Returns
+    -------
+    ndarray, shape (n, n)
+        The covariance, symmetric.
+
     Raises
     ------
     InputError

@@ -36,6 +36,16 @@ rounding alone."""
 def parameter(uncertainty: Uncertainty) -> Lft:
     """Return a real parameter as an uncertain 1 × 1 matrix.
 
+    Parameters
+    ----------
+    uncertainty : Uncertainty
+        The parameter with its bounds.
+
+    Returns
+    -------
+    Lft
+        The parameter, 1 × 1.
+
     Raises
     ------
     InputError
@@ -50,6 +60,20 @@ def parameter(uncertainty: Uncertainty) -> Lft:
 def number(name: str, nominal: float, radius: float) -> Lft:
     """Return a complex number in a disc about a real one, 1 × 1.
 
+    Parameters
+    ----------
+    name : str
+        Of the uncertainty.
+    nominal : float
+        Centre of the disc.
+    radius : float
+        Its radius.
+
+    Returns
+    -------
+    Lft
+        The number, 1 × 1.
+
     Raises
     ------
     InputError
@@ -62,7 +86,20 @@ def number(name: str, nominal: float, radius: float) -> Lft:
 
 
 def matrix_block(name: str, rows: int, columns: int) -> Lft:
-    """Return a matrix of which only ‖Δ‖ ≤ 1 is known."""
+    """Return a matrix of which only ‖Δ‖ ≤ 1 is known.
+
+    Parameters
+    ----------
+    name : str
+        Of the uncertainty.
+    rows, columns : int
+        Size of the matrix.
+
+    Returns
+    -------
+    Lft
+        The matrix.
+    """
     return _block(Uncertainty(name, "full", rows, columns))
 
 
@@ -77,6 +114,11 @@ def dynamics(name: str, rows: int = 1, columns: int = 1, weight: LtiSystem | Non
         Its outputs and inputs.
     weight : LtiSystem, optional
         Stable, rows × rows, or 1 × 1 for all outputs; 1 if left out.
+
+    Returns
+    -------
+    Lft
+        The weighted uncertainty.
 
     Raises
     ------
@@ -101,7 +143,18 @@ def _block(uncertainty: Uncertainty) -> Lft:
 
 
 def join_inputs(*parts: Lft | LtiSystem | Array) -> Lft:
-    """Return [G₁ G₂ …]: the inputs side by side, the outputs added."""
+    """Return [G₁ G₂ …]: the inputs side by side, the outputs added.
+
+    Parameters
+    ----------
+    *parts : Lft, LtiSystem or ndarray
+        One or more systems or matrices of the same number of outputs.
+
+    Returns
+    -------
+    Lft
+        The joined system.
+    """
     lfts = [constant(part) for part in parts]
     _require_equal({part.shape[0] for part in lfts}, "outputs")
     count = len(lfts)
@@ -111,7 +164,18 @@ def join_inputs(*parts: Lft | LtiSystem | Array) -> Lft:
 
 
 def stack_outputs(*parts: Lft | LtiSystem | Array) -> Lft:
-    """Return [G₁; G₂; …]: one common input, the outputs stacked."""
+    """Return [G₁; G₂; …]: one common input, the outputs stacked.
+
+    Parameters
+    ----------
+    *parts : Lft, LtiSystem or ndarray
+        One or more systems or matrices of the same number of inputs.
+
+    Returns
+    -------
+    Lft
+        The stacked system.
+    """
     lfts = [constant(part) for part in parts]
     _require_equal({part.shape[1] for part in lfts}, "inputs")
     feed, _ = _unconnected_matrices(lfts)
@@ -120,7 +184,18 @@ def stack_outputs(*parts: Lft | LtiSystem | Array) -> Lft:
 
 
 def diagonal(*parts: Lft | LtiSystem | Array) -> Lft:
-    """Return diag(G₁, G₂, …)."""
+    """Return diag(G₁, G₂, …).
+
+    Parameters
+    ----------
+    *parts : Lft, LtiSystem or ndarray
+        One or more systems, or matrices of any shape.
+
+    Returns
+    -------
+    Lft
+        The block-diagonal system.
+    """
     lfts = [constant(part) for part in parts]
     _require_equal({1 for _ in lfts}, "systems")
     feed, into = _unconnected_matrices(lfts)
@@ -129,6 +204,16 @@ def diagonal(*parts: Lft | LtiSystem | Array) -> Lft:
 
 def inverse(of: Lft) -> Lft:
     """Return the inverse, which has as many copies.
+
+    Parameters
+    ----------
+    of : Lft
+        Square.
+
+    Returns
+    -------
+    Lft
+        The inverse.
 
     Raises
     ------
@@ -160,6 +245,18 @@ def inverse(of: Lft) -> Lft:
 def feedback(forward: Lft, back: Lft | LtiSystem | Array, sign: int = -1) -> Lft:
     """Return (I − sign G H)⁻¹ G.
 
+    Parameters
+    ----------
+    forward, back : Lft
+        G (p, m), and H (m, p).
+    sign : {-1, 1}
+        Negative or positive feedback.
+
+    Returns
+    -------
+    Lft
+        The closed loop.
+
     Raises
     ------
     InputError
@@ -181,6 +278,18 @@ def star(upper: Lft, lower: Lft | LtiSystem | Array, controls: int, measurements
 
     The last `measurements` outputs of `upper` go into the first inputs of `lower`, whose first
     `controls` outputs go into the last inputs of `upper`.
+
+    Parameters
+    ----------
+    upper, lower : Lft
+        The two systems.
+    controls, measurements : int
+        Numbers of signals from `lower` to `upper` and back.
+
+    Returns
+    -------
+    Lft
+        The two, connected.
 
     Raises
     ------
@@ -213,6 +322,11 @@ def state_space(matrix: Lft, order: int, dt_s: float | None = None) -> Lft:
         n.
     dt_s : float, optional
         Sampling period, s, of a system in discrete time.
+
+    Returns
+    -------
+    Lft
+        The uncertain system.
 
     Raises
     ------

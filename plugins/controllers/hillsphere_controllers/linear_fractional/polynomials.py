@@ -59,7 +59,20 @@ more: 4! = 24, the number for four parameters."""
 
 
 def evaluate_polynomial(terms: Terms, points: Array) -> Array:
-    """Return values (N, p, m) of a polynomial at points (k, N)."""
+    """Return values (N, p, m) of a polynomial at points (k, N).
+
+    Parameters
+    ----------
+    terms : mapping of tuple of int to ndarray
+        Exponents of the k parameters → coefficients (p, m).
+    points : ndarray, shape (k, N)
+        Values of the parameters.
+
+    Returns
+    -------
+    ndarray, shape (N, p, m)
+        The values.
+    """
     return np.asarray(
         sum(
             np.prod(points ** np.array(e)[:, None], axis=0)[:, None, None] * np.asarray(matrix)
@@ -81,6 +94,11 @@ def affine(
         Name of a parameter → Pᵢ (p, m), per its unit.
     uncertainties : sequence of Uncertainty
         The parameters, real.
+
+    Returns
+    -------
+    Lft
+        The matrix, p × m.
 
     Raises
     ------
@@ -138,6 +156,11 @@ def scaled_polynomial(terms: Terms, uncertainties: Sequence[Uncertainty]) -> Lft
     uncertainties : sequence of Uncertainty
         The parameters p, real, with p₀ and g.
 
+    Returns
+    -------
+    Lft
+        The matrix, p × m.
+
     Raises
     ------
     InputError
@@ -183,6 +206,18 @@ def copies_lower_bound(terms: Terms, *, seed: int = 0) -> tuple[int, ...]:
     With the others fixed, here at random, it is a polynomial of one parameter, whose least size is
     the rank of the Hankel matrix of its coefficients: in units of the parameters in which the terms
     are about as large, so that theirs do not matter.
+
+    Parameters
+    ----------
+    terms : mapping of tuple of int to ndarray
+        Exponents of the parameters → coefficients (p, m).
+    seed : int
+        Of the random values of the others.
+
+    Returns
+    -------
+    tuple of int
+        The bound for each parameter.
     """
     count = len(next(iter(terms)))
     unit = _units(terms)

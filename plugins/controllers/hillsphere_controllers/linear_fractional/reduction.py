@@ -85,6 +85,16 @@ def minimal(of: Lft) -> Lft:
     No smaller one is the same for matrices in the place of the numbers, which do not commute. What
     is below 1e-12 in even units counts for no effect: the matrices stay the same to about 2e-9 of
     their size, where coefficients lie many decades apart.
+
+    Parameters
+    ----------
+    of : Lft
+        The LFT.
+
+    Returns
+    -------
+    Lft
+        The smaller one.
     """
     for turned in (False, True):
         scales, a, b, c, counts = _equilibrate(of)

@@ -330,7 +330,18 @@ class Lft:
 
 
 def constant(given: Lft | LtiSystem | Array) -> Lft:
-    """Return a system or a matrix as one in which nothing is uncertain; an Lft as it is."""
+    """Return a system or a matrix as one in which nothing is uncertain; an Lft as it is.
+
+    Parameters
+    ----------
+    given : Lft, LtiSystem or ndarray
+        The system or matrix.
+
+    Returns
+    -------
+    Lft
+        An LFT without blocks.
+    """
     if isinstance(given, Lft):
         return given
     return Lft(given if isinstance(given, LtiSystem) else gain(given))

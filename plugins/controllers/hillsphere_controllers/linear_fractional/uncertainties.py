@@ -107,6 +107,20 @@ def real_parameter(
 ) -> Uncertainty:
     """Return an uncertain real parameter; its nominal value is the middle by default.
 
+    Parameters
+    ----------
+    name : str
+        Its name.
+    lower, upper : float
+        Its bounds.
+    nominal : float, optional
+        Its nominal value.
+
+    Returns
+    -------
+    Uncertainty
+        The parameter.
+
     Raises
     ------
     InputError
@@ -202,6 +216,16 @@ def physical_values(
 
 def corners(uncertainties: Sequence[Uncertainty]) -> dict[str, Array]:
     """Return all combinations of the bounds of real parameters, by name (2^k,) each.
+
+    Parameters
+    ----------
+    uncertainties : sequence of Uncertainty
+        k real parameters.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (2^k,)
+        Values of each parameter at the corners.
 
     Raises
     ------

@@ -84,6 +84,11 @@ def corner_systems(of: Lft) -> tuple[LtiSystem, ...]:
 
     Their hull contains all systems if each matrix is linear in each parameter by itself.
 
+    Parameters
+    ----------
+    of : Lft
+        The uncertain system, all of whose uncertainties are real parameters.
+
     Returns
     -------
     tuple of LtiSystem

@@ -62,17 +62,58 @@ class Block:
 
 
 def repeated_real(times: int = 1, name: str = "") -> Block:
-    """Return the block δ I with a real δ, of `times` rows and columns."""
+    """Return the block δ I with a real δ, of `times` rows and columns.
+
+    Parameters
+    ----------
+    times : int
+        Its size.
+    name : str
+        Name in results.
+
+    Returns
+    -------
+    Block
+        The block.
+    """
     return Block("real", times, times, name)
 
 
 def repeated_complex(times: int = 1, name: str = "") -> Block:
-    """Return the block δ I with a complex δ, of `times` rows and columns."""
+    """Return the block δ I with a complex δ, of `times` rows and columns.
+
+    Parameters
+    ----------
+    times : int
+        Its size.
+    name : str
+        Name in results.
+
+    Returns
+    -------
+    Block
+        The block.
+    """
     return Block("complex", times, times, name)
 
 
 def full(rows: int, columns: int | None = None, name: str = "") -> Block:
-    """Return a full complex block, square if no columns are given."""
+    """Return a full complex block, square if no columns are given.
+
+    Parameters
+    ----------
+    rows : int
+        Rows of Δ: inputs of M that it drives.
+    columns : int, optional
+        Columns of Δ.
+    name : str
+        Name in results.
+
+    Returns
+    -------
+    Block
+        The block.
+    """
     return Block("full", rows, rows if columns is None else columns, name)
 
 

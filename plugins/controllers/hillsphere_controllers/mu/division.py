@@ -62,6 +62,11 @@ def prove_by_branch_and_bound(
     most : int
         Parts that are looked at, at most.
 
+    Returns
+    -------
+    Division
+        Whether it is proved, and the parts that are left.
+
     Raises
     ------
     InputError

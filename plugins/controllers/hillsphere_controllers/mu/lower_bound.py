@@ -95,6 +95,11 @@ def lower_bound(
     seed : int
         Of the starts.
 
+    Returns
+    -------
+    LowerBound
+        The bound and the Δ that proves it.
+
     Raises
     ------
     InputError
@@ -134,6 +139,11 @@ def lower_bound_near(
     starts, seed : int
         As of `lower_bound`.
 
+    Returns
+    -------
+    LowerBound
+        The bound, the Δ that proves it, and its frequency.
+
     Raises
     ------
     InputError
@@ -160,6 +170,11 @@ def lower_bound_of_block(
     omega_rad_s : float
         The frequency, which may be infinite; at zero and there a full block is real.
 
+    Returns
+    -------
+    LowerBound or None
+        The bound, None if the block gives none.
+
     Raises
     ------
     InputError
@@ -173,7 +188,22 @@ def lower_bound_of_block(
 def moving_response(
     system: LtiSystem, structure: BlockStructure, omega_rad_s: float
 ) -> Callable[[float], tuple[Complex, Complex]]:
-    """Return the function of z that gives the squared M at ω exp(z), and its derivative."""
+    """Return the function of z that gives the squared M at ω exp(z), and its derivative.
+
+    Parameters
+    ----------
+    system : LtiSystem
+        M.
+    structure : BlockStructure
+        Of Δ, by which M is made square.
+    omega_rad_s : float
+        ω, rad/s.
+
+    Returns
+    -------
+    callable
+        z → M (n, n) at ω exp(z), and its derivative by z.
+    """
     one = np.eye(system.order)
 
     def at(z: float) -> tuple[Complex, Complex]:
@@ -257,6 +287,11 @@ def verify_perturbation(
         Of Δ.
     frequency_rad_s : float
         Frequency of the response M, if it is one.
+
+    Returns
+    -------
+    LowerBound or None
+        The bound, with Δ in the form of the structure.
     """
     product = m @ delta
     singular = float(np.linalg.svd(np.eye(len(m)) - product, compute_uv=False)[-1])

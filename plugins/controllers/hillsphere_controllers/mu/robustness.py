@@ -97,6 +97,18 @@ class Robustness:
 def performance_structure(system: LtiSystem, uncertainty: BlockStructure) -> BlockStructure:
     """Return the blocks of Δ with a full one for the outputs and inputs that are left.
 
+    Parameters
+    ----------
+    system : LtiSystem
+        M; its first outputs and inputs belong to Δ.
+    uncertainty : BlockStructure
+        Blocks of Δ.
+
+    Returns
+    -------
+    BlockStructure
+        The blocks of Δ and the full block.
+
     Raises
     ------
     InputError
@@ -134,6 +146,11 @@ def robust_stability(
         Complex parts with which purely real Δ are analysed besides.
     seed : int
         Of the lower bound's random starts.
+
+    Returns
+    -------
+    Robustness
+        Bounds that hold at all frequencies, and the worst Δ that was found.
 
     Raises
     ------
@@ -180,6 +197,11 @@ def robust_performance(
         Normalised values of real blocks, by name, from which the lower bound is raised besides:
         perturbations that are known to be bad.
 
+    Returns
+    -------
+    Robustness
+        Bounds that hold at all frequencies, and the worst Δ that was found.
+
     Raises
     ------
     InputError
@@ -213,6 +235,22 @@ def mu_bounds_on_grid(
     """Return lower and upper bounds (K,) of µ at given frequencies (K,), for plots.
 
     Between them µ may be larger: `robust_stability` misses nothing.
+
+    Parameters
+    ----------
+    system : LtiSystem
+        M, stable.
+    structure : BlockStructure
+        Of Δ.
+    omega_rad_s : ndarray, shape (K,)
+        Frequencies, rad/s.
+    seed : int
+        Of the lower bound's random starts.
+
+    Returns
+    -------
+    tuple of ndarray, shape (K,)
+        Lower bounds and upper bounds.
 
     Raises
     ------

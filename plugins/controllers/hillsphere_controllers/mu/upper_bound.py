@@ -200,6 +200,11 @@ def analytic_centre(
     bound : float
         Above that of the scalings.
 
+    Returns
+    -------
+    Scalings
+        The scalings at the centre.
+
     Raises
     ------
     InputError
@@ -222,7 +227,24 @@ def upper_bounds(
     skewed: Sequence[int] | None = None,
     tolerance: float = 1e-6,
 ) -> list[UpperBound]:
-    """Return bounds of several matrices (K, p, m); each search starts from the last scalings."""
+    """Return bounds of several matrices (K, p, m); each search starts from the last scalings.
+
+    Parameters
+    ----------
+    matrices : ndarray, shape (K, p, m)
+        The matrices, complex.
+    structure : BlockStructure
+        Of Δ.
+    skewed : sequence of int, optional
+        Numbers of the blocks that alone grow; by default all do.
+    tolerance : float
+        Relative distance from the least bound at which a search ends.
+
+    Returns
+    -------
+    list of UpperBound
+        Bound and scalings of each.
+    """
     made: list[UpperBound] = []
     for matrix in matrices:
         start = made[-1].scalings if made else None

@@ -167,6 +167,11 @@ def worst_case(
     omega_rad_s : float
         The frequency; in discrete time that of the response at exp(jω dt).
 
+    Returns
+    -------
+    WorstCase
+        The perturbation as a system, and what the closed loop was found to be.
+
     Raises
     ------
     InputError

@@ -105,6 +105,11 @@ def worst_case_gain(
     seed : int
         Of random starts of the lower bound.
 
+    Returns
+    -------
+    WorstCaseGain
+        Lower and upper bound of the gain, and the perturbation that reaches the lower one.
+
     Raises
     ------
     InputError

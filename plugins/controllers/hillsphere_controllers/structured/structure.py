@@ -92,7 +92,20 @@ class Structure(Protocol):
 
 
 def controller_of(structure: Structure, theta: Array) -> LtiSystem:
-    """Return the controller of parameters (size,) as a system from y to u."""
+    """Return the controller of parameters (size,) as a system from y to u.
+
+    Parameters
+    ----------
+    structure : Structure
+        The structure.
+    theta : ndarray, shape (size,)
+        Values of its free parameters.
+
+    Returns
+    -------
+    LtiSystem
+        The controller.
+    """
     k, gains = structure.order, structure.gains(np.asarray(theta, dtype=float))
     return LtiSystem(gains[:k, :k], gains[:k, k:], gains[k:, :k], gains[k:, k:])
 
@@ -150,14 +163,40 @@ class FreeEntries:
 
 
 def static(controls: int, measurements: int) -> FreeEntries:
-    """Return u = D y with any D."""
+    """Return u = D y with any D.
+
+    Parameters
+    ----------
+    controls, measurements : int
+        Size of D.
+
+    Returns
+    -------
+    FreeEntries
+        The structure.
+    """
     return free_state_space(0, controls, measurements)
 
 
 def free_state_space(
     order: int, controls: int, measurements: int, *, strictly_proper: bool = False
 ) -> FreeEntries:
-    """Return any controller of an order; with D = 0 if strictly proper."""
+    """Return any controller of an order; with D = 0 if strictly proper.
+
+    Parameters
+    ----------
+    order : int
+        Number of states.
+    controls, measurements : int
+        Numbers of outputs and inputs.
+    strictly_proper : bool
+        Whether D is zero.
+
+    Returns
+    -------
+    FreeEntries
+        The structure.
+    """
     gains = np.full((order + controls, order + measurements), np.nan)
     if strictly_proper:
         gains[order:, order:] = 0.0
@@ -165,7 +204,20 @@ def free_state_space(
 
 
 def mask_gains(gains: Array, order: int = 0) -> FreeEntries:
-    """Return a controller with fixed entries; NaN marks the free ones."""
+    """Return a controller with fixed entries; NaN marks the free ones.
+
+    Parameters
+    ----------
+    gains : array_like, shape (order + controls, order + measurements)
+        [A B; C D], NaN where an entry is free.
+    order : int
+        Number of states.
+
+    Returns
+    -------
+    FreeEntries
+        The structure.
+    """
     return FreeEntries(gains, order)
 
 

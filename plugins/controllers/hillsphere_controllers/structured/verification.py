@@ -82,7 +82,20 @@ class Verified:
 
 
 def verify_controller(plants: Sequence[DesignPlant], controller: LtiSystem) -> Verified:
-    """Compute the norms and poles of the closed loops of plants as they were given."""
+    """Compute the norms and poles of the closed loops of plants as they were given.
+
+    Parameters
+    ----------
+    plants : sequence of DesignPlant
+        Plants and channels of the design.
+    controller : LtiSystem
+        The controller of all of them.
+
+    Returns
+    -------
+    Verified
+        Norm of each channel and abscissa of each loop, from the matrices as they were given.
+    """
     loops = tuple(lower_lft(plant.system, controller) for plant in plants)
     closed = [
         [_norm(loop, channel) for channel in plant.channels]
@@ -129,6 +142,18 @@ def lower_bound(plants: Sequence[DesignPlant], structure: Structure) -> float:
     It is that of the plant and channel that is hardest by itself; 0 if the Riccati equations apply
     to none.
 
+    Parameters
+    ----------
+    plants : sequence of DesignPlant
+        Plants and channels of the design.
+    structure : Structure
+        Of the controller, for its numbers of controls and measurements.
+
+    Returns
+    -------
+    float
+        The bound.
+
     Raises
     ------
     NotStabilisableError
@@ -142,6 +167,18 @@ def full_order(plants: Sequence[DesignPlant], structure: Structure) -> FullOrder
     """Return the full-order design with the largest lower bound of γ.
 
     It is None if the Riccati equations apply to no plant.
+
+    Parameters
+    ----------
+    plants : sequence of DesignPlant
+        Plants and channels of the design.
+    structure : Structure
+        Of the controller, for its numbers of controls and measurements.
+
+    Returns
+    -------
+    FullOrder or None
+        The design, with its bound.
 
     Raises
     ------

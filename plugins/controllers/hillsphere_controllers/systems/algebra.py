@@ -34,6 +34,18 @@ below the second. A looser singular-value test alone would refuse loops in uneve
 def gain(matrix: Array, dt_s: float | None = None) -> LtiSystem:
     """Return a constant matrix (p, m) as a system without states.
 
+    Parameters
+    ----------
+    matrix : array_like, shape (p, m)
+        The constant.
+    dt_s : float, optional
+        Sampling period, s, of a system in discrete time.
+
+    Returns
+    -------
+    LtiSystem
+        A system without states.
+
     Raises
     ------
     InputError
@@ -48,6 +60,16 @@ def append(*systems: LtiSystem) -> LtiSystem:
     """Return the block-diagonal system, inputs and outputs one after the other.
 
     Names are kept if every system has them and none is listed twice.
+
+    Parameters
+    ----------
+    *systems : LtiSystem
+        One or more.
+
+    Returns
+    -------
+    LtiSystem
+        The block-diagonal system.
 
     Raises
     ------
@@ -112,6 +134,16 @@ def close_with_gain(system: LtiSystem, matrix: Array) -> LtiSystem:
 def series(*systems: LtiSystem) -> LtiSystem:
     """Return systems one after the other, the first one first: Gₖ … G₂ G₁.
 
+    Parameters
+    ----------
+    *systems : LtiSystem
+        One or more, the first to act first.
+
+    Returns
+    -------
+    LtiSystem
+        The product.
+
     Raises
     ------
     InputError
@@ -127,6 +159,16 @@ def series(*systems: LtiSystem) -> LtiSystem:
 
 def parallel(*systems: LtiSystem) -> LtiSystem:
     """Return the sum of systems of the same inputs and outputs.
+
+    Parameters
+    ----------
+    *systems : LtiSystem
+        One or more.
+
+    Returns
+    -------
+    LtiSystem
+        The sum.
 
     Raises
     ------
@@ -150,6 +192,11 @@ def feedback(forward: LtiSystem, back: LtiSystem, sign: int = -1) -> LtiSystem:
         G and H; H takes the outputs of G and gives what is added to its inputs.
     sign : {-1, 1}
         Negative or positive feedback.
+
+    Returns
+    -------
+    LtiSystem
+        The closed loop, from an input added to the feedback to the outputs of G.
 
     Raises
     ------
@@ -179,6 +226,18 @@ def star(upper: LtiSystem, lower: LtiSystem, controls: int, measurements: int) -
     `controls` outputs go into the last inputs of `upper`. What is left are the other inputs and
     outputs, those of `upper` first.
 
+    Parameters
+    ----------
+    upper, lower : LtiSystem
+        The two systems.
+    controls, measurements : int
+        Numbers of signals from `lower` to `upper` and back.
+
+    Returns
+    -------
+    LtiSystem
+        The two, connected.
+
     Raises
     ------
     InputError
@@ -207,13 +266,49 @@ def star(upper: LtiSystem, lower: LtiSystem, controls: int, measurements: int) -
 
 
 def lower_lft(plant: LtiSystem, controller: LtiSystem) -> LtiSystem:
-    """Return F_l(P, K): the controller closes the last outputs and inputs of the plant."""
+    """Return F_l(P, K): the controller closes the last outputs and inputs of the plant.
+
+    Parameters
+    ----------
+    plant : LtiSystem
+        P.
+    controller : LtiSystem
+        K, from the last outputs of P to its last inputs.
+
+    Returns
+    -------
+    LtiSystem
+        P closed by K.
+
+    Raises
+    ------
+    InputError
+        If the sizes do not fit, or the loop is not well posed.
+    """
     controls, measurements = controller.shape
     return star(plant, controller, controls, measurements)
 
 
 def upper_lft(plant: LtiSystem, block: LtiSystem) -> LtiSystem:
-    """Return F_u(M, Δ): the block closes the first outputs and inputs of the plant."""
+    """Return F_u(M, Δ): the block closes the first outputs and inputs of the plant.
+
+    Parameters
+    ----------
+    plant : LtiSystem
+        M.
+    block : LtiSystem
+        Δ, from the first outputs of M to its first inputs.
+
+    Returns
+    -------
+    LtiSystem
+        M closed by Δ.
+
+    Raises
+    ------
+    InputError
+        If the sizes do not fit, or the loop is not well posed.
+    """
     p, m = plant.shape
     controls, measurements = block.shape
     rows = [*range(measurements, p), *range(measurements)]

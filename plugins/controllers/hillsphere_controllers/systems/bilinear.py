@@ -26,6 +26,16 @@ _REST = 1e-8
 def continuous(system: LtiSystem) -> LtiSystem:
     """Return the image in continuous time of a system in discrete time.
 
+    Parameters
+    ----------
+    system : LtiSystem
+        In discrete time.
+
+    Returns
+    -------
+    LtiSystem
+        Of the same order; its H∞ norm and stability are those of the original.
+
     Raises
     ------
     InputError
@@ -57,6 +67,18 @@ def continuous(system: LtiSystem) -> LtiSystem:
 
 def discrete(system: LtiSystem, dt_s: float) -> LtiSystem:
     """Return the image in discrete time, of the period dt_s, of a system in continuous time.
+
+    Parameters
+    ----------
+    system : LtiSystem
+        In continuous time.
+    dt_s : float
+        Sampling period, s.
+
+    Returns
+    -------
+    LtiSystem
+        Of the same order; its H∞ norm and stability are those of the original.
 
     Raises
     ------

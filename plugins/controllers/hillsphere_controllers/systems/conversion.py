@@ -34,6 +34,11 @@ def as_lti(given: object, what: str = "the system") -> LtiSystem:
     what : str
         What it is, for messages.
 
+    Returns
+    -------
+    LtiSystem
+        The system.
+
     Raises
     ------
     InputError
@@ -55,6 +60,18 @@ def like(made: LtiSystem, *given: object) -> Any:
     """Return a result as a `control.StateSpace` if one of the given systems is of python-control.
 
     Otherwise it is returned as it is.
+
+    Parameters
+    ----------
+    made : LtiSystem
+        The result.
+    *given : object
+        What the caller gave.
+
+    Returns
+    -------
+    LtiSystem or control.StateSpace
+        The result, in the form that the caller uses.
     """
     return to_control(made) if any(_is_of_control(one) for one in given) else made
 
@@ -118,6 +135,16 @@ def transfer_function(
 def to_control(system: LtiSystem) -> Any:
     """Return a system as a `control.StateSpace`, with its names.
 
+    Parameters
+    ----------
+    system : LtiSystem
+        The system.
+
+    Returns
+    -------
+    control.StateSpace
+        The same system; dt is its period, 0 in continuous time.
+
     Raises
     ------
     InputError
@@ -145,6 +172,11 @@ def from_control(system: Any) -> LtiSystem:
     system : control.StateSpace or control.TransferFunction
         A transfer function of several inputs and outputs is realised entry by entry, and reduced
         to a minimal realisation. No period given (dt = 0 or None) counts as continuous time.
+
+    Returns
+    -------
+    LtiSystem
+        The same system; in discrete time with its period, s.
 
     Raises
     ------

@@ -74,6 +74,11 @@ def save_mat(path: Path, contents: Mapping[str, Content], *, follow_links: bool 
 def load_mat(path: Path) -> dict[str, Content]:
     """Read systems and matrices from a .mat file of `save_mat`, or of MATLAB in the same form.
 
+    Parameters
+    ----------
+    path : Path
+        The file.
+
     Returns
     -------
     dict of str to Content

@@ -33,6 +33,11 @@ def with_names(
         All names; or one, ``u``, which stays as it is for a single signal and becomes ``u[0]``,
         ``u[1]`` … for several.
 
+    Returns
+    -------
+    LtiSystem
+        The same system with names.
+
     Raises
     ------
     InputError

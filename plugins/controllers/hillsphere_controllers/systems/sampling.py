@@ -35,6 +35,11 @@ def sampled_controller(
         strictly proper controller. "mean" does the same with the mean output over the period,
         without that delay.
 
+    Returns
+    -------
+    LtiSystem
+        The controller in discrete time.
+
     Raises
     ------
     InputError

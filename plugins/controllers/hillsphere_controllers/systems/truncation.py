@@ -28,6 +28,11 @@ def balanced_truncation(system: LtiSystem, order: int) -> LtiSystem:
     order : int
         Of what is left; larger if there are more unstable states.
 
+    Returns
+    -------
+    LtiSystem
+        The reduced system, of the same inputs and outputs.
+
     Raises
     ------
     InputError

@@ -106,6 +106,11 @@ def performance_weight(
     order : int
         n, the slope of 1/\|W\| below the bandwidth.
 
+    Returns
+    -------
+    LtiSystem
+        W_P, one input and one output.
+
     Raises
     ------
     InputError
@@ -136,6 +141,18 @@ def performance_weight(
 
 def on_every_channel(weight: LtiSystem, channels: int) -> LtiSystem:
     """Return W I of a weight of one input and output.
+
+    Parameters
+    ----------
+    weight : LtiSystem
+        W, of one input and one output.
+    channels : int
+        Number of channels.
+
+    Returns
+    -------
+    LtiSystem
+        W on the diagonal.
 
     Raises
     ------

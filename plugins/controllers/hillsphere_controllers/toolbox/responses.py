@@ -197,12 +197,28 @@ def hinfnorm(G: LtiSystem, *, tolerance: float = 1e-9) -> HinfNorm:
         The system.
     tolerance : float
         Relative distance between the bounds.
+
+    Returns
+    -------
+    HinfNorm
+        The norm, the frequency where it is reached, and an upper bound.
     """
     return hinf_norm(as_lti(G, "the system G"), tolerance)
 
 
 def h2norm(G: LtiSystem) -> float:
-    """Return the H2 norm of a system of this library or of python-control."""
+    """Return the H2 norm of a system of this library or of python-control.
+
+    Parameters
+    ----------
+    G : LtiSystem or system of python-control
+        Stable, in continuous time strictly proper; the norm is infinite otherwise.
+
+    Returns
+    -------
+    float
+        The norm.
+    """
     return h2_norm(as_lti(G, "the system G"))
 
 
@@ -215,6 +231,11 @@ def step(G: LtiSystem, duration_s: float | None = None) -> StepResponse:
         Stable, unless a duration is given.
     duration_s : float, optional
         How long; by default until all has settled.
+
+    Returns
+    -------
+    StepResponse
+        Times, and the response of every output to every input.
 
     Raises
     ------
@@ -240,6 +261,11 @@ def bode(G: LtiSystem, omega_rad_s: Array | None = None) -> Bode:
     omega_rad_s : ndarray, shape (K,), optional
         Frequencies, rising; by default two decades beyond the poles, or to half the sampling rate.
 
+    Returns
+    -------
+    Bode
+        Magnitude and phase of every channel.
+
     Raises
     ------
     InputError
@@ -256,8 +282,15 @@ def sigma(G: LtiSystem, omega_rad_s: Array | None = None) -> SingularValues:
 
     Parameters
     ----------
-    G, omega_rad_s
-        As of `bode`.
+    G : LtiSystem or system of python-control
+        The system.
+    omega_rad_s : ndarray, shape (K,), optional
+        Frequencies, rising; by default as of `bode`.
+
+    Returns
+    -------
+    SingularValues
+        The frequencies and the singular values there.
     """
     omega, made = _response(as_lti(G, "the system G"), omega_rad_s)
     values: Array = np.asarray(np.linalg.svd(made, compute_uv=False), dtype=float)
@@ -271,6 +304,11 @@ def margins(L: LtiSystem) -> Margins:
     ----------
     L : LtiSystem or system of python-control
         The loop, as many outputs as inputs.
+
+    Returns
+    -------
+    Margins
+        The margins and the frequencies where they are reached.
 
     Raises
     ------

@@ -78,6 +78,11 @@ def mussv(
     omega_rad_s : ndarray, shape (K,), optional
         Frequencies of a system. `robstab` needs none: its bound holds at all of them.
 
+    Returns
+    -------
+    MuBounds
+        Upper and lower bounds, one of each per matrix or frequency.
+
     Raises
     ------
     InputError
@@ -233,6 +238,11 @@ def wcgain(usys: Lft, *, size: float = 1.0, gap: float = 0.01) -> GainBounds:
     gap : float
         As of `robstab`.
 
+    Returns
+    -------
+    GainBounds
+        Lower and upper bound, and the perturbation that reaches the lower one.
+
     Raises
     ------
     InputError
@@ -289,6 +299,11 @@ def musyn(
         Numbers of measurements and controls.
     iterations, highest_order, joint_steps : int
         As of `hillsphere_controllers.dk.synthesis.dk_synthesis`.
+
+    Returns
+    -------
+    MuSynthesis
+        The controller and the bounds of µ that it reaches.
 
     Raises
     ------
@@ -349,6 +364,11 @@ def diskmargin(L: LtiSystem, C: LtiSystem | None = None, *, skew: float = 0.0) -
         Controller, u = C (r − y): factors then act at the controls and the measurements at once.
     skew : float
         σ, MATLAB's and python-control's skew: 0 treats rise and fall of the gain alike.
+
+    Returns
+    -------
+    DiskMargins
+        The margins and the frequencies where they are reached.
 
     Raises
     ------

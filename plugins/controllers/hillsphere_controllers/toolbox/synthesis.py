@@ -292,6 +292,11 @@ def gapmetric(P1: LtiSystem, P2: LtiSystem, *, tolerance: float = 1e-5) -> GapMe
     tolerance : float
         Relative accuracy of the gap.
 
+    Returns
+    -------
+    GapMetric
+        Both gaps, between zero and one.
+
     Raises
     ------
     InputError, NotStabilisableError, SynthesisFailedError

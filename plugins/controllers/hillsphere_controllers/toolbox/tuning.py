@@ -28,21 +28,63 @@ Signals = Sequence[str] | Sequence[int] | None
 
 
 def tunableGain(outputs: int, inputs: int) -> Structure:  # noqa: N802 - MATLAB's name
-    """Return a matrix of free gains."""
+    """Return a matrix of free gains.
+
+    Parameters
+    ----------
+    outputs, inputs : int
+        Size of the matrix.
+
+    Returns
+    -------
+    Structure
+        Its free entries.
+    """
     return static(outputs, inputs)
 
 
 def tunableSS(  # noqa: N802 - MATLAB's name
     order: int, outputs: int, inputs: int, *, strictly_proper: bool = False
 ) -> Structure:
-    """Return a state-space controller of an order, all of whose entries are free."""
+    """Return a state-space controller of an order, all of whose entries are free.
+
+    Parameters
+    ----------
+    order : int
+        Number of states.
+    outputs, inputs : int
+        Numbers of controls and measurements.
+    strictly_proper : bool
+        Whether D is zero.
+
+    Returns
+    -------
+    Structure
+        Its free entries.
+    """
     return free_state_space(order, outputs, inputs, strictly_proper=strictly_proper)
 
 
 def tunablePID(  # noqa: N802 - MATLAB's name
     kind: Literal["p", "pi", "pd", "pid"] = "pid",
 ) -> Structure:
-    """Return a PID controller; in discrete time with the trapezoidal formulas of both actions."""
+    """Return a PID controller; in discrete time with the trapezoidal formulas of both actions.
+
+    Parameters
+    ----------
+    kind : {'p', 'pi', 'pd', 'pid'}
+        The actions that it has.
+
+    Returns
+    -------
+    Structure
+        Its free gains and the time constant of the derivative.
+
+    Raises
+    ------
+    InputError
+        If there is no such kind.
+    """
     if kind not in ("p", "pi", "pd", "pid"):
         raise InputError(f"a kind is 'p', 'pi', 'pd' or 'pid', got {kind!r}")
     if kind == "p":
@@ -51,7 +93,18 @@ def tunablePID(  # noqa: N802 - MATLAB's name
 
 
 def tunableTF(zeros: int, poles: int) -> Structure:  # noqa: N802 - MATLAB's name
-    """Return a transfer function of free coefficients, with numbers of zeros and poles."""
+    """Return a transfer function of free coefficients, with numbers of zeros and poles.
+
+    Parameters
+    ----------
+    zeros, poles : int
+        Degrees of numerator and denominator; no more zeros than poles.
+
+    Returns
+    -------
+    Structure
+        Its free coefficients.
+    """
     return TransferFunction(poles, poles - zeros)
 
 
@@ -145,6 +198,11 @@ def hinfstruct(
     starts, seed : int
         Number of starts, and seed of the random ones.
 
+    Returns
+    -------
+    FixedStructure[System]
+        The controller, the closed loops, γ and a lower bound of it.
+
     Raises
     ------
     InputError, NotStabilisableError, SynthesisFailedError
@@ -201,6 +259,11 @@ def systune(
         Their norms, each relative to its value: the largest is minimised.
     hard : sequence of GainGoal, VarianceGoal or PolesGoal
         Are to be met; at most one is a `PolesGoal`.
+
+    Returns
+    -------
+    Tuned[System]
+        The controller and the value of each goal.
 
     Raises
     ------

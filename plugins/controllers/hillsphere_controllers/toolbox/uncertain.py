@@ -55,6 +55,11 @@ def ureal(
         Its bounds relative to the nominal value, ± 1 if nothing is given; two numbers are the
         changes to the lower and to the upper bound.
 
+    Returns
+    -------
+    Lft
+        The parameter, 1 × 1.
+
     Raises
     ------
     InputError
@@ -84,6 +89,11 @@ def ultidyn(name: str, iosize: tuple[int, int] = (1, 1), *, bound: float = 1.0) 
     bound : float
         Largest H∞ norm.
 
+    Returns
+    -------
+    Lft
+        The uncertain system, without a nominal part.
+
     Raises
     ------
     InputError
@@ -105,6 +115,11 @@ def uss(
         Matrices (n, n), (n, m), (p, n), (p, m).
     dt_s : float, optional
         Sampling period, s, of a system in discrete time.
+
+    Returns
+    -------
+    Lft
+        The uncertain system.
 
     Raises
     ------
@@ -282,6 +297,11 @@ def ucover(
         Frequencies at which the plants are covered; by default a decade beyond all poles.
     name : str
         Of the uncertainty.
+
+    Returns
+    -------
+    PlantCover
+        The uncertain plant and its weight.
 
     Raises
     ------
