@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from html import escape
@@ -19,6 +20,9 @@ _FIRST_OUTCOMES = 6
 """Requirements, and claims, on the first screen; the others are folded."""
 
 
+_UNIT = re.compile(r"(?<=\d) (?=%|(?!to\b)[^\W\d])")
+"""The space between a number and its unit, not that before the other end of an interval."""
+
 _WORDS = {"requirement": "asked", "claim": "published"}
 """What the value is called with which a result is compared."""
 
@@ -26,7 +30,7 @@ _WORDS = {"requirement": "asked", "claim": "published"}
 def outcome_card(what: str, one: Judgement) -> str:
     """Return a requirement or claim as a card of the first screen."""
     big = format_value(one.value, "") if one.value is not None else (one.got or one.state)
-    asked = f" {_WORDS[what]} {escape(one.asked)}" if one.asked else ""
+    asked = f" {_WORDS[what]} {_unbroken(one.asked)}" if one.asked else ""
     return _card(one.text, big, one.unit, f"{_badge(one.state)}{asked}")
 
 
@@ -74,10 +78,15 @@ def _outcome_rows(outcomes: Iterable[Judgement]) -> str:
         f"<tr><th scope=row class=text>{escape(one.text)}"
         f"{f' <span class=soft>{escape(one.source)}</span>' if one.source else ''}"
         f"{f'<br><span class=soft>{escape(one.reason)}</span>' if one.reason else ''}</th>"
-        f"<td class=text>{escape(one.asked)}</td><td class=text>{escape(one.got)}</td>"
+        f"<td class=text>{_unbroken(one.asked)}</td><td class=text>{_unbroken(one.got)}</td>"
         f"<td>{_badge(one.state)}</td></tr>"
         for one in outcomes
     )
+
+
+def _unbroken(text: str) -> str:
+    """Return a text for a cell in which no line ends between a number and its unit."""
+    return escape(_UNIT.sub("\N{NO-BREAK SPACE}", text))
 
 
 def _badge(state: str) -> str:
