@@ -295,3 +295,20 @@ def test_full_disk_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.Monke
                 save_product(tmp_path / "p.npz", Box(2))
         assert [file.name for file in tmp_path.iterdir()] == ["p.npz"]
         assert load_product(tmp_path / "p.npz") == Box(1)
+
+
+def test_orbits_are_chosen_by_place_label_and_part() -> None:
+    whole = orbits(4)
+    assert len(whole) == 4
+    assert [one.labels for one in whole] == [("Ω 0",), ("Ω 1",), ("Ω 2",), ("Ω 3",)]
+    assert np.array_equal(whole[-1].x0, whole.x0[:, 3:])
+    assert np.array_equal(whole["Ω 2"].monodromy, whole.monodromy[:, :, 2:3])
+    part = whole[1:3]
+    assert part.labels == ("Ω 1", "Ω 2")
+    assert np.array_equal(part.period_s, whole.period_s[1:3])
+    assert repr(whole[:0]) == "<PeriodicOrbits: none, frame 'hill:phobos'>"
+    assert "orbit 'Ω 1', period" in repr(whole[1])
+    with pytest.raises(InputError, match="no orbit 'Ω 7'"):
+        whole["Ω 7"]
+    with pytest.raises(IndexError):
+        whole[4]

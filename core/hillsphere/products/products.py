@@ -7,15 +7,18 @@ the same form.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.base.arrays import Array, Integers
+from hillsphere.base.constants import HOUR_S
 from hillsphere.base.errors import InputError
 from hillsphere.base.lti import LtiSystem
+from hillsphere.base.problems import did_you_mean
 from hillsphere.products.fields import Label, Shape
 from hillsphere.products.product_codec import load_product, save_product
 
@@ -33,9 +36,13 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PeriodicOrbits:
-    """Periodic orbits of one plant, members of one or more families."""
+    """Periodic orbits of one plant, members of one or more families.
+
+    ``orbits[3]``, ``orbits["QSO-H"]`` and ``orbits[2:5]`` are the chosen ones, ``len(orbits)`` is
+    their number.
+    """
 
     frame: str
     """Frame of the states, see `hillsphere.testing.frames`."""
@@ -57,6 +64,37 @@ class PeriodicOrbits:
     """Normalised unit of length."""
     time_s: float
     """Normalised unit of time."""
+
+    def __len__(self) -> int:
+        """Return the number of orbits."""
+        return len(self.labels)
+
+    def __getitem__(self, key: int | slice | str) -> PeriodicOrbits:
+        """Return one orbit, by place or label, or a part of them."""
+        if isinstance(key, str):
+            if key not in self.labels:
+                raise InputError(
+                    f"no orbit {key!r}{did_you_mean(key, self.labels, otherwise='there are')}"
+                )
+            key = self.labels.index(key)
+        chosen = np.atleast_1d(np.arange(len(self))[key])
+        return replace(
+            self, x0=self.x0[:, chosen], period_s=self.period_s[chosen],
+            integral=self.integral[chosen], monodromy=self.monodromy[:, :, chosen],
+            residual=self.residual[chosen], labels=tuple(self.labels[k] for k in chosen),
+        )  # fmt: skip
+
+    def __iter__(self) -> Iterator[PeriodicOrbits]:
+        """Return the orbits one by one."""
+        return (self[k] for k in range(len(self)))
+
+    def __repr__(self) -> str:
+        if not len(self):
+            return f"<PeriodicOrbits: none, frame {self.frame!r}>"
+        least, most = self.period_s.min() / HOUR_S, self.period_s.max() / HOUR_S
+        count = f"{len(self)} orbits" if len(self) > 1 else f"orbit {self.labels[0]!r}"
+        periods = f"{least:.6g} h" + (f" to {most:.6g} h" if most > least else "")
+        return f"<PeriodicOrbits: {count}, period {periods}, frame {self.frame!r}>"
 
 
 @dataclass(frozen=True)
