@@ -348,6 +348,7 @@ def test_only_what_is_local_names_this_machine(registry: Registry, tmp_path: Pat
         "cache": False,
         "executor": {"type": "serial"},
         "figures": False,
+        "plugin_files": {},
     }
 
 
