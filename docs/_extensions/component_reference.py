@@ -46,6 +46,7 @@ KIND_TEXTS = {
     "requirement": "What a run must show.",
     "claim": "Statements of a publication that a run examines.",
     "executor": "Where the cases of a campaign are computed; the option `--executor` names one.",
+    "format": "Files that `hillsphere convert` reads and writes; they have no keys.",
 }
 """Kind → one sentence for the lists. Commands have no keys: see the page of the command line."""
 

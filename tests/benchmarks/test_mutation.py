@@ -205,6 +205,7 @@ def test_a_table_that_does_not_fit_is_refused(planted: Path) -> None:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_committed_table_fits_the_sources() -> None:
     """Every equivalent mutant is still one of its module, and every test file is there."""
     command = [sys.executable, str(BENCHMARKS / "mutation.py"), "--list", "--count", "1"]

@@ -83,7 +83,10 @@ def test_a_run_does_not_choose_its_plugin_file(place: Path) -> None:
     code, told = hillsphere("resume", "a", "--mission", "sea.toml")
     assert code == 2
     assert "the plugin file" in told
-    assert f"--plugin {place / 'waves.py'}" in told
+    assert "--plugin waves.py" in told
+    assert (
+        str(place) not in (place / "a" / "resume.json").read_text("utf-8").split("plugin_files")[1]
+    )
     assert hillsphere("resume", "a", "--mission", "sea.toml", "--plugin", "waves.py")[0] == 1
     (place / "waves.py").write_text(SOURCE + "\n# changed\n", "utf-8")
     code, told = hillsphere("resume", "a", "--mission", "sea.toml", "--plugin", "waves.py")

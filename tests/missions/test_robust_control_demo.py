@@ -107,5 +107,6 @@ def _with_loop(plant: LtiSystem) -> LtiSystem:
     )
 
 
+@pytest.mark.slow
 def test_its_page_works_in_a_browser(run: Run) -> None:
     check_page(run.directory)

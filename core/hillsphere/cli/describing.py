@@ -36,6 +36,7 @@ KIND_MEANINGS: Mapping[str, str] = {
     "requirement": "a value that a result must keep, for the verdict",
     "claim": "a statement of a publication that is examined",
     "executor": "how work is divided between processes (run --executor)",
+    "format": "a file format (convert --from, --to)",
     "command": "a command of a plugin",
 }
 """What a component of each kind is, in one line."""
@@ -105,6 +106,13 @@ def describe_component(registry: Registry, kind: str, type_: str, json: bool) ->
     _check_kind(registry, kind)
     record = registry.get(kind, type_)
     component = record.component
+    if kind == "format":
+        usage = f"hillsphere convert IN OUT --from {type_}, or --to {type_}"
+        if json:
+            write_json({**_head(record), "usage": usage})
+        else:
+            write(f"file format {type_}: {component.summary}\nplugin {record.plugin}; see {usage}")
+        return
     if kind == "command":
         usage = f"hillsphere {type_} --help"
         if json:

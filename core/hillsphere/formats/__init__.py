@@ -1,1 +1,1 @@
-"""Readers of file formats: spherical-harmonic coefficients and triangle meshes."""
+"""File formats: readers of spherical-harmonic coefficients and of triangle meshes."""

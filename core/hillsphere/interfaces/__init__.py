@@ -15,6 +15,7 @@ from hillsphere.interfaces.estimation import (
     Estimator,
     LinearisedModel,
 )
+from hillsphere.interfaces.file_formats import FileFormat
 from hillsphere.interfaces.gravity import (
     ArrayGravityModel,
     BoundedGravity,
@@ -58,6 +59,7 @@ __all__ = [
     "Estimator",
     "ExternalEvents",
     "ExternalInputs",
+    "FileFormat",
     "GravityModel",
     "Guidance",
     "GuidanceTask",

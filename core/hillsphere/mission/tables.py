@@ -34,8 +34,8 @@ __all__ = [
 FORMAT = 1
 """Version of the mission format that this version of the framework reads."""
 
-MISSION_KINDS = tuple(kind for kind in KINDS if kind not in ("executor", "command"))
-"""Kinds of components in a mission. Executors and commands are not among them."""
+MISSION_KINDS = tuple(kind for kind in KINDS if kind not in ("executor", "format", "command"))
+"""Kinds of components in a mission. Executors, file formats and commands are not among them."""
 
 MISSION_NAME = r"[A-Za-z0-9](?:[A-Za-z0-9._-]{0,62}[A-Za-z0-9_-])?"
 TABLE_NAME = r"[a-z][a-z0-9_-]{0,63}"

@@ -156,4 +156,11 @@ def hillsphere_components() -> list[Component]:
             "hillsphere.show.outcome_specs:NotDerivableSpec",
             "a statement that cannot be derived from its source",
         ),
+        Component(
+            "command",
+            "convert",
+            "hillsphere.cli.convert_command:app",
+            "",
+            "write a file in another format for the same content",
+        ),
     ]

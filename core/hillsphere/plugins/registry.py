@@ -60,6 +60,7 @@ KINDS = (
     "requirement",
     "claim",
     "executor",
+    "format",
     "command",
 )
 """All kinds of components: the names of the tables in a mission."""
@@ -168,7 +169,8 @@ def kind_words(kind: str) -> str:
     str
         Its words, in the singular.
     """
-    return {"dispersions": "distribution"}.get(kind, kind.replace("_", " "))
+    names = {"dispersions": "distribution", "format": "file format"}
+    return names.get(kind, kind.replace("_", " "))
 
 
 def load_object(path: str) -> Any:

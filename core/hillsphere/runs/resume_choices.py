@@ -93,7 +93,7 @@ def local_facts(mission: Mission, *, cache: bool, executor: Any, figures: bool) 
         "cache": cache,
         "executor": executor,
         "figures": figures,
-        "plugin_files": {file.path: file.sha256 for file in plugin_files()},
+        "plugin_files": {file.name: file.sha256 for file in plugin_files()},
     }
 
 
@@ -124,8 +124,8 @@ def read_local(directory: Path) -> Mapping[str, Any]:
 
 def _are_files(value: Any) -> bool:
     return isinstance(value, dict) and all(
-        0 < len(path) <= _LONGEST_TEXT and isinstance(digest, str) and len(digest) <= _LONGEST_TEXT
-        for path, digest in value.items()
+        0 < len(name) <= _LONGEST_TEXT and isinstance(digest, str) and len(digest) <= _LONGEST_TEXT
+        for name, digest in value.items()
     )
 
 
@@ -172,9 +172,9 @@ def choose(
     if given.executor is None and not _is_of_this_machine(local.get("executor")):
         missing.append(f"the executor {_quote_harmless(_describe(local['executor']))}")
     lost = _lost_plugin_files(local)
-    missing += [f"the plugin file {_quote_harmless(path)}" for path in lost]
+    missing += [f"the plugin file {_quote_harmless(name)}" for name in lost]
     if missing:
-        command = [*command, *(word for path in lost for word in _option("--plugin", path))]
+        command = [*command, *(word for name in lost for word in _option("--plugin", name))]
         whole = replace(
             wanted,
             mission=given.mission if given.mission is not None else wanted.mission,
@@ -195,7 +195,9 @@ def choose(
 
 
 def _lost_plugin_files(local: Mapping[str, Any]) -> list[str]:
-    """Return the plugin files of a run, for those that this process has not loaded.
+    """Return the names of a run's plugin files that this process has not loaded.
+
+    The record has no path: one from another user would invite to run the program there.
 
     Raises
     ------
@@ -204,10 +206,9 @@ def _lost_plugin_files(local: Mapping[str, Any]) -> list[str]:
     """
     loaded = {file.name: file.sha256 for file in plugin_files()}
     lost = []
-    for path, digest in local.get("plugin_files", {}).items():
-        name = Path(path).name
+    for name, digest in local.get("plugin_files", {}).items():
         if name not in loaded:
-            lost.append(path)
+            lost.append(name)
         elif loaded[name] != digest:
             raise InputError(
                 f"the plugin file {_quote_harmless(name)} is another than that of the run: SHA-256 "
@@ -227,8 +228,8 @@ def resume_command(directory: Path, local: Mapping[str, Any]) -> str:
         Content of its `LOCAL`.
     """
     words = ["hillsphere", "resume", _as_argument(directory)]
-    for path in local.get("plugin_files", {}):
-        words += _option("--plugin", path)
+    for name in local.get("plugin_files", {}):
+        words += _option("--plugin", name)
     return shell_line([*words, *_options(_choices_to_give_again(local))])
 
 

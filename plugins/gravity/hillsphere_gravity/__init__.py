@@ -53,4 +53,18 @@ def hillsphere_components() -> list[Component]:
             "",
             "show potential and acceleration of a gravity file at given places",
         ),
+        Component(
+            "format",
+            "icgem",
+            "hillsphere_gravity.field_formats:Icgem",
+            "hillsphere.formats.specs:FileFormatSpec",
+            "a gravity field of ICGEM (.gfc)",
+        ),
+        Component(
+            "format",
+            "shadr",
+            "hillsphere_gravity.field_formats:Shadr",
+            "hillsphere.formats.specs:FileFormatSpec",
+            "a gravity field of the Planetary Data System (.shadr, .sha, .tab)",
+        ),
     ]

@@ -145,4 +145,18 @@ def hillsphere_components() -> list[Component]:
             "hillsphere_orbits.transfers_reflown.specs:TransfersReflownSpec",
             "transfers and their impulses recomputed on higher-fidelity equations",
         ),
+        Component(
+            "format",
+            "oem",
+            "hillsphere_orbits.ephemeris.state_formats:OemFile",
+            "hillsphere.formats.specs:FileFormatSpec",
+            "a CCSDS Orbit Ephemeris Message (.oem)",
+        ),
+        Component(
+            "format",
+            "states_csv",
+            "hillsphere_orbits.ephemeris.state_formats:StatesCsv",
+            "hillsphere.formats.specs:FileFormatSpec",
+            "a table of states (.csv), which is only written",
+        ),
     ]

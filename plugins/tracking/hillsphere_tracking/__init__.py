@@ -79,4 +79,18 @@ def hillsphere_components() -> list[Component]:
             "",
             "point an antenna at a satellite, using the antenna's measurements",
         ),
+        Component(
+            "format",
+            "tle",
+            "hillsphere_tracking.element_formats:TleFile",
+            "hillsphere.formats.specs:FileFormatSpec",
+            "two-line element sets (.tle)",
+        ),
+        Component(
+            "format",
+            "omm",
+            "hillsphere_tracking.element_formats:OmmFile",
+            "hillsphere.formats.specs:FileFormatSpec",
+            "CCSDS Orbit Mean-Elements Messages (.omm, .xml)",
+        ),
     ]

@@ -36,6 +36,7 @@ def distillation() -> tuple[hc.LtiSystem, hc.LtiSystem]:
     return plant, np.linalg.inv(matrix) @ action
 
 
+@pytest.mark.slow
 def test_skogestad_postlethwaite_8_11_3_worst_performance() -> None:
     """The worst gain over all uncertainties of size one is 44.93."""
     plant, controller = distillation()

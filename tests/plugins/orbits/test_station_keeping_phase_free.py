@@ -7,6 +7,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import pytest
 
 from hillsphere import create
 from hillsphere.products import OrbitSet, PeriodicOrbits
@@ -125,6 +126,7 @@ def test_one_correction_a_day_holds_the_low_orbits_for_thirty_days() -> None:
     assert np.all(found.deviation_m[:, 1:, 0] < 5e3)
 
 
+@pytest.mark.slow
 def test_it_survives_other_errors() -> None:
     stage = create(
         "stage", "station_keeping_flown", plant=plant(), needs={"orbits": ["f"]}, cases=32,
@@ -220,6 +222,7 @@ def test_tuning_takes_the_most_survivors_and_then_the_cheapest() -> None:
     assert tune("target_point", WEIGHTS, lambda w: (32, 1.0)).weights == WEIGHTS
 
 
+@pytest.mark.slow
 def test_tuned_on_other_flights_than_judged() -> None:
     keys: dict[str, Any] = {
         "strategies": ["floquet_mode", "target_point", "periodic_lqr", "phase_free_lqr"],

@@ -23,7 +23,7 @@ from hillsphere.base.arrays import Array
 from hillsphere.base.errors import InputError
 from hillsphere.base.time import SCALES, Epoch
 
-__all__ = ["INERTIAL_FRAMES", "OemSegment", "read_oem", "write_oem"]
+__all__ = ["INERTIAL_FRAMES", "OemSegment", "read_oem", "states_csv", "write_oem"]
 
 INERTIAL_FRAMES = ("ICRF", "EME2000", "GCRF", "TEME")
 """Frames in which an ephemeris can be written; a rotating one is refused."""
@@ -125,6 +125,18 @@ def write_oem(
         lines += [
             f"{when} {r[0]:.9f} {r[1]:.9f} {r[2]:.9f} {v[0]:.12f} {v[1]:.12f} {v[2]:.12f}"
             for when, r, v in zip(times, place, speed, strict=True)
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def states_csv(segments: Sequence[OemSegment]) -> str:
+    """Return the states of all segments as a table: time, positions in km, velocities in km/s."""
+    lines = ["time,x_km,y_km,z_km,vx_km_s,vy_km_s,vz_km_s"]
+    for segment in segments:
+        times = segment.epoch.isot(segment.t_s)
+        lines += [
+            ",".join([when, *(repr(float(value)) for value in state)])
+            for when, state in zip(times, segment.x.T / 1e3, strict=True)
         ]
     return "\n".join(lines) + "\n"
 

@@ -20,7 +20,7 @@ from hillsphere.products import FlightSet, OrbitSet, PeriodicOrbits
 from hillsphere.products.fields import Shape
 from hillsphere.show.tables import column, tabulate, text_column
 from hillsphere.time import Epoch
-from hillsphere_orbits.ephemeris.oem import OemSegment, write_oem
+from hillsphere_orbits.ephemeris.oem import OemSegment, states_csv, write_oem
 from hillsphere_orbits.ephemeris.specs import EphemerisSpec
 from hillsphere_orbits.flow import flow_of
 from hillsphere_orbits.qso.presentation import label_identifier
@@ -201,7 +201,7 @@ class EphemerisStage:
             segments = [self._segment(product, plan, i) for i in coasts]
             name = _free(_slug(plan), files)
             files[f"{name}.oem"] = write_oem(segments)
-            files[f"{name}.csv"] = _csv(segments)
+            files[f"{name}.csv"] = states_csv(segments)
             flown.append(segments)
         begins = [coasts[0].epoch.isot(coasts[0].t_s[:1], 3)[0] for coasts in flown]
         ends = [coasts[-1].epoch.isot(coasts[-1].t_s[-1:], 3)[0] for coasts in flown]
@@ -288,14 +288,3 @@ def _free(name: str, files: dict[str, str]) -> str:
         number += 1
         free = f"{name}-{number}"
     return free
-
-
-def _csv(segments: list[OemSegment]) -> str:
-    lines = ["time,x_km,y_km,z_km,vx_km_s,vy_km_s,vz_km_s"]
-    for segment in segments:
-        times = segment.epoch.isot(segment.t_s)
-        lines += [
-            ",".join([when, *(repr(float(value)) for value in state)])
-            for when, state in zip(times, segment.x.T / 1e3, strict=True)
-        ]
-    return "\n".join(lines) + "\n"

@@ -1,0 +1,85 @@
+"""Ephemerides as files: CCSDS OEM, and a table of states for other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from hillsphere.base.errors import InputError
+from hillsphere.base.regular_files import read_text
+from hillsphere.formats.specs import FileFormatSpec
+from hillsphere_orbits.ephemeris.oem import OemSegment, read_oem, states_csv, write_oem
+
+__all__ = ["OemFile", "StatesCsv"]
+
+
+class OemFile:
+    """CCSDS Orbit Ephemeris Messages in the text form; km and km/s.
+
+    Parameters
+    ----------
+    spec : FileFormatSpec
+        Without parameters.
+    """
+
+    content = "ephemeris"
+    suffixes = (".oem",)
+
+    def __init__(self, spec: FileFormatSpec) -> None:
+        self.spec = spec
+
+    def recognises(self, beginning: str) -> bool:
+        """Return whether the text says that it is such a message."""
+        return "CCSDS_OEM_VERS" in beginning
+
+    def read(self, path: Path) -> list[OemSegment]:
+        """Read a message; see `hillsphere_orbits.ephemeris.oem.read_oem`."""
+        try:
+            return read_oem(read_text(path))
+        except (OSError, UnicodeDecodeError) as error:
+            reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+            raise InputError(f"{path}: cannot be read: {reason or error}") from error
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+
+    def write(self, content: Sequence[OemSegment]) -> tuple[str, tuple[str, ...]]:
+        """Return a message. Nothing is lost."""
+        return write_oem(content), ()
+
+
+class StatesCsv:
+    """A table of epochs, positions (km) and velocities (km/s), as the stage `ephemeris` writes it.
+
+    Parameters
+    ----------
+    spec : FileFormatSpec
+        Without parameters.
+    """
+
+    content = "ephemeris"
+    suffixes = (".csv",)
+
+    def __init__(self, spec: FileFormatSpec) -> None:
+        self.spec = spec
+
+    def recognises(self, beginning: str) -> bool:
+        """Return False: the table does not say to which frame and centre its states refer."""
+        return False
+
+    def read(self, path: Path) -> list[OemSegment]:
+        """Refuse to read a table, which lacks what an ephemeris must state."""
+        raise InputError(
+            f"{path}: a table of states says nothing of its frame, centre and time system; it is "
+            "only written"
+        )
+
+    def write(self, content: Sequence[OemSegment]) -> tuple[str, tuple[str, ...]]:
+        """Return the table, and what it does not hold."""
+        first = content[0]
+        lost = [
+            f"object ({first.object_name}, {first.object_id}), centre ({first.center_name}), frame "
+            f"({first.ref_frame}), time system ({first.epoch.scale})"
+        ]
+        if len(content) > 1:
+            lost.append(f"limits of the {len(content)} segments")
+        return states_csv(content), tuple(lost)

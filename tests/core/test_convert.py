@@ -1,0 +1,197 @@
+"""``hillsphere convert``: round trips, what is not kept, what is refused."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import chdir, redirect_stderr, redirect_stdout
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hillsphere.base.paths import missions_directory
+from hillsphere.cli.endings import run
+from hillsphere.formats.specs import FileFormatSpec
+from hillsphere.plugins import default_registry
+
+FIELDS = ("phobos-gravity-degree4.gfc", "eros-gravity-degree4.gfc", "earth-gravity-degree6.gfc")
+# Vallado et al. (2006), Revisiting Spacetrack Report #3, first of the verification sets.
+VANGUARD = """VANGUARD 1
+1 00005U 58002B   00179.78495062  .00000023  00000-0  28098-4 0  4753
+2 00005  34.2682 348.7242 1859667 331.7664  19.3264 10.82419157413667
+"""
+# The International Space Station, 2008 (the example of the element set's description in textbooks).
+STATION = """ISS (ZARYA)
+1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927
+2 25544  51.6416 247.4627 0006703 130.5360 325.0288 15.72125391563537
+"""
+OEM = """CCSDS_OEM_VERS = 2.0
+CREATION_DATE = 2026-01-01T00:00:00
+ORIGINATOR = TEST
+
+META_START
+OBJECT_NAME = PROBE
+OBJECT_ID = 2026-001A
+CENTER_NAME = MARS
+REF_FRAME = ICRF
+TIME_SYSTEM = TDB
+START_TIME = 2026-01-01T00:00:00
+STOP_TIME = 2026-01-01T00:01:00
+META_STOP
+2026-01-01T00:00:00.000000 9376.123456789 -1.5 0.25 0.001234567891 2.138 -0.5
+2026-01-01T00:01:00.000000 9375.000000001 128.25 -29.75 -0.041 2.1375 -0.499999999999
+"""
+
+
+@pytest.fixture(autouse=True)
+def _fresh() -> Iterator[None]:
+    default_registry.cache_clear()
+    yield
+    default_registry.cache_clear()
+
+
+def convert(place: Path, *words: str) -> tuple[int, str, str]:
+    out, err = StringIO(), StringIO()
+    with chdir(place), redirect_stdout(out), redirect_stderr(err):
+        code = run(("convert", *words))
+    return int(code), out.getvalue(), err.getvalue()
+
+
+def read(format_: str, path: Path) -> Any:
+    record = default_registry().get("format", format_)
+    return record.load_target()(FileFormatSpec()).read(path)
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_gravity_fields_keep_every_digit(name: str, tmp_path: Path) -> None:
+    source = missions_directory() / "data" / name
+    code, out, err = convert(tmp_path, str(source), "field.shadr")
+    assert (code, err) == (0, "")
+    first, *lost = out.splitlines()
+    assert first == "field.shadr: gravity field, icgem -> shadr"
+    there = read("icgem", source)
+    assert lost[0] == f"  not kept: name of the model ({there.name})"
+    assert [line for line in lost if "tide system" in line] == (
+        [f"  not kept: tide system ({there.tide_system})"] if there.tide_system else []
+    )
+    assert convert(tmp_path, "field.shadr", "back.gfc")[1].count("\n") == 1
+    back = read("icgem", tmp_path / "back.gfc")
+    assert back.rows == there.rows
+    assert (back.gm_m3_s2, back.reference_radius_m) == (there.gm_m3_s2, there.reference_radius_m)
+    assert (back.max_degree, back.normalisation) == (there.max_degree, there.normalisation)
+    assert back.tide_system is None
+
+
+def test_fields_of_any_numbers_come_back(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    for number in range(20):
+        gm, radius = (repr(float(x)) for x in 10.0 ** rng.uniform(3, 16, 2))
+        c, s, sc, ss = (repr(float(x)) for x in rng.normal(size=4) * 10.0 ** rng.uniform(-20, 0))
+        (tmp_path / "a.gfc").write_text(
+            f"product_type gravity_field\nearth_gravity_constant {gm}\nradius {radius}\n"
+            f"max_degree 2\nerrors formal\nnorm unnormalized\nend_of_head\n"
+            f"gfc 2 0 {c} 0 {sc} 0\ngfc 2 2 {c} {s} {sc} {ss}\n", "utf-8",
+        )  # fmt: skip
+        assert convert(tmp_path, "a.gfc", "b.tab", "--force")[0] == 0
+        one, other = read("icgem", tmp_path / "a.gfc"), read("shadr", tmp_path / "b.tab")
+        assert other.rows == one.rows, number
+        # km for m: within one rounding where no decimal number gives the same double
+        assert other.gm_m3_s2 == pytest.approx(one.gm_m3_s2, rel=2.3e-16)
+        assert other.reference_radius_m == pytest.approx(one.reference_radius_m, rel=2.3e-16)
+
+
+@pytest.mark.parametrize("text", [VANGUARD, STATION])
+def test_element_sets_become_messages_and_come_back(text: str, tmp_path: Path) -> None:
+    (tmp_path / "a.tle").write_text(text, "utf-8")
+    assert convert(tmp_path, "a.tle", "a.omm")[:2] == (
+        0, "a.omm: set of mean elements, tle -> omm\n"
+    )  # fmt: skip
+    message = (tmp_path / "a.omm").read_text("utf-8")
+    if text is STATION:
+        assert "OBJECT_ID = 1998-067A\n" in message
+        assert "EPOCH = 2008-09-20T12:25:40.104192\n" in message
+        assert "ECCENTRICITY = 0.0006703\n" in message
+        assert "BSTAR = -1.1606e-05\n" in message
+        assert "MEAN_MOTION_DOT = -2.182e-05\n" in message
+    assert convert(tmp_path, "a.omm", "b.tle")[:2] == (
+        0, "b.tle: set of mean elements, omm -> tle\n"
+    )  # fmt: skip
+    assert read("tle", tmp_path / "b.tle") == read("tle", tmp_path / "a.tle")
+    assert read("omm", tmp_path / "a.omm") == read("tle", tmp_path / "a.tle")
+    # character by character, but for the sign of a zero's exponent
+    zero = str.maketrans({"+": "-"})
+    lines = (tmp_path / "b.tle").read_text("utf-8").translate(zero).splitlines()
+    assert [line[:-1] for line in lines] == [line[:-1] for line in text.splitlines()]
+
+
+def test_what_an_element_set_cannot_hold_is_said(tmp_path: Path) -> None:
+    (tmp_path / "a.tle").write_text(STATION, "utf-8")
+    assert convert(tmp_path, "a.tle", "a.omm")[0] == 0
+    message = (tmp_path / "a.omm").read_text("utf-8")
+    (tmp_path / "fine.omm").write_text(
+        message.replace("INCLINATION = 51.6416", "INCLINATION = 51.64163")
+    )
+    code, out, _ = convert(tmp_path, "fine.omm", "b.tle")
+    assert code == 0
+    assert out.endswith("  not kept: ISS (ZARYA): digits of INCLINATION\n")
+    (tmp_path / "big.omm").write_text(message.replace("= 25544", "= 270001"))
+    code, _, err = convert(tmp_path, "big.omm", "c.tle")
+    assert code == 2
+    assert "NORAD_CAT_ID = 270001 does not fit into an element set" in err
+    assert not (tmp_path / "c.tle").exists()
+
+
+def test_an_ephemeris_becomes_a_table(tmp_path: Path) -> None:
+    (tmp_path / "a.oem").write_text(OEM, "utf-8")
+    code, out, _ = convert(tmp_path, "a.oem", "a.csv", "--json")
+    assert code == 0
+    (lost,) = json.loads(out)["not_kept"]
+    assert lost == (
+        "object (PROBE, 2026-001A), centre (MARS), frame (ICRF), time system (TDB)"
+    )  # fmt: skip
+    head, *rows = (tmp_path / "a.csv").read_text("utf-8").splitlines()
+    assert head == "time,x_km,y_km,z_km,vx_km_s,vy_km_s,vz_km_s"
+    data = [line.split() for line in OEM.splitlines() if line.startswith("2026")]
+    for row, printed in zip(rows, data, strict=True):
+        when, *numbers = row.split(",")
+        assert when == printed[0]
+        for number, text in zip(numbers, printed[1:], strict=True):
+            assert float(number) == pytest.approx(float(text), rel=3e-16)
+    assert convert(tmp_path, "a.csv", "b.oem", "--from", "states_csv")[0] == 2
+
+
+def test_what_is_refused(tmp_path: Path) -> None:
+    field = missions_directory() / "data" / FIELDS[0]
+    (tmp_path / "a.gfc").write_bytes(field.read_bytes())
+    (tmp_path / "a.tle").write_text(STATION, "utf-8")
+    (tmp_path / "b.shadr").write_text("mine", "utf-8")
+    (tmp_path / "text.txt").write_text("hello", "utf-8")
+    os.mkfifo(tmp_path / "pipe.gfc")
+    before = {path.name for path in tmp_path.iterdir()}
+    for words, message in (
+        (("a.gfc", "b.shadr"), "b.shadr: exists already"),
+        (("a.gfc", "a.gfc", "--force"), "is in the format icgem already"),
+        (
+            ("a.tle", "c.shadr"),
+            "a set of mean elements (tle) cannot become a gravity field (shadr)",
+        ),
+        (("a.gfc", "c.xyz"), "c.xyz: it is none of the known formats; choose with --to: "),
+        (("text.txt", "c.gfc"), "text.txt: it is none of the known formats; choose with --from: "),
+        (("a.gfc", "c.shadr", "--from", "tle"), "(tle) cannot become"),
+        (("a.tle", "c.omm", "--to", "oom"), "no file format 'oom'; did you mean 'omm'"),
+        (("none.gfc", "c.shadr"), "none.gfc: cannot be read: No such file"),
+        (("pipe.gfc", "c.shadr"), "it is a FIFO"),
+        (("a.gfc", "no/c.shadr"), "no/c.shadr: cannot be written: No such file"),
+    ):
+        code, out, err = convert(tmp_path, *words)
+        assert (code, out, err.count("\n")) == (2, "", 1), words
+        assert message in err
+    assert {path.name for path in tmp_path.iterdir()} == before
+    assert (tmp_path / "b.shadr").read_text("utf-8") == "mine"
+    assert convert(tmp_path, "a.gfc", "b.shadr", "--force")[0] == 0
+    (tmp_path / "a.data").write_bytes((tmp_path / "b.shadr").read_bytes())
+    assert "shadr -> icgem" in convert(tmp_path, "a.data", "c.gfc")[1]  # told from its content
