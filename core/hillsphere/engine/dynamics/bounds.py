@@ -21,10 +21,13 @@ from hillsphere.engine.dynamics import intervals as iv
 from hillsphere.engine.dynamics.intervals import Interval
 from hillsphere.symbolic.expressions import Overloaded, number_in
 
-__all__ = ["Bound"]
+__all__ = ["UNWANTED", "Bound"]
 
 _Part = Interval | None
 """An interval, or None for what is zero whatever the state."""
+
+UNWANTED: Interval = (np.asarray(np.nan)[()], np.asarray(np.nan)[()])
+"""Second derivative of states of which only the first is wanted: with it no other is computed."""
 
 _CLOSE = 1e-14
 """Residual of Kepler's equation at which its iteration ends, relative to 1 + |M|: some tens of
@@ -39,7 +42,8 @@ class Bound(Overloaded):
     value : Interval
         Bounds of the quantity itself.
     rate, second : Interval or None
-        Bounds of its first and second time derivative; None if they are zero.
+        Bounds of its first and second time derivative; None if they are zero. `UNWANTED` for a
+        second of which nothing is asked, nor of what is computed from it.
     """
 
     __slots__ = ("rate", "second", "value")
@@ -87,9 +91,9 @@ class Bound(Overloaded):
         b = Bound.of(other)
         rate = _add(_times(self.rate, b.value), _times(self.value, b.rate))
         second = _add(_times(self.second, b.value), _times(self.value, b.second))
-        return Bound(
-            iv.multiply(self.value, b.value), rate, _add(second, _double(_times(self.rate, b.rate)))
-        )
+        if second is not UNWANTED:
+            second = _add(second, _double(_times(self.rate, b.rate)))
+        return Bound(iv.multiply(self.value, b.value), rate, second)
 
     __rmul__ = __mul__
 
@@ -106,18 +110,19 @@ class Bound(Overloaded):
             return self
         if self.rate is None and self.second is None:
             return Bound(iv.power(x, n))
+        first = iv.multiply(iv.point(n), x if n == 2.0 else iv.power(x, n - 1.0))
+        if self.second is UNWANTED:
+            return self._chained(iv.power(x, n), first, UNWANTED)
         second = iv.power(x, n - 2.0) if n != 2.0 else iv.point(1.0)
-        first = x if n == 2.0 else iv.power(x, n - 1.0)
-        return self._chained(
-            iv.power(x, n),
-            iv.multiply(iv.point(n), first),
-            iv.multiply(iv.multiply(iv.point(n), iv.point(n - 1.0)), second),
-        )
+        factor = iv.multiply(iv.point(n), iv.point(n - 1.0))
+        return self._chained(iv.power(x, n), first, iv.multiply(factor, second))
 
     def _chained(self, value: Interval, first: Interval, second: Interval) -> Bound:
         """Return F of self, from bounds of F, F′ and F″: Ḟ = F′ẋ, F̈ = F″ẋ² + F′ẍ."""
         if self.rate is None:
             return Bound(value, None, _times(first, self.second))
+        if self.second is UNWANTED:
+            return Bound(value, iv.multiply(first, self.rate), UNWANTED)
         bend = iv.multiply(second, iv.square(self.rate))
         return Bound(value, iv.multiply(first, self.rate), _add(bend, _times(first, self.second)))
 
@@ -139,11 +144,12 @@ class Bound(Overloaded):
         if length.rate is not None:
             speed = _largest([part.rate for part in x])
             length.rate = np.fmax(length.rate[0], -speed), np.fmin(length.rate[1], speed)
-        if length.rate is not None and length.second is not None:
-            pull = _largest([part.second for part in x])
-            # At zero and at rest the upper bound is 0 · ∞; the lower one must not suffer by it.
-            low, high = np.fmax(length.second[0], -pull), length.second[1]
-            length.second = low, np.where(np.isnan(high), np.inf, high)
+        if length.second is UNWANTED or length.rate is None or length.second is None:
+            return length
+        pull = _largest([part.second for part in x])
+        # At zero and at rest the upper bound is 0 · ∞; the lower one must not suffer by it.
+        low, high = np.fmax(length.second[0], -pull), length.second[1]
+        length.second = low, np.where(np.isnan(high), np.inf, high)
         return length
 
     def symbolic_sin(self) -> Bound:
@@ -260,13 +266,17 @@ def _eccentric_anomaly(e: Array, m: Array) -> Interval:
 
 
 def _add(a: _Part, b: _Part) -> _Part:
+    if a is UNWANTED or b is UNWANTED:
+        return UNWANTED
     if a is None:
         return b
     return a if b is None else iv.add(a, b)
 
 
 def _times(a: _Part, b: _Part) -> _Part:
-    return None if a is None or b is None else iv.multiply(a, b)
+    if a is None or b is None:
+        return None
+    return UNWANTED if a is UNWANTED or b is UNWANTED else iv.multiply(a, b)
 
 
 def _double(a: _Part) -> _Part:
@@ -274,7 +284,7 @@ def _double(a: _Part) -> _Part:
 
 
 def _negate(a: _Part) -> _Part:
-    return None if a is None else iv.negate(a)
+    return a if a is None or a is UNWANTED else iv.negate(a)
 
 
 def _largest(vector: list[_Part]) -> Array:
@@ -295,6 +305,8 @@ def _choose_branch(
     """Return a where `first`, b where `last`; elsewhere the hull of both, or everything."""
     if a is None and b is None and either:
         return None
+    if a is UNWANTED or b is UNWANTED:
+        return UNWANTED
     zero = iv.point(0.0)
     a, b = (zero if a is None else a), (zero if b is None else b)
     rest = iv.hull(a, b) if either else iv.EVERYTHING

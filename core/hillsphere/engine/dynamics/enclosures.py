@@ -30,13 +30,14 @@ from scipy.linalg import expm
 
 from hillsphere.base.arrays import Array
 from hillsphere.engine.dynamics import intervals as iv
-from hillsphere.engine.dynamics.bounds import Bound
+from hillsphere.engine.dynamics.bounds import UNWANTED, Bound
 from hillsphere.engine.dynamics.intervals import Interval
 
 __all__ = [
     "Bounded",
     "Enclosure",
     "LinearRows",
+    "bends_within",
     "derivatives_within",
     "enclose",
     "growth",
@@ -221,8 +222,37 @@ def region_slopes(
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore")
-def derivatives_within(
+def bends_within(
     system: Bounded, t: Interval, box: Enclosure, p: Sequence[Interval]
+) -> list[Interval | None]:
+    """Bound the second time derivatives of the states along flights through a box.
+
+    Parameters
+    ----------
+    system : Bounded
+        Equations.
+    t, box, p
+        As of `derivatives_within`.
+
+    Returns
+    -------
+    list of Interval or None
+        Of each state, in the system's unit of time; None where it is zero.
+    """
+    y = [
+        Bound((a, b), (c, d), UNWANTED)
+        for a, b, c, d in zip(box.lo, box.hi, box.rate_lo, box.rate_hi, strict=True)
+    ]
+    return [part.rate for part in system.rates(Bound(t, iv.point(1.0), UNWANTED), y, p)]
+
+
+@np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore")
+def derivatives_within(
+    system: Bounded,
+    t: Interval,
+    box: Enclosure,
+    p: Sequence[Interval],
+    bends: Sequence[Interval | None] | None = None,
 ) -> tuple[Array, Array, Array, Array]:
     """Bound the time derivatives of the events along flights through a box.
 
@@ -236,18 +266,21 @@ def derivatives_within(
         States and their rates.
     p : sequence of Interval
         Run-time parameters.
+    bends : sequence, optional
+        Result of `bends_within`, if it is known.
 
     Returns
     -------
     rate_lo, rate_hi, second_lo, second_hi : ndarray, shape (E, K)
         Bounds of the first and second time derivatives of each event, in the system's unit of time.
     """
-    one = iv.point(1.0)
-    y = box_of(box.lo, box.hi, box.rate_lo, box.rate_hi)
-    when = Bound(t, one)
-    seconds = [part.rate for part in system.rates(when, y, p)]
-    y = [Bound(part.value, part.rate, second) for part, second in zip(y, seconds, strict=True)]
-    events = system.events(when, y, p)
+    if bends is None:
+        bends = bends_within(system, t, box, p)
+    y = [
+        Bound(part.value, part.rate, bend)
+        for part, bend in zip(box_of(box.lo, box.hi, box.rate_lo, box.rate_hi), bends, strict=True)
+    ]
+    events = system.events(Bound(t, iv.point(1.0)), y, p)
     shape = (len(events), box.lo.shape[1])
     out = np.zeros((4, *shape))
     for i, event in enumerate(events):

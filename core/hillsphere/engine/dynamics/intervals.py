@@ -17,6 +17,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import nextafter
 from typing import TypeAlias
 
 import numpy as np
@@ -35,6 +36,9 @@ _INF = np.inf
 _ELEMENTARY = 4.0 * np.finfo(float).eps
 """Relative error of an elementary function of numpy, with a margin: its own tests allow 4 ulp."""
 _UNIT = float(np.finfo(float).eps)
+_FEW = 128
+"""Most lanes for which the neighbouring floats cost less than a product with the unit: measured 2.1
+against 3.6 µs for 64 lanes, 5.0 against 4.0 µs for 256."""
 _LEAST = 1e-300
 """Absolute widening: above the spacing of all floats below 1e-284, negligible beside any value in
 use."""
@@ -50,17 +54,21 @@ EVERYTHING: Interval = (np.array(-_INF), np.array(_INF))
 
 def point(value: Array | float) -> Interval:
     """Return the interval that contains only one number."""
-    array = np.asarray(value, dtype=float)
+    array = np.asarray(value, dtype=float)[()]
     return array, array
 
 
 def outward(lo: Array, hi: Array) -> Interval:
     """Return an interval widened by one or two units in the last place at both ends.
 
-    A unit is at most 2⁻⁵² of the number, or less than 1e-300. This is twice as fast as
-    `numpy.nextafter` in whole expressions. An end that overflowed to the wrong side becomes NaN,
-    which means that no bound is known.
+    A unit is at most 2⁻⁵² of the number, or less than 1e-300. For many lanes this is faster than
+    the neighbouring floats. An end that overflowed to the wrong side becomes NaN, which means that
+    no bound is known, or the largest float, which is a bound.
     """
+    if isinstance(lo, float) and isinstance(hi, float):
+        return nextafter(lo, -_INF), nextafter(hi, _INF)
+    if np.size(lo) <= _FEW:
+        return np.nextafter(lo, -_INF), np.nextafter(hi, _INF)
     # In place: for thousands of lanes, memory for every step takes most of the time.
     below, above = np.abs(lo), np.abs(hi)
     below *= _UNIT
@@ -82,6 +90,8 @@ def negate(a: Interval) -> Interval:
 
 def multiply(a: Interval, b: Interval) -> Interval:
     """Return a b."""
+    if isinstance(a[0], float) and isinstance(b[0], float):
+        return _multiply_numbers(a, b)
     if b[0] is b[1]:
         a, b = b, a
     if a[0] is a[1]:  # a number: two products instead of four
@@ -93,8 +103,19 @@ def multiply(a: Interval, b: Interval) -> Interval:
     return outward(low, high)
 
 
+def _multiply_numbers(a: Interval, b: Interval) -> Interval:
+    """Return a b for floats, as what depends on parameters alone has: a tenth of the time."""
+    products = [x * y for x in a for y in b]
+    if any(x != x for x in products):
+        return np.nan, np.nan  # type: ignore[return-value]  # floats stand for arrays without axes
+    return outward(min(products), max(products))
+
+
 def square(a: Interval) -> Interval:
     """Return a², which is tighter than a·a, since both factors are the same number."""
+    if isinstance(a[0], float):
+        lo, hi = _multiply_numbers(a, a)
+        return (max(lo, 0.0), hi) if a[0] <= 0.0 <= a[1] else (lo, hi)
     p, q = a[0] * a[0], a[1] * a[1]
     low = np.where((a[0] <= 0.0) & (a[1] >= 0.0), 0.0, np.minimum(p, q))
     lo, hi = outward(low, np.maximum(p, q))
@@ -103,6 +124,9 @@ def square(a: Interval) -> Interval:
 
 def reciprocal(a: Interval) -> Interval:
     """Return 1/a; (−∞, ∞) if a contains zero."""
+    if isinstance(a[0], float):
+        apart = a[0] > 0.0 or a[1] < 0.0
+        return outward(1.0 / a[1], 1.0 / a[0]) if apart else (-_INF, _INF)
     lo, hi = outward(1.0 / a[1], 1.0 / a[0])
     apart = (a[0] > 0.0) | (a[1] < 0.0)
     return np.where(apart, lo, -_INF), np.where(apart, hi, _INF)
@@ -118,6 +142,9 @@ def power(a: Interval, exponent: float) -> Interval:
         p, q = widen(a[0] ** exponent), widen(a[1] ** exponent)
         if exponent % 2.0:
             return p[0], q[1]
+        if isinstance(a[0], float):
+            low = 0.0 if a[0] <= 0.0 <= a[1] else min(p[0], q[0])
+            return low, max(p[1], q[1])
         within = (a[0] <= 0.0) & (a[1] >= 0.0)
         return np.where(within, 0.0, np.minimum(p[0], q[0])), np.maximum(p[1], q[1])
     # A fractional power exists only for a base ≥ 0, so that only this part of the interval counts.
@@ -127,8 +154,8 @@ def power(a: Interval, exponent: float) -> Interval:
 
 def widen(value: Array) -> Interval:
     """Return an interval that contains the exact value of an elementary function of numpy."""
-    error = _ELEMENTARY * np.abs(value)
-    return np.asarray(value - error), np.asarray(value + error)
+    error = _ELEMENTARY * abs(value)
+    return value - error, value + error
 
 
 def monotone(function: Callable[[Array], Array], a: Interval) -> Interval:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from hillsphere.base.arrays import Array
 from hillsphere.base.errors import InputError
-from hillsphere.engine.dynamics.bounds import Bound
+from hillsphere.engine.dynamics.bounds import UNWANTED, Bound
 from hillsphere.engine.dynamics.compiled import ArrayFunction, Terms, spread
 from hillsphere.engine.dynamics.enclosures import Bounded, LinearRows
 from hillsphere.engine.dynamics.intervals import Interval, multiply, point
@@ -367,6 +367,8 @@ class PlantBounds:
 
 def _at_time(x: Bound, k: float) -> Bound:
     rate = None if x.rate is None else multiply(x.rate, point(k))
+    if x.second is UNWANTED:
+        return Bound(x.value, rate, UNWANTED)
     second = None if x.second is None else multiply(multiply(x.second, point(k)), point(k))
     return Bound(x.value, rate, second)
 

@@ -16,6 +16,7 @@ from hillsphere.engine.dynamics.enclosures import (
     Bounded,
     Enclosure,
     arrays,
+    bends_within,
     box_of,
     derivatives_within,
     enclose,
@@ -329,8 +330,9 @@ class EventProof:
         p: Sequence[tuple[Array, Array]],
         unknown: Flags,
         bounded: Bounded,
+        states: Sequence[iv.Interval | None] | None = None,
     ) -> Slopes:
-        parts = derivatives_within(bounded, when, box, p)
+        parts = derivatives_within(bounded, when, box, p, states)
         rows, lanes = len(self.bounded_rows), box.lo.shape[1]
         bounds = np.empty((4, rows, lanes))
         bounds[0::2], bounds[1::2] = -np.inf, np.inf
@@ -395,13 +397,12 @@ class EventProof:
         when, held = (boxes.t_lo, boxes.t_hi), _parameter_intervals(boxes)
         whole = np.ones(len(boxes.t_lo), dtype=bool)
         box = Enclosure(boxes.lo, boxes.hi, low, high, whole)
-        slopes = np.array(self._slopes(when, box, held, ~whole, equations))
+        states = bends_within(equations, when, box, held)
+        slopes = np.array(self._slopes(when, box, held, ~whole, equations, states))
         bends = np.full_like(low, np.inf)
-        if any(limit.lipschitz is not None for limit in self._limits):
-            along = box_of(boxes.lo, boxes.hi, low, high)
-            for i, part in enumerate(equations.rates(Bound(when, iv.point(1.0)), along, held)):
-                bends[i] = 0.0 if part.rate is None else iv.magnitude(part.rate)
-            bends[np.isnan(bends)] = np.inf
+        for i, part in enumerate(states):
+            bends[i] = 0.0 if part is None else iv.magnitude(part)
+        bends[np.isnan(bends)] = np.inf
         return Regions(boxes, low, high, slopes, bends)
 
     def _tube_of(self, h: float) -> tuple[slice, Array]:
