@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import pickle
+import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import chdir, redirect_stderr, redirect_stdout
@@ -122,13 +125,108 @@ def test_a_faulty_file_is_refused_with_its_line(place: Path, source: str, said: 
     assert "hillsphere_plugin_file_bad" not in sys.modules
 
 
-def test_a_worker_refuses_a_file_that_has_changed(place: Path) -> None:
+def test_a_worker_executes_the_source_of_its_process(place: Path) -> None:
     file = add_plugin_file("waves.py")
     assert add_plugin_file(place / "waves.py") == file
-    (place / "waves.py").write_text(SOURCE + "\n", "utf-8")
+    (place / "waves.py").write_text("raise OSError\n", "utf-8")
+    with pytest.raises(PluginError, match="has changed since it was loaded"):
+        add_plugin_file("waves.py")
+    sent = pickle.loads(pickle.dumps(plugin_files.plugin_files()))
     forget()
-    with pytest.raises(PluginError, match="changed since the run began"):
-        plugin_files.load_plugin_files([[file.path, file.sha256]])
+    plugin_files.load_plugin_files(sent)
+    assert plugin_files.plugin_files() == (file,)
+    assert "waves.py" in {record.plugin for record in default_registry()}
+
+
+def test_a_file_is_not_executed_before_it_is_known(place: Path) -> None:
+    hillsphere("run", "./sea.toml", "--plugin", "waves.py", "--out", "a", "--workers", "0")
+    (place / "waves.py").write_text(SOURCE + "\nopen('EXECUTED', 'w')\n", "utf-8")
+    for command in (("resume", "a"), ("figures", "a"), ("rerun", "a", "--case", "1")):
+        code, told = hillsphere(*command, "--mission", "sea.toml", "--plugin", "waves.py")
+        assert code == 2
+        assert "is another than that of the run" in told
+        assert not (place / "EXECUTED").exists()
+
+
+def test_completion_and_wrong_calls_execute_no_file(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (place / "waves.py").write_text("open('EXECUTED', 'w')\n", "utf-8")
+    assert hillsphere("run", "--plugin", "waves.py")[0] == 2  # no mission
+    monkeypatch.setenv("_HILLSPHERE_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", "hillsphere run --plugin waves.py ph")
+    monkeypatch.setenv("COMP_CWORD", "4")
+    program = [sys.executable, "-m", "hillsphere"]
+    done = subprocess.run(program, capture_output=True, text=True, check=False, timeout=60)
+    assert "phobos-qso" in done.stdout
+    assert not (place / "EXECUTED").exists()
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        {"/tmp/evil.py": "0" * 64},
+        {"..\\evil.py": "0" * 64},
+        {"evil.py\n": "0" * 64},
+        {"evil.py": "0"},
+        {"": "0" * 64},
+    ],
+)
+def test_a_record_names_files_without_their_place(place: Path, files: dict[str, str]) -> None:
+    failing = ("--set", "stage.wave.fails=true")
+    hillsphere("run", "./sea.toml", "--plugin", "waves.py", "--out", "a", *failing)
+    record = json.loads((place / "a" / "resume.json").read_text("utf-8"))
+    (place / "a" / "resume.json").write_text(json.dumps(record | {"plugin_files": files}), "utf-8")
+    code, told = hillsphere("resume", "a", "--mission", "sea.toml")
+    assert code == 2
+    assert "is not the file that a run writes" in told
+    assert "evil" not in told
+
+
+def test_all_files_of_a_process_are_in_all_keys(place: Path) -> None:
+    (place / "other.py").write_text(
+        "from hillsphere.plugins import Component, hookimpl\n"
+        "@hookimpl\n"
+        "def hillsphere_components():\n"
+        "    return [Component('gravity', 'own', __name__ + ':B', __name__ + ':C', 's')]\n",
+        "utf-8",
+    )
+    keys = []
+    for more in ((), ("--plugin", "other.py")):
+        out = f"run{len(more)}"
+        hillsphere("run", "./sea.toml", "--plugin", "waves.py", *more, "--out", out)
+        manifest = json.loads((place / out / "manifest.json").read_text("utf-8"))
+        keys.append({name: stage["key"] for name, stage in manifest["stages"].items()})
+    assert keys[0].keys() == keys[1].keys()
+    assert all(keys[0][name] != keys[1][name] for name in keys[0])
+
+
+def test_a_module_beside_a_file_is_refused(place: Path) -> None:
+    (place / "helper_beside.py").write_text("X = 1\n", "utf-8")
+    head = "import os, sys; sys.path.insert(0, os.path.dirname(__file__)); import helper_beside\n"
+    (place / "waves.py").write_text(head + SOURCE.replace("from __future__", "# "), "utf-8")
+    found = list(sys.path)
+    try:
+        code, told = hillsphere("plugins", "--plugin", "waves.py")
+    finally:
+        sys.path[:] = found
+    assert code == 2
+    assert "imports 'helper_beside' from beside it" in told
+    assert "helper_beside" not in sys.modules
+
+
+def test_a_file_is_executed_as_by_python(place: Path) -> None:
+    (place / "waves.py").write_text(
+        SOURCE.replace("from __future__ import annotations", "print('noise')")
+        + "\ndef f(x: int) -> None: ...\nassert f.__annotations__['x'] is int\n",
+        "utf-8",
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "hillsphere", "plugins", "--json", "--plugin", "waves.py"],
+        capture_output=True, text=True, check=True, timeout=60,
+    )  # fmt: skip
+    assert "noise" in done.stderr
+    assert json.loads(done.stdout)
 
 
 def test_two_files_of_one_name_and_other_machines_are_refused(place: Path) -> None:
@@ -145,3 +243,7 @@ def test_two_files_of_one_name_and_other_machines_are_refused(place: Path) -> No
     code, told = hillsphere("plugins", "--plugin", "absent.py")
     assert code == 2
     assert "'absent.py' cannot be read: No such file" in told
+    os.mkfifo(place / "pipe.py")
+    code, told = hillsphere("plugins", "--plugin", "pipe.py")
+    assert code == 2
+    assert "not a regular file" in told

@@ -59,31 +59,33 @@ StrictPlugins = Annotated[
 ]
 
 
-def _add_plugin_files(paths: list[Path] | None) -> list[Path]:
-    """Load the plugin files of a command line, before the command asks for components."""
-    if paths:
-        from hillsphere.plugins.plugin_files import add_plugin_file
-
-        for path in paths:
-            add_plugin_file(path)
-    return paths or []
-
-
 PluginFiles = Annotated[
     list[Path] | None,
     typer.Option(
         "--plugin",
         metavar="FILE",
-        callback=_add_plugin_files,
         help="Execute this Python file, and use the components that it offers.",
     ),
 ]
 
 
-def registry_of(strict: bool) -> Registry:
-    """Return the installed plugins; the first broken one is an error if strict."""
+def registry_of(
+    strict: bool = False, files: list[Path] | None = None, run: Path | None = None
+) -> Registry:
+    """Return the installed plugins and those of files; the first broken one is an error if strict.
+
+    Of a run that is given, a file must be that with which it was begun.
+    """
     from hillsphere.plugins.registry import default_registry, discover
 
+    if files:
+        # Not while the command line is read, which completion does with half of one.
+        from hillsphere.plugins.plugin_files import add_plugin_file
+        from hillsphere.runs.resume_choices import read_local
+
+        begun = {} if run is None else read_local(run).get("plugin_files", {})
+        for path in files:
+            add_plugin_file(path, begun.get(path.name))
     return discover(strict=True) if strict else default_registry()
 
 

@@ -74,7 +74,7 @@ def validate(
     from hillsphere.cli.streams import say
     from hillsphere.runs.mission_check import check_mission
 
-    registry = registry_of(strict_plugins)
+    registry = registry_of(strict_plugins, plugin)
     results: list[dict[str, Any]] = []
     for name in missions:
         problems: list[dict[str, Any]] = []
@@ -110,7 +110,7 @@ def plugins(
     json: Json = False, strict_plugins: StrictPlugins = False, plugin: PluginFiles = None
 ) -> None:
     """List plugins and their components."""
-    registry = registry_of(strict_plugins)
+    registry = registry_of(strict_plugins, plugin)
     contested = _contested_components(registry)
     records = [
         {

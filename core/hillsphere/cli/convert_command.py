@@ -48,7 +48,7 @@ def convert(
 
     Formats are listed by: hillsphere describe format.
     """
-    registry = registry_of(strict=False)
+    registry = registry_of(files=plugin)
     formats: dict[str, FileFormat] = {
         record.component.type: record.load_target()(record.load_spec()())
         for record in registry.of_kind("format")

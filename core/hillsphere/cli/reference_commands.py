@@ -67,7 +67,7 @@ def describe(
     """Describe kinds of components, the types of a kind, or the keys of a type."""
     from hillsphere.cli import describing
 
-    registry = registry_of(strict=False)
+    registry = registry_of(files=plugin)
     if kind is None:
         describing.describe_kinds(registry, json_)
     elif type_ is None:
@@ -87,7 +87,7 @@ def schema(
     """Write the JSON Schema of mission files."""
     from hillsphere.mission.schema import mission_schema, split_schema
 
-    registry = registry_of(strict=False)
+    registry = registry_of(files=plugin)
     whole = mission_schema(registry)
     if folder is None:
         write_json(whole)

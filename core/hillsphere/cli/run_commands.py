@@ -99,7 +99,7 @@ def run(
 ) -> int:
     """Run a mission and write its results to a run directory."""
     chosen = _executor(executor, workers, scheduler) or {"type": "pool"}
-    registry = registry_of(strict_plugins)
+    registry = registry_of(strict_plugins, plugin)
     loaded = load(mission, sets, profile, registry, allow_path)
     from hillsphere.cli.running import run_and_show
 
@@ -133,7 +133,8 @@ def resume(
     from hillsphere.cli.running import resume_and_show
 
     return resume_and_show(
-        run, mission=mission, allow_path=allow_path, registry=registry_of(strict_plugins),
+        run, mission=mission, allow_path=allow_path,
+        registry=registry_of(strict_plugins, plugin, run),
         executor=_executor(executor, workers, scheduler), figures=figures, quiet=quiet, json=json,
         verbose=verbose,
     )  # fmt: skip
@@ -174,7 +175,7 @@ def rerun(
 
     return rerun_and_show(
         run, case, stage=stage, mission=mission, allow_path=allow_path, figures=figures,
-        registry=registry_of(strict_plugins), json=json,
+        registry=registry_of(strict_plugins, plugin, run), json=json,
     )  # fmt: skip
 
 
@@ -201,7 +202,11 @@ def figures(
     from hillsphere.runs.run_figures import draw_figures
 
     paths = draw_figures(
-        run, name, mission=mission, allow_path=allow_path, registry=registry_of(strict_plugins)
+        run,
+        name,
+        mission=mission,
+        allow_path=allow_path,
+        registry=registry_of(strict_plugins, plugin, run),
     )
     for path in paths:
         write(str(path))

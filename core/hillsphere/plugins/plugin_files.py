@@ -4,21 +4,27 @@ A plugin package is installed and found by its entry point. A plugin file needs 
 is a Python module with a ``hillsphere_components`` of its own, named by ``--plugin FILE`` or given
 to `add_plugin_file`. Nothing else loads one: neither a mission, nor the record of a run, nor a web
 page may name a program. Its source is read once, so that the digest is that of the executed code;
-the workers of a pool execute the same or refuse.
+the workers of a pool are sent that source. The digests of all loaded files are in the keys of all
+stages, since a file can change what others do. What a file imports is in no key: a module beside it
+is therefore refused, as far as the file imports it when it is loaded.
 """
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 import traceback
-from dataclasses import dataclass
+from collections.abc import Iterable
+from contextlib import redirect_stdout
+from dataclasses import dataclass, field
 from hashlib import sha256
 from importlib.machinery import ModuleSpec
 from importlib.util import module_from_spec
 from pathlib import Path
 
 from hillsphere.base.errors import PluginError
+from hillsphere.base.regular_files import open_regular
 from hillsphere.plugins.registry import Registry, default_registry
 
 __all__ = [
@@ -40,15 +46,20 @@ class PluginFile:
     ----------
     path : str
         Its absolute path.
-    sha256 : str
-        Digest of the source that was executed.
     module : str
         Name of its module in this process.
+    source : bytes
+        What was executed.
     """
 
     path: str
-    sha256: str
     module: str
+    source: bytes = field(repr=False)
+
+    @property
+    def sha256(self) -> str:
+        """Digest of the source, 64 hexadecimal digits."""
+        return sha256(self.source).hexdigest()
 
     @property
     def name(self) -> str:
@@ -71,14 +82,18 @@ def plugin_files() -> tuple[PluginFile, ...]:
     return tuple(_loaded.values())
 
 
-def add_plugin_file(path: str | Path) -> PluginFile:
+def add_plugin_file(path: str | Path, expected: str | None = None) -> PluginFile:
     """Execute a plugin file and add its components to those that are installed.
+
+    They stay for the life of the process, and the file is named in the record of its later runs.
 
     Parameters
     ----------
     path : str or Path
         The file. Its components name their classes by ``f"{__name__}:Class"``. Only a file that you
         trust: its code runs with your rights.
+    expected : str, optional
+        SHA-256 of its source, in hexadecimal digits; another source is not executed.
 
     Returns
     -------
@@ -88,46 +103,36 @@ def add_plugin_file(path: str | Path) -> PluginFile:
     Raises
     ------
     PluginError
-        If it cannot be read or executed (the message has file and line), offers no component or one
-        that is installed already, or if another file of this name was added.
+        If it cannot be read or executed (the message has file and line), is another than was
+        expected, imports a module beside it, offers no component or one that is installed already,
+        or if another file of this name was added.
     """
-    source, digest = _read(Path(path))
-    place = Path(path).resolve()
-    module = _PREFIX + re.sub(r"\W", "_", place.stem)
-    file = PluginFile(str(place), digest, module)
-    if module in _loaded:
-        if _loaded[module] == file:
-            return file
+    place = Path(os.path.abspath(path))  # not resolved: a link is known by its own name
+    file = PluginFile(str(place), _PREFIX + re.sub(r"\W", "_", place.stem), _read(Path(path)))
+    if expected is not None and file.sha256 != expected:
         raise PluginError(
-            f"plugin file {str(path)!r}: {_loaded[module].path!r} was loaded under this name before"
+            f"the plugin file {file.name!r} is another than that of the run: SHA-256 "
+            f"{file.sha256[:12]}…, in the run {expected[:12]}…"
         )
-    _execute(file, source)
-    try:
-        _check(file)
-    except PluginError:
-        del sys.modules[module]
-        raise
-    _loaded[module] = file
-    _offer(file, default_registry())
+    _load(file)
     return file
 
 
-def load_plugin_files(files: list[list[str]]) -> None:
+def load_plugin_files(files: Iterable[PluginFile]) -> None:
     """Load the plugin files of another process, whose work names their classes.
 
     Parameters
     ----------
-    files : list of [path, sha256]
-        Path and digest of each.
+    files : iterable of PluginFile
+        The files, whose sources are not read again.
 
     Raises
     ------
     PluginError
-        If one cannot be loaded, or has changed since.
+        If one cannot be loaded.
     """
-    for path, digest in files:
-        if add_plugin_file(path).sha256 != digest:
-            raise PluginError(f"plugin file {path!r}: it has changed since the run began")
+    for file in files:
+        _load(file)
 
 
 def offer_plugin_files(registry: Registry) -> None:
@@ -142,31 +147,67 @@ def offer_plugin_files(registry: Registry) -> None:
         _offer(file, registry)
 
 
-def _read(path: Path) -> tuple[bytes, str]:
+def _read(path: Path) -> bytes:
     try:
-        with path.open("rb") as stream:
-            source = stream.read(_MOST_BYTES + 1)
+        with open_regular(path, _MOST_BYTES) as stream:
+            return stream.read(_MOST_BYTES + 1)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = getattr(error, "strerror", None) or error
         raise PluginError(f"plugin file {str(path)!r} cannot be read: {reason}") from error
-    if len(source) > _MOST_BYTES:
-        raise PluginError(f"plugin file {str(path)!r} is larger than {_MOST_BYTES >> 20} MB")
-    return source, sha256(source).hexdigest()
 
 
-def _execute(file: PluginFile, source: bytes) -> None:
+def _load(file: PluginFile) -> None:
+    """Execute a file and offer its components, unless that has been done."""
+    known = _loaded.get(file.module)
+    if known == file:
+        return
+    if known is not None:
+        raise PluginError(
+            f"plugin file {file.path!r} has changed since it was loaded: start a new process"
+            if known.path == file.path
+            else f"plugin file {file.path!r}: {known.path!r} was loaded under this name before"
+        )
+    before = set(sys.modules)
+    try:
+        _execute(file)
+        _check(file)
+        _check_imports(file, set(sys.modules) - before)
+    except BaseException:  # an interrupt, too, leaves no half of a module behind
+        sys.modules.pop(file.module, None)
+        raise
+    _loaded[file.module] = file
+    _offer(file, default_registry())
+
+
+def _execute(file: PluginFile) -> None:
     spec = ModuleSpec(file.module, None, origin=file.path)
     spec.has_location = True
     module = module_from_spec(spec)
     sys.modules[file.module] = module
     try:
-        exec(compile(source, file.path, "exec"), vars(module))  # the user named this program
+        # What it prints must not come between the results of a command.
+        with redirect_stdout(sys.stderr):
+            # The user named this program. Its annotations are its own, not as in this module.
+            exec(compile(file.source, file.path, "exec", dont_inherit=True), vars(module))
     except (Exception, SystemExit) as error:
-        del sys.modules[file.module]
         raise PluginError(
             f"{_place(file.path, error)}: the plugin file cannot be loaded: "
             f"{type(error).__name__}: {getattr(error, 'msg', None) or error}"
         ) from error
+
+
+def _check_imports(file: PluginFile, modules: set[str]) -> None:
+    """Refuse modules beside the file: the stages' keys would not see them change."""
+    beside = Path(file.path).parent
+    for name in sorted(modules):
+        place = getattr(sys.modules.get(name), "__file__", None)
+        if place and name != file.module and Path(place).parent == beside:
+            for other in modules:
+                sys.modules.pop(other, None)
+            raise PluginError(
+                f"{file.path}: it imports {name!r} from beside it, which no key of a stage would "
+                "know: put all into one file, or make a package (hillsphere new plugin)"
+            )
 
 
 def _place(path: str, error: BaseException) -> str:
@@ -191,6 +232,8 @@ def _check(file: PluginFile) -> None:
     installed = {(r.component.kind, r.component.type): r.plugin for r in default_registry()}
     for record in offered:
         key = (record.component.kind, record.component.type)
+        if key[0] == "command":
+            raise PluginError(f"{file.path}: a command needs a package (hillsphere new plugin)")
         if key in installed:
             raise PluginError(
                 f"{file.path}: {key[0]} {key[1]!r} is already offered by plugin {installed[key]!r}"

@@ -12,9 +12,10 @@ command line, even if the same user wrote the file, since nothing in a directory
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 from hillsphere.base.errors import InputError
@@ -33,6 +34,8 @@ LOCAL = "resume.json"
 
 _LONGEST_TEXT = 4096
 """Longest path of Linux, in characters."""
+_LONGEST_NAME = 255
+"""Longest name of a file."""
 
 _MOST_WORKERS = 64
 """Largest number of workers that a file may request beyond the number of processors. Each worker is
@@ -123,8 +126,13 @@ def read_local(directory: Path) -> Mapping[str, Any]:
 
 
 def _are_files(value: Any) -> bool:
+    # Bare names: a path would come into the command that is proposed to the user.
     return isinstance(value, dict) and all(
-        0 < len(name) <= _LONGEST_TEXT and isinstance(digest, str) and len(digest) <= _LONGEST_TEXT
+        name == PurePosixPath(name).name == PureWindowsPath(name).name
+        and name.isprintable()
+        and 0 < len(name) <= _LONGEST_NAME
+        and isinstance(digest, str)
+        and re.fullmatch("[0-9a-f]{64}", digest)
         for name, digest in value.items()
     )
 

@@ -4,7 +4,7 @@ The key of a stage is the SHA-256 of: its type and Spec, the types and Specs of 
 refers to (and those that they refer to), the contents of its data files, the keys of the stages it
 takes products from, its name and the mission's seed (which make its random numbers), the source
 files of the packages that provide all these and of the framework, and the versions and CPU
-features that fix the last bit of a result.
+features that fix the last bit of a result; and all plugin files of this process.
 
 Files that a plugin reads by itself at run time, and further packages that it imports, cannot be
 listed and are not in the key; for these use `--no-cache`.
@@ -27,6 +27,7 @@ from hillsphere.base.cached_files import drop_oldest, file_digest, tree_digest
 from hillsphere.base.environment import environment
 from hillsphere.base.errors import InputError
 from hillsphere.base.paths import cache_directory
+from hillsphere.plugins.plugin_files import plugin_files
 from hillsphere.products.product_codec import load_product, save_product
 from hillsphere.spec.base import Ref, Spec
 
@@ -162,13 +163,15 @@ class StageKeys:
                 else:
                     waiting.append((other, ref.name))
         sources: dict[str, str] = {}
+        files = {file.module: file.sha256 for file in plugin_files()}
         for module in sorted(modules):
             source = _source_of(module)
             if source is None:
                 return None
             package, place = source
             if package not in self._sources:
-                self._sources[package] = tree_digest(place)
+                executed = files.get(package)
+                self._sources[package] = tree_digest(place) if executed is None else executed
             sources[module] = self._sources[package]
         facts = {
             "format": FORMAT,
@@ -179,6 +182,9 @@ class StageKeys:
             "sources": sources,
             "environment": environment(),
         }
+        if files:
+            # All, since a file can change what the components of others do.
+            facts["plugin_files"] = files
         return sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
 
 

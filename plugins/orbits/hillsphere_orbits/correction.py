@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hillsphere.errors import ConvergenceError
 from hillsphere.interfaces import Array
@@ -35,6 +36,9 @@ _ROUNDINGS = 4.0
 """Changes of every unknown by this many roundings explain a residual that Newton's iteration cannot
 make smaller: the unknowns' own rounding, and that of the equations, of which processors with other
 vector widths differ by two to three in orbits whose errors grow a thousandfold."""
+_MOST_ROUNDING = 100.0
+"""Largest residual that rounding excuses, in units of the tolerance: equations that magnify errors
+more say too little of their solution. Libration orbits in use need two."""
 
 
 class Problem(Protocol):
@@ -50,6 +54,7 @@ class Problem(Protocol):
         ...
 
 
+Flags: TypeAlias = NDArray[np.bool_]
 Constraint: TypeAlias = Callable[[Array], tuple[Array, Array]]
 """Further equations that single a member out: z (m, N) → G (r, N), dG/dz (r, m, N)."""
 
@@ -72,7 +77,7 @@ class Correction:
 
     z: Array
     error: Array
-    converged: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    converged: Flags
     iterations: int
 
     def require_converged(self, what: str, names: Sequence[str] | None = None) -> Array:
@@ -113,7 +118,8 @@ def correct(
         Further equations, see `Constraint`.
     tolerance : float
         Largest residual of a solution, relative to the largest unknown where that is above one. A
-        residual that rounding of the unknowns explains (`_ROUNDINGS`) is one of a solution too.
+        residual that rounding of the unknowns explains in its own equation (`_ROUNDINGS`), up to
+        100 times the tolerance, is one of a solution too.
     iterations : int
         Newton steps allowed.
 
@@ -129,7 +135,7 @@ def correct(
     """
     z = np.array(z, dtype=float)
     best, error = z.copy(), np.full(z.shape[1], np.inf)
-    rounding = np.zeros(z.shape[1])
+    solved = np.zeros(z.shape[1], dtype=bool)
     used, polishing = iterations, False
     for count in range(iterations + 1):
         values, slopes = problem.residual(z)
@@ -141,18 +147,25 @@ def correct(
         size = np.max(np.abs(values), axis=0)
         better = size < error
         best[:, better], error[better] = z[:, better], size[better]
-        moved = np.max(np.sum(np.abs(slopes) * np.abs(z), axis=1), axis=0)
-        rounding[better] = _ROUNDINGS * np.finfo(float).eps * moved[better]
+        solved[better] = _are_solved(values, slopes, z, tolerance)[better]
         if polishing:
             break
-        bound = np.maximum(tolerance * np.maximum(1.0, np.max(np.abs(best), axis=0)), rounding)
-        if bool(np.all(error <= bound)):
+        if solved.all():
             # quadratic convergence: one more step goes from the tolerance to rounding
             used, polishing = count, True
         elif count == iterations:
             break
         z = z - _least_squares(slopes, values)
-    return Correction(best, error, error <= bound, used)
+    return Correction(best, error, solved, used)
+
+
+def _are_solved(values: Array, slopes: Array, z: Array, tolerance: float) -> Flags:
+    """Say in which lanes (N,) every residual is within the tolerance or its own rounding."""
+    within = tolerance * np.maximum(1.0, np.max(np.abs(z), axis=0))
+    # Row by row: that one equation is steep excuses no other.
+    rounding = _ROUNDINGS * np.finfo(float).eps * np.sum(np.abs(slopes) * np.abs(z), axis=1)
+    excused = np.fmin(np.where(np.isfinite(rounding), rounding, 0.0), _MOST_ROUNDING * within)
+    return np.asarray((np.abs(values) <= np.maximum(within, excused)).all(axis=0))
 
 
 def _least_squares(slopes: Array, values: Array) -> Array:

@@ -120,6 +120,50 @@ def test_failed_lanes_are_named() -> None:
         found.require_converged("the circle", ["first", "second"])
 
 
+class Steep:
+    """One equation that magnifies errors beside one without a root: z₁² + 4e-7 = 0."""
+
+    unknowns = ("first", "second")
+
+    def __init__(self, slope: float, offset: float = 0.0) -> None:
+        self.slope, self.offset = slope, offset
+
+    def residual(self, z: Array) -> tuple[Array, Array]:
+        values = np.array([self.slope * (z[0] - 1.0) + self.offset, z[1] ** 2 + 4e-7])
+        zero = np.zeros_like(z[0])
+        return values, np.array([[zero + self.slope, zero], [zero, 2.0 * z[1]]])
+
+
+@pytest.mark.parametrize("slope", [1.0, 1e6, 1e9, 1e12])
+def test_a_steep_equation_excuses_no_other(slope: float) -> None:
+    found = correct(Steep(slope), np.array([[1.0], [0.3]]))
+    assert not found.converged[0]
+    assert found.error[0] > 1e-8
+
+
+@pytest.mark.parametrize("slope", [1e300, np.inf])
+def test_an_excessive_slope_excuses_no_residual(slope: float) -> None:
+    class Flat(Steep):
+        def residual(self, z: Array) -> tuple[Array, Array]:
+            values = np.array([np.ones_like(z[0]), z[1] - 1.0])
+            zero = np.zeros_like(z[0])
+            return values, np.array([[zero + slope, zero], [zero, zero + 1.0]])
+
+    assert not correct(Flat(slope), np.array([[1.0], [1.0]]), iterations=0).converged[0]
+
+
+def test_rounding_of_the_unknowns_is_a_solution() -> None:
+    """With a slope of 3e3 no float solves an equation to the tolerance of 1e-12."""
+
+    class Sloped:
+        unknowns = ("only",)
+
+        def residual(self, z: Array) -> tuple[Array, Array]:
+            return 3e3 * (z - 1.0) + 1.5e-12, np.full((1, 1, z.shape[1]), 3e3)
+
+    assert correct(Sloped(), np.array([[1.1]])).converged[0]
+
+
 def test_through_turning_points() -> None:
     branch = arc(Circle())
     assert branch.ends == ("start", "x at its limit")

@@ -60,7 +60,7 @@ FAREWELL_S = 2.0
 _START = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[2]); "
     "from hillsphere.cases.executors.worker import main; "
-    "main(int(sys.argv[1]), json.loads(sys.argv[3]))"
+    "main(int(sys.argv[1]))"
 )
 
 
@@ -202,6 +202,7 @@ class PoolCrew:
     def _take(self, worker: _Worker, what: str, *content: Any) -> None:
         if what == "hello":
             with suppress(OSError):  # if it is gone, its channel will tell
+                worker.channel.send(plugin_files())
                 worker.channel.send_bytes(self._work)
         elif what == "ready":
             worker.ready, self._failed_starts = True, 0
@@ -299,7 +300,6 @@ def _start_worker() -> _Worker:
                 _START,
                 str(descriptor),
                 json.dumps(sys.path),
-                json.dumps([[file.path, file.sha256] for file in plugin_files()]),
             ],
             pass_fds=(descriptor,),
             env={**os.environ, **ONE_THREAD},

@@ -3,7 +3,7 @@
 Messages on its channel, each pickled: from the worker ``("hello",)`` and ``("ready",)``, then for
 each task ``("begun",)`` and ``("done", value)`` or ``("failed", error, detail)``; instead of
 ``ready`` or ``begun`` the last may be ``("unprepared", passing, error, detail)``. To the worker the
-work, then tasks, then `None` for the end.
+plugin files of its process, the work, then tasks, then `None` for the end.
 """
 
 from __future__ import annotations
@@ -26,15 +26,13 @@ MOST_FAULTS = 5
 """Times in a row that a passing fault may keep the work from being prepared."""
 
 
-def main(descriptor: int, files: list[list[str]]) -> None:
+def main(descriptor: int) -> None:
     """Serve the process at the other end of a pipe until it says that all is done, or is gone.
 
     Parameters
     ----------
     descriptor : int
         The worker's end of the pipe.
-    files : list of [path, sha256]
-        Plugin files of that process.
     """
     # A Ctrl-C is for the run, which decides what becomes of its workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -43,14 +41,14 @@ def main(descriptor: int, files: list[list[str]]) -> None:
     threading.Thread(target=_leave_with_parent, args=(descriptor,), daemon=True).start()
     # Without the other end there is nobody to tell anything.
     with suppress(EOFError, ConnectionError):
-        _serve(Channel(socket.socket(fileno=descriptor)), files)
+        _serve(Channel(socket.socket(fileno=descriptor)))
 
 
-def _serve(channel: Channel, files: list[list[str]]) -> None:
+def _serve(channel: Channel) -> None:
     channel.send(("hello",))
-    work = channel.receive()
+    files, work = channel.receive(), channel.receive()
     try:
-        if files:
+        if files := pickle.loads(files):
             from hillsphere.plugins.plugin_files import load_plugin_files
 
             load_plugin_files(files)
