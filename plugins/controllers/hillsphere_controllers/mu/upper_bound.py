@@ -326,11 +326,12 @@ def _reweight_skewed(
     m: Complex, basis: Basis, best: tuple[float, Complex, Complex]
 ) -> tuple[float, Complex, Complex]:
     """Return scalings, with their level, whose skewed part has a better weight than those found."""
-    # line search over the weight of the skewed part, from coarse to fine factors
+    # line search over the weight of the skewed part, from coarse to fine factors; where nothing
+    # leads back from it, µ is zero, and the weight would grow without end
     for factor in (30.0, 5.0, 1.5):
         for way in (factor, 1.0 / factor):
             share = np.where(basis.free, np.sqrt(way), 1.0)
-            while True:
+            while best[0] > _ZERO**2:
                 d, g = (share[:, None] * one * share for one in best[1:])
                 whole = basis.n / np.trace(d).real
                 reached = level(m, d * whole, g * whole, basis.free, basis.fixed)

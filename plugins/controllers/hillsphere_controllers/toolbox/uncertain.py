@@ -175,19 +175,19 @@ def lft(A: Any, B: Any, nu: int | None = None, ny: int | None = None) -> Any:
 
 
 @overload
-def feedback(G: Lft, H: Lft | LtiSystem | Array | None = None, sign: int = -1) -> Lft: ...
+def feedback(G: Lft, H: Lft | LtiSystem | Array | float | None = None, sign: int = -1) -> Lft: ...
 @overload
-def feedback(G: LtiSystem | Array, H: Lft, sign: int = -1) -> Lft: ...
+def feedback(G: LtiSystem | Array | float, H: Lft, sign: int = -1) -> Lft: ...
 @overload
 def feedback(
-    G: LtiSystem | Array, H: LtiSystem | Array | None = None, sign: int = -1
+    G: LtiSystem | Array | float, H: LtiSystem | Array | float | None = None, sign: int = -1
 ) -> LtiSystem: ...
 def feedback(G: Any, H: Any = None, sign: int = -1) -> Any:
     """Return the closed loop (I − sign G H)⁻¹ G of two systems, certain or uncertain.
 
     Parameters
     ----------
-    G, H : LtiSystem, system of python-control, ndarray or Lft
+    G, H : LtiSystem, system of python-control, ndarray, float or Lft
         Forward system and system in the feedback; H is the unit matrix if left out.
     sign : {-1, 1}
         Negative or positive feedback.
