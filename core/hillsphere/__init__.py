@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from hillsphere.engine.motion import Motion
     from hillsphere.mission.load import Mission, load_mission
     from hillsphere.plugins.registry import create
+    from hillsphere.runs.assembly import build
     from hillsphere.runs.pipeline import resume_run, run_mission
     from hillsphere.runs.run_calls import load_run, run
     from hillsphere.runs.run_result import RunResult
@@ -24,6 +25,7 @@ __all__ = [
     "Motion",
     "RunResult",
     "__version__",
+    "build",
     "create",
     "load_mission",
     "load_run",
@@ -37,6 +39,7 @@ _LAZY = {
     "Mission": "hillsphere.mission",
     "Motion": "hillsphere.engine.motion",
     "RunResult": "hillsphere.runs.run_result",
+    "build": "hillsphere.runs.assembly",
     "create": "hillsphere.plugins",
     "load_mission": "hillsphere.mission",
     "load_run": "hillsphere.runs.run_calls",

@@ -148,7 +148,11 @@ def test_every_kind_can_be_listed() -> None:
     ("arguments", "message"),
     [
         (["sensr"], "no kind 'sensr'; did you mean 'sensor'?"),
-        (["stage", "qso_famly"], "no stage of type 'qso_famly'; did you mean 'qso_family'?"),
+        (
+            ["stage", "qso_famly"],
+            "no stage of type 'qso_famly'; did you mean 'qso_family'? "
+            "(one of a plugin file is found with --plugin FILE)",
+        ),
         (["lidar"], "'lidar' is a type, no kind; use hillsphere describe sensor lidar"),
         (["sensr", "lidar"], "no kind 'sensr'; did you mean 'sensor'?"),
     ],
@@ -164,3 +168,20 @@ def test_values_are_written_as_toml() -> None:
     text = format_example("stage", "t", long)
     assert max(map(len, text.splitlines())) < 100
     assert tomllib.loads(text)["stage"]["NAME"]["names"] == long["names"]
+
+
+def test_results_of_a_stage_are_listed() -> None:
+    text = call("describe", "stage", "qso_family")[1]
+    assert "metrics: closure_max, jacobi_drift_max, " in text
+    assert "table table_1: name, x0_km, " in text
+    assert "_LABEL" in text
+    told = json.loads(call("describe", "stage", "qso_family", "--json")[1])
+    assert told["tables"]["table_1"][:2] == ["name", "x0_km"]
+    assert "validate cannot check these" in call("describe", "stage", "closed_loop")[1]
+
+
+def test_a_stage_that_does_not_say_its_results(
+    toys: Registry, capsys: pytest.CaptureFixture[str]
+) -> None:
+    describe_component(toys, "stage", "resonances", json=False)
+    assert "known only after a run" in capsys.readouterr().out

@@ -11,8 +11,10 @@ from typing import Any
 import pytest
 
 from hillsphere.base.errors import InputError
+from hillsphere.cli.verdict import show_verdict
 from hillsphere.interfaces.outcomes import Judgement, MissingResultError
-from hillsphere.mission import MissionError, load_mission
+from hillsphere.mission import Mission, MissionError, load_mission
+from hillsphere.plugins import default_registry
 from hillsphere.presentation import Column, Metric, Presentation, Printed, Table
 from hillsphere.runs.judgements import RunEvidence
 from hillsphere.show.outcome_specs import (
@@ -22,6 +24,8 @@ from hillsphere.show.outcome_specs import (
     ValueSpec,
 )
 from hillsphere.show.outcomes import Comparison, NotDerivable, Statement, Value
+from hillsphere.spec.base import ResultNames, StageSpec
+from hillsphere.spec.result_names import is_named, nearest_name
 
 METRICS = {
     "speed": Metric(1.19, "m/s"),
@@ -285,7 +289,8 @@ def write(tmp_path: Path) -> Callable[[str], Path]:
 
 def test_a_requirement_may_refer_to_a_dropped_stage(write: Callable[[str], Path]) -> None:
     path = write(
-        '[claim.more]\ntext = "more"\nstage = "more"\nmetric = "x"\nop = "=="\nvalue = 1\n'
+        '[claim.more]\ntext = "more"\nstage = "more"\nmetric = "l1_distance"\n'
+        'op = "=="\nvalue = 1\n'
     )
     for profile in (None, "near", "few"):
         mission = load_mission(path, profile=profile)
@@ -409,6 +414,9 @@ def test_a_finished_run_that_is_resumed_ends_with_its_verdict(
         ('answer = "{pionts.metric}"', "report.answer", "no stage table is named 'pionts'"),
         ('answer = "{Requirement.near}"', "report.answer", "is no placeholder"),
         ('numbers = ["naer"]', "report.numbers[0]", "did you mean 'near'"),
+        ('answer = "{points.metric}"', "report.answer",
+         "stage 'points' has no metric 'metric'; it has: *_distance"),
+        ('numbers = ["points.x"]', "report.numbers[0]", "stage 'points' has no metric 'x'"),
         ('figure = "pionts.orbits"', "report.figure", "did you mean 'points'"),
         ('[[report.section]]\ntitle = "A"\nshow = ["pionts"]', "report.section[0].show[0]",
          "did you mean 'points'"),
@@ -426,3 +434,81 @@ def test_names_in_the_report_are_checked(
 def test_the_report_may_name_what_a_profile_drops(write: Callable[[str], Path]) -> None:
     path = write('[report]\nanswer = "{more.metric}"\nfigure = "more.orbits"\n')
     assert load_mission(path, profile="few").report.figure == "more.orbits"
+
+
+def about_deimos(**requirement: Any) -> dict[str, Any]:
+    """Return a mission with a stage that lists the names of its results, and a requirement."""
+    stage = {"type": "qso_family", "plant": "hill", "x_amplitudes_km": [60], "label": "own"}
+    body = {"type": "moon", "primary_gm_km3_s2": 42828.37, "semi_major_axis_km": 23463}
+    gravity = {"type": "point_mass", "gm_km3_s2": 1e-4}
+    return {
+        "title": "Deimos", "seed": 1, "body": {"deimos": body}, "gravity": {"deimos": gravity},
+        "plant": {"hill": {"type": "hill", "body": "deimos", "gravity": "deimos"}},
+        "stage": {"family": stage},
+        "requirement": {"closed": {"text": "t", "stage": "family", "op": "<=", "value": 1}
+                        | requirement},
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"metric": "closure_own"},
+         "closed.metric: stage 'family' has no metric 'closure_own'; did you mean "
+         "'closure_max_own'? It has: closure_max_own, jacobi_drift_max_own, "),
+        ({"metric": "closure_max"}, "has no metric 'closure_max'; did you mean 'closure_max_own'?"),
+        ({"table": "tabel_1_own", "column": "x0_km"},
+         "closed.table: stage 'family' has no table 'tabel_1_own'; did you mean 'table_1_own'?"),
+        ({"table": "table_1_own", "column": "x0_m"},
+         "closed.column: table 'table_1_own' of stage 'family' has no column 'x0_m'; did you mean "
+         "'x0_km'?"),
+        ({"table": "table_1_own", "column": "x0_km", "row": {"nme": "A"}},
+         "closed.row.nme: table 'table_1_own' of stage 'family' has no column 'nme'; did you mean "
+         "'name'?"),
+    ],
+)  # fmt: skip
+def test_names_that_a_stage_does_not_have_are_refused_before_the_run(
+    keys: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(MissionError) as caught:
+        Mission.from_dict(about_deimos(**keys))
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "keys", [{"metric": "closure_max_own"}, {"table": "table_1_own", "column": "x0_km_paper"}]
+)
+def test_names_that_a_stage_has_are_accepted(keys: dict[str, Any]) -> None:
+    assert Mission.from_dict(about_deimos(**keys)).order() == ["family"]
+
+
+def test_the_examples_name_results_of_a_stage() -> None:
+    spec = default_registry().get("stage", "qso_family").load_spec()
+    assert issubclass(spec, StageSpec)
+    names = spec.results
+    assert names is not None
+    for example in (*ValueSpec.examples, *ComparisonSpec.examples):
+        assert example.get("metric", "closure_max") in names.metrics
+        table = example.get("table", "table_1")
+        assert example.get("column", "name") in names.tables[table]
+
+
+def test_names_may_depend_on_the_mission() -> None:
+    names = ResultNames(("*_upper", "loops"), {"models_*": ("model",)}).with_label("b")
+    assert is_named("gain_upper_b", names.metrics)
+    assert not is_named("gain_upper", names.metrics)
+    assert names.columns_of("models_gain_b") == ("model",)
+    assert names.columns_of("models") == ()
+    assert nearest_name("lops_b", names.metrics).startswith("; did you mean 'loops_b'?")
+
+
+def test_the_terminal_shows_the_whole_reason_of_an_undecided_row(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    reason = f"mission.toml:7: stage 'family' has no metric {'m' * 150!r}; it has: {'n' * 200}"
+    row = {"text": "closed", "asked": "<= 1", "got": "", "margin": None, "state": "undecided",
+           "reason": reason}  # fmt: skip
+    verdict = {"state": "success", "text": "0 of 1 requirements met"}
+    show_verdict({"mission": "m", "verdict": verdict, "requirements": [row]}, Path("r.html"),
+                 verbose=False)  # fmt: skip
+    assert f"undecided: {reason}\n" in capsys.readouterr().out

@@ -247,3 +247,29 @@ def test_two_files_of_one_name_and_other_machines_are_refused(place: Path) -> No
     code, told = hillsphere("plugins", "--plugin", "pipe.py")
     assert code == 2
     assert "not a regular file" in told
+
+
+@pytest.mark.parametrize(
+    ("name", "fault"),
+    [("Wvae", "has no attribute 'Wvae'"), ("NUMBER", "is no class, got an int")],
+)
+def test_a_class_that_does_not_exist_is_told(place: Path, name: str, fault: str) -> None:
+    broken = SOURCE.replace('f"{__name__}:WaveStage"', f'f"{{__name__}}:{name}"') + "\nNUMBER = 3\n"
+    assert broken.count(f":{name}") == 1
+    (place / "waves.py").write_text(broken, "utf-8")
+    assert hillsphere("plugins", "--plugin", "waves.py")[0] == 0  # quick: nothing is imported
+    for command in (("plugins", "--strict-plugins"), ("describe", "stage", "wave")):
+        code, told = hillsphere(*command, "--plugin", "waves.py")
+        assert code == 2
+        assert "plugin 'waves.py': stage 'wave'" in told
+        assert fault in told
+
+
+def test_an_unknown_type_reminds_of_plugin_files(place: Path) -> None:
+    code, told = hillsphere("run", "./sea.toml", "--out", "none")
+    assert code == 2
+    assert "--plugin FILE" in told
+    (place / "sea.toml").write_text(waves_mission(130).replace('"wave"', '"wvae"'), "utf-8")
+    code, told = hillsphere("run", "./sea.toml", "--plugin", "waves.py", "--out", "none")
+    assert "no stage of type 'wvae'; did you mean 'wave'?" in told
+    assert "--plugin FILE" not in told

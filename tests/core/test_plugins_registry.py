@@ -225,7 +225,10 @@ def test_disabled_plugin_is_not_even_imported(monkeypatch: pytest.MonkeyPatch) -
     # What is not there may be in a plugin that was left out, but not in one that is not installed.
     with pytest.raises(UnknownComponentError) as caught:
         registry.get("gravity", "ellipsoid")
-    assert str(caught.value).endswith("no plugin brings a gravity (disabled: bad)")
+    assert str(caught.value).endswith(
+        "no plugin brings a gravity (one of a plugin file is found with --plugin FILE) "
+        "(disabled: bad)"
+    )
 
 
 def test_installed_plugins_are_sound() -> None:
@@ -251,3 +254,29 @@ def test_create_names_every_fault() -> None:
     assert len(str(caught.value).splitlines()) == 3
     with pytest.raises(UnknownComponentError, match="did you mean 'moon'"):
         create("body", "mooon")
+
+
+@pytest.mark.parametrize(
+    ("target", "fault"),
+    [
+        ("hillsphere.model.bodies:Mooon", "has no attribute 'Mooon'"),
+        ("hillsphere.model.no_bodies:Moon", "No module named 'hillsphere.model.no_bodies'"),
+        ("wave_like:Missing", "has no attribute 'Missing'"),  # not loaded: its source is read
+        ("wave_like:Wave", ""),
+        ("wave_like:Taken", ""),
+    ],
+)
+def test_a_class_that_is_not_there(
+    target: str, fault: str, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = "from math import sin as Taken\nclass Wave: pass\n"
+    (tmp_path / "wave_like.py").write_text(source, "utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    registry = Registry()
+    registry.add_plugin("mine", Plugin([Component("body", "moon", target, MOON[1], "a moon")]))
+    record = registry.get("body", "moon")
+    assert fault in record.missing()
+    assert bool(record.missing()) == bool(fault)
+    assert "wave_like" not in sys.modules
+    assert fault in record.fault()
+    sys.modules.pop("wave_like", None)

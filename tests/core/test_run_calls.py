@@ -106,3 +106,24 @@ def test_a_run_names_no_file_that_is_read(waves: hs.Mission) -> None:
 def test_the_package_lists_what_it_offers() -> None:
     assert dir(hs) == sorted(hs.__all__)
     assert all(hasattr(hs, name) for name in dir(hs))
+
+
+def test_components_of_a_mission_are_built_by_the_name_of_their_table() -> None:
+    mission = hs.Mission.from_dict(DEIMOS)
+    hill = hs.build(mission, "plant", "hill")
+    assert hs.Motion(hill).states == ("x", "y", "z", "vx", "vy", "vz")
+    with pytest.raises(InputError, match=r"no table \[plant\.hil\]; did you mean 'hill'\?"):
+        hs.build(mission, "plant", "hil")
+    with pytest.raises(InputError, match=r"no table \[plnt\.hill\]; did you mean 'plant'\?"):
+        hs.build(mission, "plnt", "hill")
+
+
+def test_components_of_a_run_have_its_settings(waves: hs.Mission, tmp_path: Path) -> None:
+    result = hs.run(waves, out=tmp_path / "run")
+    (kind, name) = next((k, n) for k, names in waves.specs.items() for n in names if k != "stage")
+    made = result.build(kind, name)
+    assert result.build(kind, name) is made
+    again = hs.load_run(tmp_path / "run", mission=tmp_path / "waves.toml")
+    assert type(again.build(kind, name)) is type(made)
+    with pytest.raises(InputError, match="no table"):
+        result.build("plant", "nothing")

@@ -19,6 +19,7 @@ from hillsphere.spec import (
     Spec,
     Vector3,
     data_path,
+    need,
     option,
     quantity,
     reference,
@@ -355,3 +356,14 @@ def test_did_you_mean() -> None:
     assert did_you_mean("zzz", ["axes", "mode"], otherwise="keys") == "; keys: axes, mode"
     assert did_you_mean("zzz", []) == ""
     assert did_you_mean("z", [f"a{i}" for i in range(1000)]).endswith(", …")
+
+
+@pytest.mark.parametrize("bounds", [{"gtt": 0}, {"minimum": 1}])
+def test_a_misspelt_bound_is_refused_where_the_field_is_declared(bounds: dict[str, Any]) -> None:
+    (name,) = bounds
+    with pytest.raises(TypeError, match=f"a field has no bound '{name}'"):
+        quantity("length", "an edge", **bounds)
+    with pytest.raises(TypeError, match=f"a field has no bound '{name}'"):
+        option("a count", **bounds)
+    with pytest.raises(TypeError, match="did you mean 'gt'"):
+        need("package.module:Class", "a product", gtt=1)

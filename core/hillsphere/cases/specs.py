@@ -11,6 +11,7 @@ from pydantic_core import PydanticCustomError
 from hillsphere.spec.base import (
     DataPath,
     Ref,
+    ResultNames,
     Spec,
     StageSpec,
     data_path,
@@ -60,6 +61,34 @@ class StopSpec(Spec):
         return self
 
 
+_RESULTS = ResultNames(
+    metrics=(
+        "campaign_cases",
+        "campaign_failures",
+        "campaign_undecided",
+        "campaign_not_computed",
+        "campaign_failure_ratio",
+        "campaign_failure_ratio_low",
+        "campaign_failure_ratio_high",
+        "campaign_failure_ratio_least",
+        "campaign_failure_ratio_most",
+        "campaign_*",
+    ),
+    tables={
+        "campaign_classes": (),
+        "campaign_failed": (),
+        "campaign_undecided": (),
+        "campaign_statistics": (),
+        "campaign_extremes": (),
+        "campaign_correlations": (),
+        "campaign_sobol": (),
+        "sweep_failures": (),
+        "sweep_statistics": (),
+    },
+)
+"""What a campaign presents; means and quantiles are named after the metrics of its cases."""
+
+
 class CampaignSpec(StageSpec):
     """Parameters that all campaigns share."""
 
@@ -106,6 +135,7 @@ class CampaignSpec(StageSpec):
 class MonteCarloSpec(CampaignSpec):
     """Many cases with what is uncertain drawn at random."""
 
+    results = _RESULTS
     examples = (
         {"repeat": "hover", "dispersions": ["field"], "cases": 128},
         {"repeat": "hover", "dispersions": ["field"], "cases": 64, "design": "latin_hypercube"},
@@ -187,6 +217,7 @@ class SweepSpec(CampaignSpec):
     the mission that it depends on. ``"repeat.period_s"`` is a key of the stage that is repeated.
     """
 
+    results = _RESULTS
     examples = (
         {"repeat": "hover", "over": {"stage.hover.samples": [10, 20]}},
         {

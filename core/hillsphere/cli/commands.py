@@ -107,10 +107,22 @@ def validate(
 
 @app.command()
 def plugins(
-    json: Json = False, strict_plugins: StrictPlugins = False, plugin: PluginFiles = None
+    json: Json = False,
+    strict_plugins: Annotated[
+        bool,
+        typer.Option(
+            "--strict-plugins",
+            help="Import all that is offered too; whatever is broken is an error.",
+        ),
+    ] = False,
+    plugin: PluginFiles = None,
 ) -> None:
     """List plugins and their components."""
+    from hillsphere.base.errors import PluginError
+
     registry = registry_of(strict_plugins, plugin)
+    if strict_plugins and (faults := [fault for one in registry if (fault := one.fault())]):
+        raise PluginError("\n".join(faults))
     contested = _contested_components(registry)
     records = [
         {

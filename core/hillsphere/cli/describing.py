@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Mapping
 from typing import Any
 
-from hillsphere.base.errors import InputError
+from hillsphere.base.errors import InputError, PluginError
 from hillsphere.base.problems import did_you_mean, with_article
 from hillsphere.cli.output import write, write_json, write_table
 from hillsphere.cli.spec_description import (
@@ -16,6 +16,7 @@ from hillsphere.cli.spec_description import (
     toml_value,
 )
 from hillsphere.plugins.registry import KINDS, Registered, Registry
+from hillsphere.spec.base import Spec, StageSpec
 from hillsphere.spec.units import unit_text
 
 __all__ = ["KIND_MEANINGS", "describe_component", "describe_kind", "describe_kinds"]
@@ -101,10 +102,18 @@ def describe_component(registry: Registry, kind: str, type_: str, json: bool) ->
     InputError
         If there is no such kind or type; the message gives the nearest one.
     PluginError
-        If several plugins offer it, or its Spec cannot be imported.
+        If several plugins offer it, or its Spec cannot be imported. If there is no such
+        class, after the description: its keys are known all the same.
     """
     _check_kind(registry, kind)
     record = registry.get(kind, type_)
+    _describe(record, json)
+    if fault := record.missing():
+        raise PluginError(fault)
+
+
+def _describe(record: Registered, json: bool) -> None:
+    kind, type_ = record.component.kind, record.component.type
     component = record.component
     if kind == "format":
         usage = f"hillsphere convert IN OUT --from {type_}, or --to {type_}"
@@ -128,6 +137,7 @@ def describe_component(registry: Registry, kind: str, type_: str, json: bool) ->
             {
                 **_head(record),
                 **({"product": product} if product else {}),
+                **_results_record(spec),
                 "keys": [_key_record(key) for key in keys],
                 "examples": list(spec.examples),
             }
@@ -141,6 +151,8 @@ def describe_component(registry: Registry, kind: str, type_: str, json: bool) ->
     for key in keys:
         write("")
         _write_key(key)
+    if issubclass(spec, StageSpec):
+        _write_results(spec)
     if spec.examples:
         write("\nExample\n")
         example = spec.examples[0]
@@ -202,6 +214,34 @@ def _write_key(key: KeyDescription) -> None:
         write(line)
     if key.example:
         write(f"      example: {key.example}")
+
+
+def _results_record(spec: type[Spec]) -> dict[str, Any]:
+    """Return what a stage presents; empty for other kinds and for stages that do not say."""
+    if not issubclass(spec, StageSpec) or spec.results is None:
+        return {}
+    tables = {name: list(columns) for name, columns in spec.results.tables.items()}
+    return {"metrics": list(spec.results.metrics), "tables": tables}
+
+
+def _write_results(spec: type[StageSpec]) -> None:
+    names = spec.results
+    if names is None:
+        write("\nResults\n")
+        write("  The names of its metrics and tables are known only after a run.")
+        return
+    ending = ", each with _LABEL at its end if the key label is given"
+    write("\nResults" + (ending if "label" in spec.model_fields else ""))
+    any_name = [*names.metrics, *names.tables]
+    if any("*" in name for name in any_name):
+        write("  * stands for names that depend on the mission; validate cannot check these")
+    write("")
+    for line in _wrap(f"metrics: {', '.join(names.metrics) or 'none'}", "  "):
+        write(line)
+    for table, columns in names.tables.items():
+        told = ", ".join(columns) if columns else "columns known only after a run"
+        for line in _wrap(f"table {table}: {told}", "  "):
+            write(line)
 
 
 def _wrap(text: str, indent: str) -> list[str]:

@@ -97,7 +97,8 @@ def _cells(row: Mapping[str, Any], *, verbose: bool) -> list[str]:
     told = f"{state}: {reason}" if reason and state != "confirmed" else state
     cells = [row["text"], row["asked"], row["got"], format_margin(row)]
     return [f"  {cells[0]}", *cells[1:], told] if verbose else [
-        f"  {_shorten(cells[0])}", *map(_shorten, cells[1:]), _shorten(told, 2 * _LONGEST_TEXT),
+        f"  {_shorten(cells[0])}", *map(_shorten, cells[1:]), told if row["state"] == "undecided"
+        else _shorten(told, 2 * _LONGEST_TEXT),
     ]  # fmt: skip
 
 

@@ -12,7 +12,8 @@ from hillsphere.base.problems import Key, did_you_mean, with_article
 from hillsphere.mission.likes import Derived
 from hillsphere.mission.tables import MOST_PROBLEMS, Tables
 from hillsphere.plugins.registry import OUTCOME_KINDS, Registered
-from hillsphere.spec.base import Spec
+from hillsphere.spec.base import Spec, StageSpec
+from hillsphere.spec.result_names import is_named, nearest_name
 
 __all__ = ["Node", "check_links", "check_report", "links_of", "resolve_data_paths", "topological"]
 
@@ -82,7 +83,7 @@ def check_links(tables: Tables, layers: Derived) -> None:
 
 
 def check_report(tables: Tables, layers: Derived) -> None:
-    """Add a problem for every stage, requirement or claim that the report names and nobody states.
+    """Add a problem for every stage, outcome or metric that the report names and is not there.
 
     Parameters
     ----------
@@ -105,6 +106,13 @@ def check_report(tables: Tables, layers: Derived) -> None:
             hint = did_you_mean(name, names, otherwise="there are")
             message = f"no {words} is named {name[:60]!r}{hint}"
         tables.problems.append(layers.problem(("report", *where), message))
+    for where, stage, metric in tables.head.report.metrics():
+        spec = tables.specs.get("stage", {}).get(stage)
+        known = spec.result_names() if isinstance(spec, StageSpec) else None
+        if known is not None and not is_named(metric, known.metrics):
+            hint = nearest_name(metric, known.metrics) if known.metrics else "; it has none"
+            message = f"stage {stage!r} has no metric {metric[:60]!r}{hint}"
+            tables.problems.append(layers.problem(("report", *where), message))
 
 
 def _dropped_message(kind: str, other_kind: str, other: str, place: str) -> str:

@@ -88,3 +88,14 @@ class ReportSpec(Spec):
             yield ("numbers", index), "stage" if dot else "outcome", stage
         if self.figure:
             yield ("figure",), "stage", self.figure.partition(".")[0]
+
+    def metrics(self) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
+        """Yield (place of the key, stage, metric) of every metric that the report refers to."""
+        texts: list[tuple[tuple[str | int, ...], str]] = [(("answer",), self.answer)]
+        texts += [(("section", k, "text"), section.text) for k, section in enumerate(self.section)]
+        named = [(key, name) for key, text in texts for name in PLACEHOLDER.findall(text)]
+        named += [(("numbers", k), name) for k, name in enumerate(self.numbers) if "." in name]
+        for key, name in named:
+            stage, _, metric = name.partition(".")
+            if stage not in ("requirement", "claim"):
+                yield key, stage, metric

@@ -8,6 +8,7 @@ mission first uses them.
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import sys
@@ -15,6 +16,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module, metadata
+from importlib.util import find_spec
 from types import MappingProxyType, ModuleType
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
@@ -146,14 +148,75 @@ class Registered:
         """Import and return the class; `PluginError` names the plugin if that fails."""
         return self._load(self.component.target)
 
+    def fault(self) -> str:
+        """Return why its class or its Spec cannot be used, on one line; ``""`` if they can.
+
+        Both are imported, which may take seconds.
+        """
+        try:
+            if self.component.spec:
+                self.load_spec()
+            target = self.load_target()
+        except PluginError as error:
+            return " ".join(str(error).split())
+        return self._fault_of_target(target)
+
+    def missing(self) -> str:
+        """Return why its class cannot be there, on one line; ``""`` if it seems to be.
+
+        Nothing numerical is imported: the source of a module that is not loaded is read for the
+        name. What fails at its import is found by `fault` only.
+        """
+        module, _, name = self.component.target.partition(":")
+        if module in sys.modules:
+            try:
+                target = getattr(sys.modules[module], name)
+            except AttributeError as error:
+                return self._cannot_import(self.component.target, error)
+            return self._fault_of_target(target)
+        try:
+            spec = find_spec(module)
+            if spec is None:
+                raise ModuleNotFoundError(f"No module named {module!r}")
+            source = getattr(spec.loader, "get_source", lambda _: None)(module)
+            if source and not _may_define(source, name):
+                raise AttributeError(f"module {module!r} has no attribute {name!r}")
+        except (Exception, SystemExit) as error:  # the package above it is imported
+            return self._cannot_import(self.component.target, error)
+        return ""
+
+    def _fault_of_target(self, target: object) -> str:
+        if self.component.kind == "command" or callable(target):
+            return ""
+        return (
+            f"plugin {self.plugin!r}: {self.component.kind} {self.component.type!r}: "
+            f"{self.component.target} is no class, got {with_article(type(target).__name__)}"
+        )
+
+    def _cannot_import(self, path: str, error: BaseException) -> str:
+        return (
+            f"plugin {self.plugin!r}: {self.component.kind} {self.component.type!r} "
+            f"({path}) cannot be imported: {_one_line(error)}"
+        )
+
     def _load(self, path: str) -> Any:
         try:
             return load_object(path)
         except (Exception, SystemExit) as error:  # a plugin's module may do anything
-            raise PluginError(
-                f"plugin {self.plugin!r}: {self.component.kind} {self.component.type!r} "
-                f"({path}) cannot be imported: {_one_line(error)}"
-            ) from error
+            raise PluginError(self._cannot_import(path, error)) from error
+
+
+def _may_define(source: str, name: str) -> bool:
+    """Return whether a module's source may bind a name: by a statement, ``*`` or __getattr__."""
+    bound: set[str] = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            bound.add(node.name)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            bound.add(node.id)
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            bound |= {(alias.asname or alias.name).partition(".")[0] for alias in node.names}
+    return not bound.isdisjoint({name.partition(".")[0], "*", "__getattr__"})
 
 
 def kind_words(kind: str) -> str:
@@ -318,6 +381,9 @@ class Registry:
         text = f"no {kind_words(kind)} of type {type_[:60]!r}"
         hint = did_you_mean(type_, types, otherwise="installed")
         text += hint or f"; no plugin brings {with_article(kind_words(kind))}"
+        files = sys.modules.get("hillsphere.plugins.plugin_files")
+        if files is None or not files.plugin_files():
+            text += " (one of a plugin file is found with --plugin FILE)"
         if self.broken:
             text += f" (set aside as broken: {', '.join(sorted(self.broken))})"
         if absent := [name for name in self.disabled if name not in self.unknown_disabled]:

@@ -8,14 +8,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from hillsphere.base.errors import HillsphereError, PluginError
-from hillsphere.base.problems import Key, MissionError, Problem
+from hillsphere.base.errors import HillsphereError, InputError, PluginError
+from hillsphere.base.problems import Key, MissionError, Problem, did_you_mean
 from hillsphere.mission.links import Node, topological
-from hillsphere.mission.load import Mission
+from hillsphere.mission.load import Mission, load_mission
 from hillsphere.plugins.registry import OUTCOME_KINDS
 from hillsphere.spec.base import Spec
 
-__all__ = ["Assembly", "build", "problem_at", "problem_of"]
+__all__ = ["Assembly", "build", "build_of", "problem_at", "problem_of"]
 
 _KEYS = re.compile(r"([a-z]\w*(?:\.\w+)*): ")
 """Pattern of a dotted key at the beginning of a component's message."""
@@ -168,19 +168,67 @@ def _key_of_file(error: HillsphereError | OSError, spec: Spec) -> Key:
     return ()
 
 
-def build(mission: Mission, kind: str, name: str) -> Any:
+def build(
+    mission: Mission | str | os.PathLike[str], kind: str, name: str, *, allow_path: bool = False
+) -> Any:
     """Make one component of a mission, and those that it refers to.
+
+    A script that computes with the results of a mission takes the mission's own plant, since a
+    constant that the mission sets and a plant made by hand lacks moves every orbit.
 
     Parameters
     ----------
-    mission : Mission
-        The mission.
+    mission : Mission, str or path
+        A mission, the name of a packaged one, or the path of a mission file.
     kind, name : str
         The table ``[kind.name]``.
+    allow_path : bool
+        As for `hillsphere.load_mission`; without effect on a `Mission`.
 
     Returns
     -------
     object
-        The component; see `Assembly.get` for its errors. Use one `Assembly` to make several.
+        The component. Those of one run are `RunResult.build`.
+
+    Raises
+    ------
+    InputError
+        If the mission has no such table, or the component cannot be made; see `Assembly.get`.
+
+    Examples
+    --------
+    >>> from hillsphere import build
+    >>> build("phobos-qso", "gravity", "ellipsoid").frame
+    'body'
     """
-    return Assembly(mission).get(kind, name)
+    if not isinstance(mission, Mission):
+        mission = load_mission(mission, allow_path=allow_path)
+    return build_of(Assembly(mission), kind, name)
+
+
+def build_of(assembly: Assembly, kind: str, name: str) -> Any:
+    """Return the component of a table that a script names, which may be misspelt.
+
+    Parameters
+    ----------
+    assembly : Assembly
+        The components of a mission.
+    kind, name : str
+        The table ``[kind.name]``.
+
+    Raises
+    ------
+    InputError
+        If the mission has no such table; the message gives the nearest one.
+    """
+    specs = assembly.mission.specs
+    if name not in specs.get(kind, {}):
+        kinds = [one for one, tables in specs.items() if tables]
+        tables = specs.get(kind, {})
+        hint = (
+            did_you_mean(name, tables, otherwise="it has")
+            if tables
+            else did_you_mean(kind, kinds, otherwise="it has tables of")
+        )
+        raise InputError(f"mission {assembly.mission.name!r} has no table [{kind}.{name}]{hint}")
+    return assembly.get(kind, name)

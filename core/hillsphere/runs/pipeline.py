@@ -273,6 +273,7 @@ class _Run:
             products=self.products,
             failures=tuple(self.record.failures()),
             summary=summary,
+            mission=self.mission,
         )
 
     def _put_manifest(self, state: str) -> None:

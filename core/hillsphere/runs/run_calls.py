@@ -147,6 +147,7 @@ def load_run(
         products={name: products[name] for name in products if name in stored},
         failures=tuple(Failure(**row) for row in summary.get("failures", ())),
         summary=summary,
+        mission=loaded,
     )
 
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from hillsphere.base.errors import InputError, StageError
 from hillsphere.base.problems import did_you_mean
+from hillsphere.mission.load import Mission
+from hillsphere.runs.assembly import Assembly, build_of
 from hillsphere.runs.judgements import Judgements
 from hillsphere.runs.run_record import Failure
 from hillsphere.show.cells import render_cell, render_grid
@@ -43,6 +46,8 @@ class RunResult:
         One per stage that failed or could not run.
     summary : mapping
         The content of ``summary.json``.
+    mission : Mission
+        The mission, with the profile and the settings of the run.
     """
 
     directory: Path
@@ -55,6 +60,7 @@ class RunResult:
     products: Mapping[str, Any]
     failures: tuple[Failure, ...]
     summary: Mapping[str, Any]
+    mission: Mission = field(repr=False)
 
     @property
     def ok(self) -> bool:
@@ -139,6 +145,30 @@ class RunResult:
         from hillsphere.products.labelled_arrays import to_xarray
 
         return to_xarray(self.product(stage))
+
+    def build(self, kind: str, name: str) -> Any:
+        """Return a component of the run's mission, as the stages used it.
+
+        Parameters
+        ----------
+        kind, name : str
+            The table ``[kind.name]``: ``"plant", "hill"``. It is made at the first call.
+
+        Returns
+        -------
+        object
+            The component; a plant can be flown by `hillsphere.Motion`.
+
+        Raises
+        ------
+        InputError
+            If the mission has no such table; the message gives the nearest one.
+        """
+        return build_of(self._assembly, kind, name)
+
+    @cached_property
+    def _assembly(self) -> Assembly:
+        return Assembly(self.mission)
 
     def product(self, stage: str) -> Any:
         """Return the product of a stage.

@@ -12,7 +12,7 @@ from hillsphere.interfaces.stages import CaseStage
 from hillsphere.mission.load import Mission
 from hillsphere.plugins.registry import load_object
 from hillsphere.runs.assembly import problem_at
-from hillsphere.spec.base import Ref, Spec
+from hillsphere.spec.base import Ref, Spec, StageSpec
 
 if TYPE_CHECKING:
     from hillsphere.cases.repeated import Repeated
@@ -94,7 +94,8 @@ def repeat_faults(mission: Mission, stages: Mapping[str, Any]) -> Iterator[Probl
                     mission,
                     ("stage", name, field),
                     f"stage {other!r} ({_type(mission, other)}) cannot be "
-                    f"repeated: it has no run_cases; {hint}",
+                    f"repeated: it has no run_cases; {hint}"
+                    + _instead(mission.specs["stage"][other]),
                 )
                 continue
             check = getattr(stage, "check", None)
@@ -106,6 +107,12 @@ def repeat_faults(mission: Mission, stages: Mapping[str, Any]) -> Iterator[Probl
                 yield from error.problems
             except InputError as error:
                 yield problem_at(mission, ("stage", name), str(error))
+
+
+def _instead(spec: Spec) -> str:
+    """Return what to do instead of repeating a stage, as the end of a message."""
+    instead = spec.instead_of_repeating if isinstance(spec, StageSpec) else ""
+    return f"; instead, {instead}" if instead else ""
 
 
 def repeated_stages(spec: Spec) -> Iterator[tuple[str, str]]:

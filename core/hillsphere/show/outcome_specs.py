@@ -2,13 +2,61 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Literal, Self, TypeAlias
 
 from pydantic import model_validator
 
-from hillsphere.spec.base import DataPath, Ref, Spec, data_path, option, reference, rule
+from hillsphere.spec.base import (
+    DataPath,
+    Ref,
+    ResultNames,
+    Spec,
+    StageSpec,
+    data_path,
+    option,
+    reference,
+    rule,
+)
+from hillsphere.spec.result_names import PUBLISHED, is_named, nearest_name
+
+_Misfits: TypeAlias = Iterator[tuple[tuple[str | int, ...], str]]
+"""Location and message of every name that a stage does not have."""
 
 __all__ = ["ComparisonSpec", "NotDerivableSpec", "ResultSpec", "StatementSpec", "ValueSpec"]
+
+
+def _result_names(stage: str, tables: Mapping[str, Mapping[str, Spec]]) -> ResultNames | None:
+    """Return what a stage presents; None if it is no stage, or does not say."""
+    spec = tables.get("stage", {}).get(stage)
+    return spec.result_names() if isinstance(spec, StageSpec) else None
+
+
+def _missing_metric(stage: str, metric: str, tables: Mapping[str, Mapping[str, Spec]]) -> _Misfits:
+    names = _result_names(stage, tables)
+    if names is not None and not is_named(metric, names.metrics):
+        hint = nearest_name(metric, names.metrics) if names.metrics else "; it has none"
+        yield ("metric",), f"stage {stage!r} has no metric {metric[:60]!r}{hint}"
+
+
+def _missing_columns(
+    stage: str,
+    table: str,
+    columns: Sequence[tuple[tuple[str | int, ...], str]],
+    tables: Mapping[str, Mapping[str, Spec]],
+) -> _Misfits:
+    names = _result_names(stage, tables)
+    if names is None:
+        return
+    if not is_named(table, names.tables):
+        hint = nearest_name(table, names.tables) if names.tables else "; it has none"
+        yield ("table",), f"stage {stage!r} has no table {table[:60]!r}{hint}"
+        return
+    known = names.columns_of(table)
+    for where, column in columns:
+        if known and not is_named(column.removesuffix(PUBLISHED), known):
+            hint = nearest_name(column, known)
+            yield where, f"table {table!r} of stage {stage!r} has no column {column[:60]!r}{hint}"
 
 
 class _OutcomeSpec(Spec):
@@ -22,10 +70,11 @@ class ResultSpec(_OutcomeSpec):
     """A result of a stage and the value that it is compared with."""
 
     examples = (
-        {"text": "orbits close", "stage": "family", "metric": "closure", "op": "<=", "value": 1e-9},
+        {"text": "orbits close", "stage": "family", "metric": "closure_max", "op": "<=",
+         "value": 1e-9},
         {
-            "text": "every orbit is stable", "stage": "family", "table": "orbits",
-            "column": "is_stable", "op": "==", "value": True,
+            "text": "periods are short", "stage": "family", "table": "table_1",
+            "column": "period_h", "op": "<=", "value": 8, "unit": "h",
         },
     )  # fmt: skip
 
@@ -69,6 +118,16 @@ class ResultSpec(_OutcomeSpec):
                 raise rule("confidence", "a text, true or false has no confidence interval")
         return self
 
+    def misfits(
+        self, tables: Mapping[str, Mapping[str, Spec]]
+    ) -> Iterator[tuple[tuple[str | int, ...], str]]:
+        """Yield the names that the stage does not have, as far as it declares what it has."""
+        if self.metric:
+            yield from _missing_metric(self.stage.name, self.metric, tables)
+        else:
+            columns = [(("column",), self.column), *((("row", name), name) for name in self.row)]
+            yield from _missing_columns(self.stage.name, self.table, columns, tables)
+
 
 class ValueSpec(ResultSpec):
     """A requirement on a metric, or on the cells of a table."""
@@ -84,7 +143,7 @@ class ComparisonSpec(_OutcomeSpec):
     examples = (
         {
             "text": "initial states of the orbits", "source": "Table 1", "stage": "family",
-            "table": "orbits",
+            "table": "table_1",
         },
     )  # fmt: skip
 
@@ -113,6 +172,13 @@ class ComparisonSpec(_OutcomeSpec):
         if (self.reference is None) != (not self.on):
             raise rule("on", "'reference' and 'on' belong together")
         return self
+
+    def misfits(
+        self, tables: Mapping[str, Mapping[str, Spec]]
+    ) -> Iterator[tuple[tuple[str | int, ...], str]]:
+        """Yield the names that the stage does not have, as far as it declares what it has."""
+        columns = [(("row", name), name) for name in self.row]
+        yield from _missing_columns(self.stage.name, self.table, columns, tables)
 
 
 class NotDerivableSpec(_OutcomeSpec):

@@ -39,6 +39,7 @@ from hillsphere.spec.fields import (
     repeated,
     table_name,
 )
+from hillsphere.spec.result_names import ResultNames
 from hillsphere.spec.units import UNITS, unit_keys
 
 __all__ = [
@@ -46,6 +47,7 @@ __all__ = [
     "DataPath",
     "Pair",
     "Ref",
+    "ResultNames",
     "Spec",
     "StageSpec",
     "Vector3",
@@ -397,11 +399,22 @@ class StageSpec(Spec):
     base classes of the product that other stages may need (``hillsphere.products:OrbitSet``), so
     that a mission is checked without importing them. A stage that campaigns repeat lists in
     `course` the dotted keys that define the reference of its cases: figures overlay only cases that
-    agree in all of them.
+    agree in all of them. `results` names the metrics and tables that it may present, without the
+    end that an option ``label`` appends, so that a requirement on any other is refused before the
+    run; None if they are known only after it. A stage that campaigns cannot repeat may say in
+    `instead_of_repeating` what else varies its inputs, for the message.
     """
 
     produces: ClassVar[str] = ""
     provides: ClassVar[tuple[str, ...]] = ()
     course: ClassVar[tuple[str, ...]] = ()
+    results: ClassVar[ResultNames | None] = None
+    instead_of_repeating: ClassVar[str] = ""
 
     figures: bool = option("whether its figures are drawn", default=True)
+
+    def result_names(self) -> ResultNames | None:
+        """Return the names of the results of this stage; None if they are known only after it."""
+        if self.results is None:
+            return None
+        return self.results.with_label(str(getattr(self, "label", "")))

@@ -9,6 +9,7 @@ from typing import Annotated, Any, TypeAlias
 
 from pydantic import Field
 
+from hillsphere.base.problems import did_you_mean
 from hillsphere.base.ranges import within_largest
 from hillsphere.spec.units import units_of
 
@@ -24,6 +25,9 @@ __all__ = [
     "repeated",
     "table_name",
 ]
+
+_BOUNDS = ("gt", "ge", "lt", "le", "min_length", "max_length", "pattern")
+"""Bounds that a field may have."""
 
 Vector3: TypeAlias = tuple[float, float, float]
 """Type of a field with three numbers, as the components along x, y and z."""
@@ -57,6 +61,8 @@ def quantity(dimension: str, description: str, *, default: Any = ..., **bounds: 
     ------
     InputError
         If there is no such dimension.
+    TypeError
+        If there is no such bound.
     """
     units_of(dimension)  # refuses an unknown one
     given: dict[str, float] = {k: bounds.pop(k) for k in ("gt", "ge", "lt", "le") if k in bounds}
@@ -78,13 +84,23 @@ def option(
     extra : dict, optional
         Further JSON Schema keys.
     **bounds
-        pydantic bounds; on an array of numbers the numeric ones hold for each element.
+        pydantic bounds (``gt``, ``ge``, ``lt``, ``le``, ``min_length``, ``max_length``,
+        ``pattern``); on an array of numbers the numeric ones hold for each element.
 
     Returns
     -------
     pydantic.fields.FieldInfo
         The field.
+
+    Raises
+    ------
+    TypeError
+        If there is no such bound.
     """
+    # pydantic takes any other keyword as a remark for the schema, and the bound would not hold.
+    if unknown := sorted({*bounds} - {*_BOUNDS}):
+        hint = did_you_mean(unknown[0], _BOUNDS, otherwise="there are")
+        raise TypeError(f"a field has no bound {unknown[0]!r}{hint}")
     schema = dict(extra or {})
     each = {k: bounds.pop(k) for k in ("gt", "ge", "lt", "le") if k in bounds}
     if each:

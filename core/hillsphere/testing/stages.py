@@ -16,11 +16,13 @@ from hillsphere.products.products import load_product, save_product
 from hillsphere.show.charts import Chart
 from hillsphere.show.drawing import draw
 from hillsphere.show.presentation import AnyFigure, Presentation, Table, presentation_faults
+from hillsphere.spec.base import Spec, StageSpec
+from hillsphere.spec.result_names import PUBLISHED, is_named
 from hillsphere.testing.context import RecordingContext
 from hillsphere.testing.contract import require
 from hillsphere.testing.examples import bound_example, example_inputs, example_repeated
 
-__all__ = ["check_presentation", "check_product", "check_stage"]
+__all__ = ["check_presentation", "check_product", "check_stage", "unlisted_names"]
 
 
 def check_stage(
@@ -53,7 +55,7 @@ def check_stage(
     ------
     ContractViolation
         If the product is not of the class that the Spec names, or violates `check_product`; if the
-        presentation violates `check_presentation`.
+        presentation violates `check_presentation`, or has names that the Spec does not list.
     """
     registry = registry or default_registry()
     record = registry.get("stage", type_)
@@ -70,8 +72,37 @@ def check_stage(
         f"stage {type_!r} must yield {expected.__name__}, got {type(product).__name__}",
     )
     check_product(product)
-    check_presentation(stage.present(product, **given))
+    shown = stage.present(product, **given)
+    check_presentation(shown)
+    unlisted = unlisted_names(spec, shown)
+    require(not unlisted, f"its Spec's `results` lacks {', '.join(unlisted)}")
     return product
+
+
+def unlisted_names(spec: Spec, shown: Presentation) -> list[str]:
+    """Return the metrics, tables and columns that a stage presents and its Spec does not list.
+
+    Parameters
+    ----------
+    spec : Spec
+        Spec of the stage.
+    shown : Presentation
+        What it presents.
+    """
+    names = spec.result_names() if isinstance(spec, StageSpec) else None
+    if names is None:
+        return []
+    unlisted = [f"metric {name!r}" for name in shown.metrics if not is_named(name, names.metrics)]
+    for name, table in shown.tables.items():
+        if not is_named(name, names.tables):
+            unlisted.append(f"table {name!r}")
+        elif known := names.columns_of(name):
+            unlisted += [
+                f"column {one.name!r} of table {name!r}"
+                for one in table.columns
+                if not is_named(one.name.removesuffix(PUBLISHED), known)
+            ]
+    return unlisted
 
 
 def check_product(product: Any) -> None:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         to_control,
         transfer_function,
     )
+    from hillsphere_controllers.systems.interconnection import connect, with_names
     from hillsphere_controllers.systems.weights import performance_weight, shelving_weight
     from hillsphere_controllers.toolbox.responses import (
         Bode,
@@ -63,6 +64,8 @@ if TYPE_CHECKING:
     from hillsphere_controllers.toolbox.tuning import (
         FixedStructure,
         GainGoal,
+        GoalValue,
+        PidGains,
         PolesGoal,
         Tuned,
         VarianceGoal,
@@ -91,6 +94,7 @@ __all__ = [
     "GainBounds",
     "GainGoal",
     "GapMetric",
+    "GoalValue",
     "H2Synthesis",
     "HinfSynthesis",
     "Lft",
@@ -100,6 +104,7 @@ __all__ = [
     "MixedSensitivity",
     "MuBounds",
     "MuSynthesis",
+    "PidGains",
     "PlantCover",
     "PolesGoal",
     "RobustMargin",
@@ -109,6 +114,7 @@ __all__ = [
     "VarianceGoal",
     "append",
     "bode",
+    "connect",
     "diskmargin",
     "feedback",
     "from_control",
@@ -145,6 +151,7 @@ __all__ = [
     "ureal",
     "uss",
     "wcgain",
+    "with_names",
 ]
 
 _MODULES = {
@@ -152,6 +159,7 @@ _MODULES = {
     "hillsphere_controllers.linear_fractional.transformation": "Lft",
     "hillsphere_controllers.systems.algebra": "gain",
     "hillsphere_controllers.systems.conversion": "from_control to_control transfer_function",
+    "hillsphere_controllers.systems.interconnection": "connect with_names",
     "hillsphere_controllers.systems.weights": "performance_weight shelving_weight",
     "hillsphere_controllers.toolbox.responses": (
         "Bode Margins SingularValues StepResponse bode h2norm hinfnorm margins sigma step"
@@ -165,8 +173,8 @@ _MODULES = {
         "hinfsyn mixsyn ncfmargin ncfsyn"
     ),
     "hillsphere_controllers.toolbox.tuning": (
-        "FixedStructure GainGoal PolesGoal Tuned VarianceGoal hinfstruct systune "
-        "tunableGain tunablePID tunableSS tunableTF"
+        "FixedStructure GainGoal GoalValue PidGains PolesGoal Tuned VarianceGoal hinfstruct "
+        "systune tunableGain tunablePID tunableSS tunableTF"
     ),
     "hillsphere_controllers.toolbox.uncertain": (
         "PlantCover append feedback lft ucover ultidyn ureal uss"

@@ -8,7 +8,17 @@ from pydantic import model_validator
 
 from hillsphere.engine import flight_metrics
 from hillsphere.engine.start_specs import StartSpec
-from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference, rule
+from hillsphere.spec import (
+    Ref,
+    ResultNames,
+    Spec,
+    StageSpec,
+    need,
+    option,
+    quantity,
+    reference,
+    rule,
+)
 from hillsphere_flight.metrics import LANDING_METRICS, METRICS
 
 __all__ = [
@@ -149,6 +159,12 @@ class ClosedLoopSpec(StageSpec):
     the whole command, the reference's included.
     """
 
+    results = ResultNames(
+        metrics=("closed_loop_*",),
+        tables={
+            "closed_loop": (),
+        },
+    )
     produces = "hillsphere_flight.products:ClosedLoopFlight"
     course = ("plant", "needs.reference", "follow", "target", "duration_s", "samples")
     examples = (

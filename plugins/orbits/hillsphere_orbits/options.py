@@ -6,7 +6,13 @@ from typing import Any
 
 from hillsphere.spec import option
 
-__all__ = ["label"]
+__all__ = ["VARY_INSTEAD", "label"]
+
+VARY_INSTEAD = (
+    "carry its orbits along changing parameters with the key vary of a stage of type orbit_family, "
+    'or fly them in Python by hs.Motion(plant, {"gravity.density": value})'
+)
+"""What varies the equations of a family, which no campaign repeats."""
 
 
 def label(

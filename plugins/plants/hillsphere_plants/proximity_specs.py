@@ -8,7 +8,7 @@ from pydantic import model_validator
 
 from hillsphere.base.constants import NOMINAL_SOLAR_GM_M3_S2
 from hillsphere.base.ranges import STAR_GM_M3_S2
-from hillsphere.spec import Ref, Spec, StageSpec, option, quantity, reference, rule
+from hillsphere.spec import Ref, ResultNames, Spec, StageSpec, option, quantity, reference, rule
 
 __all__ = [
     "FormationReferenceSpec",
@@ -151,6 +151,16 @@ class RelativeElementsSpec(Spec):
 class FormationReferenceSpec(StageSpec):
     """Where the spacecraft of a formation are to fly: by differences of their orbital elements."""
 
+    results = ResultNames(
+        metrics=("least_distance",),
+        tables={
+            "formation_distances": (
+                "between",
+                "least_km",
+                "greatest_km",
+            ),
+        },
+    )
     produces = "hillsphere_plants.formation_reference.stage:FormationReference"
     provides = ("hillsphere.products:FlightSet",)
     examples = (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from numpy.testing import assert_allclose
 
 import hillsphere_controllers as hc
 from hillsphere.errors import InputError
+from hillsphere_controllers.structured.single_loop import Pid
+from hillsphere_controllers.toolbox.tuning import _pid_gains, _reason
 
 ROOT = Path(__file__).parents[3]
 EXAMPLE = Path(__file__).parent / "toolbox_example.py"
@@ -292,3 +295,87 @@ def test_ucover_covers() -> None:
     assert_allclose(made.W.d, [[0.2]], rtol=1e-4)
     loop = hc.feedback(made.usys, np.eye(1))
     assert hc.robstab(loop).lower_bound > 1.0
+
+
+OSCILLATOR = hc.transfer_function([1.0], [1.0, 0.4, 1.0])
+
+
+def weighted_loop() -> hc.LtiSystem:
+    return hc.connect(
+        [
+            hc.with_names(OSCILLATOR, "u", "y"),
+            hc.with_names(hc.performance_weight(1.0, steady_error=0.01), "e", "z_error"),
+            hc.with_names(hc.gain(np.array([[0.1]])), "u", "z_control"),
+        ],
+        ["e = r - y"], ["r", "u"], ["z_error", "z_control", "e"],
+    )  # fmt: skip
+
+
+def test_a_tuned_pid_shows_its_gains() -> None:
+    tuned = hc.hinfstruct(weighted_loop(), hc.tunablePID(), starts=1)
+    gains = tuned.pid
+    assert gains is not None
+    s = 0.7j
+    expected = gains.Kp + gains.Ki / s + gains.Kd * s / (1.0 + gains.Tf * s)
+    assert tuned.K(s).item() == pytest.approx(expected, rel=1e-9)
+    assert f"Ki = {gains.Ki:.5g}" in repr(tuned)
+    assert gains.note == ""
+    assert tuned.converged == (tuned.reason == "")
+    proportional = hc.hinfstruct(weighted_loop(), hc.tunablePID("p"), starts=1).pid
+    assert proportional is not None
+    assert (proportional.Ki, proportional.Kd) == (0.0, 0.0)
+    assert hc.hinfstruct(weighted_loop(), hc.tunableGain(1, 1), starts=1).pid is None
+
+
+def test_an_integral_action_that_vanished_is_said() -> None:
+    design = SimpleNamespace(
+        theta=np.array([-1.0, 1e-9]),
+        controller=hc.gain(np.array([[-1.0]])),
+    )
+    gains = _pid_gains(Pid(derivative=False), design, [weighted_loop()])  # type: ignore[arg-type]
+    assert gains is not None
+    assert "Ki ended at about zero" in repr(gains)
+
+
+def test_each_goal_is_shown_with_what_was_asked() -> None:
+    made = hc.systune(
+        weighted_loop(), hc.tunablePID("pd"), [hc.GainGoal(["z_error"], ["r"], 0.5)],
+        [hc.GainGoal(["z_control"], ["r"], 0.8), hc.PolesGoal(min_damping=0.3)], starts=1,
+    )  # fmt: skip
+    error, control, poles = made.goals
+    assert error.value == pytest.approx(0.5 * made.soft[0])
+    assert not error.is_met
+    assert control.is_met
+    assert control.value == pytest.approx(0.8 * made.hard[0])
+    assert (poles.is_met, poles.value) == (True, 0.0)
+    shown = repr(made)
+    assert "soft: H∞ norm of z_error from r: " in shown
+    assert "asked ≤ 0.5: not met" in shown
+    assert "hard: poles with damping ≥ 0.3: met" in shown
+
+
+@pytest.mark.parametrize(
+    ("residual", "text"), [(0.5, "residual 0.5, not below 0.01"), (1e-5, "promised a lower γ")]
+)
+def test_why_a_search_has_not_converged(residual: float, text: str) -> None:
+    design = SimpleNamespace(converged=False, interrupted=False, residual=residual)
+    assert text in _reason(design)  # type: ignore[arg-type]
+
+
+def test_margins_are_shown_in_decibels_and_degrees() -> None:
+    loop = hc.transfer_function([4.0], [1.0, 3.0, 3.0, 1.0])
+    # 4/(s + 1)³ is real at ω = √3, where it is −1/2: the factor is 2, that is 6.02 dB
+    shown = repr(hc.margins(loop))
+    assert "factors from 0 to 2 (−∞ dB to 6.021 dB), at 1.7321 rad/s" in shown
+    assert "phase margin  27.1" in shown
+    assert "not stable" in repr(hc.margins(3.0 * loop))
+    two = hc.append(loop, loop)
+    assert "channel 2, the others closed" in repr(hc.margins(two))
+
+
+def test_uncertainties_whose_worst_values_are_not_listed_are_named() -> None:
+    plants = LAG * hc.ureal("gain", 1.0, percentage=10) * (np.eye(1) + 0.1 * hc.ultidyn("error"))
+    margin = hc.robstab(hc.feedback(np.eye(1), plants * hc.gain(np.array([[20.0]]))))
+    assert list(margin.worst) == ["gain"]
+    assert margin.without_value == ("error",)
+    assert "error" in repr(margin)

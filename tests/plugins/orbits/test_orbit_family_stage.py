@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
 from functools import cache
 from typing import Any
@@ -9,10 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+import hillsphere as hs
 from hillsphere import create
 from hillsphere.errors import HillsphereError, InputError
+from hillsphere.mission import MissionError
+from hillsphere.runs.mission_check import check_mission
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_orbits.orbit_family.products import FollowedFamily
+from hillsphere_orbits.orbit_family.specs import VarySpec
 from hillsphere_orbits.orbit_family.stage import OrbitFamilyStage
 
 GM = 7.0875e-4  # km³/s²
@@ -233,3 +238,26 @@ def test_bad_keys(keys: Mapping[str, Any], words: str) -> None:
         given["family"] = family("qso", hill()) if given["family"] == 1 else NoStart()
     with pytest.raises(HillsphereError, match=words):
         stage(**given)
+
+
+def test_the_examples_vary_parameters_that_the_ellipsoid_of_a_packaged_mission_has() -> None:
+    plant = hs.build("phobos-qso", "plant", "hill")
+    names = {parameter.name for parameter in plant.parameters()}
+    assert {example["parameter"] for example in VarySpec.examples} <= names
+
+
+def test_a_sweep_of_a_family_names_what_varies_it_instead() -> None:
+    loaded = hs.Mission.load("phobos-qso")
+    tables = tomllib.loads(loaded.text)
+    tables["stage"]["densities"] = {
+        "type": "sweep", "repeat": "family",
+        "over": {"gravity.ellipsoid.density_g_cm3": [1.8, 1.9]},
+    }  # fmt: skip
+    mission = hs.Mission.from_dict(tables, directory=loaded.directory)
+    with pytest.raises(MissionError) as caught:
+        check_mission(mission)
+    told = str(caught.value)
+    assert "stage 'family' (qso_family) cannot be repeated" in told
+    assert "instead, carry its orbits along" in told
+    assert "the key vary of a stage of type orbit_family" in told
+    assert 'hs.Motion(plant, {"gravity.density": value})' in told

@@ -6,6 +6,7 @@ Low resonances near the plane, which are quick; the published families are the m
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from hillsphere.products import Bifurcations
 from hillsphere.testing import RecordingContext
 from hillsphere_orbits.flow import flow_of
 from hillsphere_orbits.spatial_qso_families import following
+from hillsphere_orbits.spatial_qso_families.presentation import _name
 from hillsphere_orbits.spatial_qso_families.products import SpatialFamilies, StationKeepingIndex
 from hillsphere_orbits.spatial_qso_families.stability import (
     excess,
@@ -466,3 +468,12 @@ def test_reference_without_its_columns(tmp_path: Any) -> None:
     path.write_text("# source: nobody\nn,v_cm_m_s\n17,0.9\n", "utf-8")
     with pytest.raises(InputError, match="no column Az_km"):
         create("stage", "station_keeping_index", needs={"families": "f"}, reference=str(path))
+
+
+def test_families_of_one_resonance_have_names_of_their_own() -> None:
+    """The vertical resonance 1:5 is met twice along the planar family, 1:27 once."""
+    product: Any = SimpleNamespace(
+        d=(1, 1, 1), n=(5, 5, 27), bifurcation_x_m=np.array([23331.4, 17735.7, 54700.2])
+    )
+    names = [_name(product, family) for family in range(3)]
+    assert names == ["1:5 at x = 23.33 km", "1:5 at x = 17.74 km", "1:27"]

@@ -11,8 +11,11 @@ import pytest
 
 from hillsphere import create
 from hillsphere.cli.endings import run
+from hillsphere.mission import load_mission
 from hillsphere.testing import RecordingContext
+from hillsphere_tracking.live.setup import specs_within
 from hillsphere_tracking.passes.products import PassList
+from hillsphere_tracking.satellite_specs import StationSpec
 
 TLE = """ISS (ZARYA)
 1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991
@@ -53,7 +56,20 @@ def test_table_and_stations_of_a_mission(
 ) -> None:
     given = ["--station", "Cuiabá", "--mission", "assisted-tracking", "--station", PLACE]
     assert run(["passes", str(elements), *given]) == 0
-    head, *lines = capsys.readouterr().out.splitlines()
+    head, *lines, mask = capsys.readouterr().out.splitlines()
+    # A station of a mission brings its mask, which is no option of this command line.
+    (station,) = (
+        spec for spec in specs_within(load_mission("assisted-tracking"), StationSpec)
+        if spec.name == "Cuiabá"
+    )  # fmt: skip
+    angle = np.degrees(station.mask_elevation_rad[0])
+    assert mask == (
+        f"Cuiabá: above the elevation mask of the mission's station, {angle:.3g}°; "
+        "--mask sets another"
+    )
+    assert run(["passes", str(elements), *given, "--mask", "3"]) == 0
+    assert "elevation mask" not in capsys.readouterr().out
+    assert listed(capsys, elements, *given)["masks_deg"]["Cuiabá"] == [pytest.approx(angle)]
     assert head.split()[:2] == ["station", "satellite"]
     assert {line.split("  ")[0] for line in lines} == {"Cuiabá", PLACE}
     rises = [row["rise_utc"] for row in listed(capsys, elements, *given)["passes"]]

@@ -48,6 +48,21 @@ def test_faults_are_named(text: str, match: str) -> None:
         read_tles(text, "x")
 
 
+def test_all_faults_of_a_file_are_reported_at_once() -> None:
+    text = "\n".join(
+        ["A", f"{ONE[:-1]}2", f"{TWO[:-1]}3", "B", ONE, TWO, "C", f"{ONE[:-1]}5", TWO, ONE, OTHER,
+         "D", ONE, ONE, TWO, "E"]
+    )  # fmt: skip
+    with pytest.raises(InputError) as caught:
+        read_tles(text, "x")
+    faults = str(caught.value).splitlines()
+    assert [fault.split(":")[1] for fault in faults] == ["2", "3", "8", "11", "14", "16"]
+    assert "the checksum in column 69 is '2', but the line adds up to 1" in faults[0]
+    assert faults[0].endswith("fetch the set again")
+    with pytest.raises(InputError, match="x: 5 more lines are torn; fetch the file again"):
+        read_tles(f"{ONE[:-1]}2\n{TWO}\n" * 25, "x")
+
+
 @given(at=st.integers(0, 138), character=st.sampled_from("0123456789- .xU+"))
 def test_a_changed_digit_never_passes(at: int, character: str) -> None:
     """A checksum modulo ten sees every change of one digit into another."""

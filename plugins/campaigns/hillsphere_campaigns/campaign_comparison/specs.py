@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hillsphere.spec import Ref, Spec, StageSpec, need, option
+from hillsphere.spec import Ref, ResultNames, Spec, StageSpec, need, option
 
 __all__ = ["CampaignComparisonSpec", "CampaignsNeeds"]
 
@@ -24,6 +24,13 @@ class CampaignsNeeds(Spec):
 class CampaignComparisonSpec(StageSpec):
     """Campaigns on the same random numbers, compared case by case."""
 
+    results = ResultNames(
+        metrics=("comparison_pairs",),
+        tables={
+            "comparison_failures": (),
+            "comparison_metrics": (),
+        },
+    )
     produces = "hillsphere_campaigns.campaign_comparison.products:CampaignComparison"
     examples = ({"needs": {"campaigns": ["before", "after"]}},)
 

@@ -6,7 +6,17 @@ from typing import Self
 
 from pydantic import model_validator
 
-from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, option, rule
+from hillsphere.spec import (
+    DataPath,
+    Ref,
+    ResultNames,
+    Spec,
+    StageSpec,
+    data_path,
+    need,
+    option,
+    rule,
+)
 
 __all__ = ["CampaignSummarySpec", "PairedTestSpec", "SummaryNeeds"]
 
@@ -70,6 +80,16 @@ class PairedTestSpec(Spec):
 class CampaignSummarySpec(StageSpec):
     """Campaigns side by side: mean and deviation of metrics, failures, beside published ones."""
 
+    results = ResultNames(
+        metrics=(
+            "summary_campaigns",
+            "summary_failures",
+        ),
+        tables={
+            "campaign_summary": (),
+            "campaign_tests": (),
+        },
+    )
     produces = "hillsphere_campaigns.campaign_summary.products:CampaignSummary"
     examples = (
         {"needs": {"campaigns": ["calm", "rough"]}},

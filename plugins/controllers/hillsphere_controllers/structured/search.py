@@ -38,7 +38,7 @@ _HARDER = 10.0
 _PENALTIES = 4
 """Rounds with a growing penalty at most; a still larger penalty makes the descent
 ill-conditioned."""
-_STATIONARY = 1e-2
+STATIONARY = 1e-2
 """Norm of the certificate's residual, relative, up to which a point counts as a local minimum."""
 _KEPT = 1e-6
 """A constraint counts as kept when it is not exceeded by more than this, relative."""
@@ -304,7 +304,7 @@ class Search:
         )
         return SearchResult(
             start, objective.theta(point.x), float(np.exp(point.objective)), abscissa,
-            point.excess, converged and residual < _STATIONARY, residual, active,
+            point.excess, converged and residual < STATIONARY, residual, active,
             objective.evaluations, interrupted,
         )  # fmt: skip
 

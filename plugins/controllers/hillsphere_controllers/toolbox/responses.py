@@ -171,6 +171,25 @@ class Margins(_Plotted):
     loops: tuple[LoopMargins, ...]
     response: Bode
 
+    def __repr__(self) -> str:
+        """Return the margins of each channel in words."""
+        state = "stable" if self.stable else "not stable: it has no margins"
+        lines = [f"Margins: the closed loop is {state}"]
+        for k, one in enumerate(self.loops):
+            if not self.stable:
+                break
+            if len(self.loops) > 1:
+                lines.append(f"  channel {k + 1}, the others closed")
+            gains = f"{one.gain_lower:.5g} to {one.gain_upper:.5g}"
+            low, high = (_one_decibel(g) for g in (one.gain_lower, one.gain_upper))
+            lines += [
+                f"  gain margin   factors from {gains} ({low} to {high})"
+                + _at(one.gain_lower_rad_s, one.gain_upper_rad_s),
+                f"  phase margin  {np.degrees(one.phase_rad):.5g}°" + _at(one.phase_rad_s),
+                f"  delay margin  {one.delay_s:.5g} s" + _at(one.delay_rad_s),
+            ]
+        return "\n".join(lines)
+
     def __iter__(self) -> Iterator[LoopMargins]:
         """Iterate over the channels."""
         return iter(self.loops)
@@ -343,6 +362,18 @@ def _names(system: LtiSystem) -> tuple[str, ...]:
     outputs = system.outputs or tuple(f"y{i + 1}" for i in range(p))
     inputs = system.inputs or tuple(f"u{j + 1}" for j in range(m))
     return tuple(f"{y} from {u}" for y in outputs for u in inputs)
+
+
+def _one_decibel(factor: float) -> str:
+    if factor == 0.0 or factor == np.inf:
+        return "−∞ dB" if factor == 0.0 else "∞ dB"
+    return f"{20.0 * np.log10(factor):.4g} dB".replace("-", "−")
+
+
+def _at(*omega_rad_s: float) -> str:
+    """Return the frequencies at which margins are reached; NaN where nothing bounds them."""
+    there = [f"{one:.5g}" for one in omega_rad_s if np.isfinite(one)]
+    return f", at {' and '.join(there)} rad/s" if there else ""
 
 
 def _decibels(gains: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from typing import Any, TypeVar
 
 import numpy as np
@@ -22,13 +22,21 @@ _ENTRIES = 12
 
 
 class Readable:
-    """A dataclass whose `repr` has one line per field."""
+    """A dataclass whose `repr` has one line per field that is not at its default."""
 
     def __repr__(self) -> str:
         """Return the name of the class and one line per field."""
-        named: list[Any] = list(fields(self))  # type: ignore[arg-type]
+        named: list[Any] = [
+            one
+            for one in fields(self)  # type: ignore[arg-type]
+            if one.default is MISSING or getattr(self, one.name) != one.default
+        ]
         width = max(len(one.name) for one in named)
-        lines = [f"  {one.name:<{width}}  {_text(getattr(self, one.name))}" for one in named]
+        indent = "\n" + " " * (width + 4)
+        lines = [
+            f"  {one.name:<{width}}  {_text(getattr(self, one.name)).replace(chr(10), indent)}"
+            for one in named
+        ]
         return "\n".join([type(self).__name__, *lines])
 
 

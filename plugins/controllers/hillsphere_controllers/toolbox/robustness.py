@@ -138,12 +138,16 @@ class RobustMargin(Readable):
         Where it acts.
     worst : dict of str to float
         Values of the real parameters of that one, in their units.
+    without_value : tuple of str
+        Names of the complex and dynamic uncertainties: that one has values of them too, which are
+        matrices at the frequency and are not listed.
     """
 
     lower_bound: float
     upper_bound: float
     critical_frequency_rad_s: float
     worst: dict[str, float]
+    without_value: tuple[str, ...] = ()
 
 
 def robstab(usys: Lft, *, gap: float = 0.01) -> RobustMargin:
@@ -167,12 +171,13 @@ def robstab(usys: Lft, *, gap: float = 0.01) -> RobustMargin:
         If nothing is uncertain.
     """
     if not _require_lft(usys).nominal.is_stable and usys.system.order:
-        return RobustMargin(0.0, 0.0, np.nan, {})
+        return RobustMargin(0.0, 0.0, np.nan, {}, _without_value(usys))
     made = robust_stability(usys.system, usys.structure, gap=gap)
     values = made.worst.values if made.worst is not None else {}
     return RobustMargin(
-        *made.margin, made.frequency_rad_s, physical_values(usys.uncertainties, values)
-    )
+        *made.margin, made.frequency_rad_s, physical_values(usys.uncertainties, values),
+        _without_value(usys),
+    )  # fmt: skip
 
 
 def robgain(usys: Lft, gamma: float, *, gap: float = 0.01) -> RobustMargin:
@@ -198,10 +203,15 @@ def robgain(usys: Lft, gamma: float, *, gap: float = 0.01) -> RobustMargin:
         If nothing is uncertain, or the level is not positive.
     """
     if not _require_lft(usys).nominal.is_stable and usys.system.order:
-        return RobustMargin(0.0, 0.0, np.nan, {})
+        return RobustMargin(0.0, 0.0, np.nan, {}, _without_value(usys))
     made = performance_margin(usys.system, usys.structure, gamma, gap=gap)
     worst = physical_values(usys.uncertainties, made.values)
-    return RobustMargin(made.lower, made.upper, made.frequency_rad_s, worst)
+    return RobustMargin(made.lower, made.upper, made.frequency_rad_s, worst, _without_value(usys))
+
+
+def _without_value(usys: Lft) -> tuple[str, ...]:
+    """Return the names of the uncertainties that are no real parameters."""
+    return tuple(one.name for one in usys.uncertainties if one.kind != "real")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -218,12 +228,15 @@ class GainBounds(Readable):
         Where that uncertainty acts.
     worst : dict of str to float
         Values of its real parameters, in their units.
+    without_value : tuple of str
+        Names of the complex and dynamic uncertainties, whose values are not listed.
     """
 
     lower_bound: float
     upper_bound: float
     critical_frequency_rad_s: float
     worst: dict[str, float]
+    without_value: tuple[str, ...] = ()
 
 
 def wcgain(usys: Lft, *, size: float = 1.0, gap: float = 0.01) -> GainBounds:
@@ -250,7 +263,7 @@ def wcgain(usys: Lft, *, size: float = 1.0, gap: float = 0.01) -> GainBounds:
     """
     made = worst_case_gain(_require_lft(usys).system, usys.structure, size=size, gap=gap)
     worst = physical_values(usys.uncertainties, made.values)
-    return GainBounds(made.lower, made.upper, made.frequency_rad_s, worst)
+    return GainBounds(made.lower, made.upper, made.frequency_rad_s, worst, _without_value(usys))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -7,7 +7,17 @@ from typing import Self
 
 from pydantic import model_validator
 
-from hillsphere.spec import Ref, Spec, StageSpec, Vector3, option, quantity, reference, rule
+from hillsphere.spec import (
+    Ref,
+    ResultNames,
+    Spec,
+    StageSpec,
+    Vector3,
+    option,
+    quantity,
+    reference,
+    rule,
+)
 from hillsphere_estimators.sensor_fit import noiseless, unseen
 
 __all__ = ["BeginningSpec", "InitialisationSpec"]
@@ -25,6 +35,22 @@ class BeginningSpec(Spec):
 class InitialisationSpec(StageSpec):
     """A first belief of the states of spacecraft, from their sensors alone."""
 
+    results = ResultNames(
+        metrics=(
+            "initialisation_mean_nees",
+            "initialisation_chi_square_probability",
+            "initialisation_settled",
+        ),
+        tables={
+            "initialisation": (
+                "spacecraft",
+                "position_rms_m",
+                "position_sigma_m",
+                "velocity_rms_mm_s",
+                "velocity_sigma_mm_s",
+            ),
+        },
+    )
     produces = "hillsphere_estimators.initialisation.products:StartingBelief"
     examples = (
         {

@@ -12,6 +12,7 @@ from hillsphere.engine.start_specs import StartSpec
 from hillsphere.spec import (
     Pair,
     Ref,
+    ResultNames,
     Spec,
     StageSpec,
     need,
@@ -161,6 +162,21 @@ class NavigationSpec(StageSpec):
     the command. The filter does not know them. The orbit of the body is the same in all cases.
     """
 
+    results = ResultNames(
+        metrics=(
+            "navigation_nees",
+            "navigation_consistent",
+            "navigation_lost",
+            "navigation_diverged",
+            "navigation_alarms",
+            "navigation_bound_ratio",
+            "navigation_dv",
+        ),
+        tables={
+            "navigation": (),
+            "navigation_sensors": (),
+        },
+    )
     produces = "hillsphere_estimators.navigation.products:NavigationFlight"
     examples = (
         {

@@ -11,6 +11,7 @@ from hillsphere.cases.specs import MonteCarloSpec, SweepSpec
 from hillsphere.spec import (
     DataPath,
     Ref,
+    ResultNames,
     Spec,
     StageSpec,
     data_path,
@@ -44,6 +45,17 @@ class NavigationComparisonNeeds(Spec):
 class NavigationComparisonSpec(StageSpec):
     """Sets of sensors side by side: errors, published errors, ratios and bound."""
 
+    results = ResultNames(
+        metrics=(
+            "navigation_consistent_share",
+            "navigation_lightest",
+        ),
+        tables={
+            "navigation_comparison": (),
+            "navigation_ratios": (),
+            "navigation_flights": (),
+        },
+    )
     produces = "hillsphere_estimators.navigation_comparison.products:NavigationComparison"
     examples = (
         {"needs": {"flights": ["navigation", "navigation"]}, "labels": ["a", "b"]},

@@ -8,7 +8,17 @@ from typing import Self
 from pydantic import model_validator
 
 from hillsphere.base.constants import DAY_S
-from hillsphere.spec import Ref, Spec, StageSpec, Vector3, option, quantity, reference, rule
+from hillsphere.spec import (
+    Ref,
+    ResultNames,
+    Spec,
+    StageSpec,
+    Vector3,
+    option,
+    quantity,
+    reference,
+    rule,
+)
 from hillsphere_estimators.sensor_fit import noiseless
 
 __all__ = ["ApproachSpec", "ArmSpec", "GeometrySpec", "OrbitRefinementSpec"]
@@ -69,6 +79,21 @@ class ArmSpec(Spec):
 class OrbitRefinementSpec(StageSpec):
     """An asteroid's orbit by telescopes, and then with spacecraft near it."""
 
+    results = ResultNames(
+        metrics=(
+            "refinement_position_gain_median",
+            "refinement_velocity_gain_median",
+            "refinement_mean_nees",
+            "refinement_mean_nees_greatest",
+            "refinement_settled",
+            "refinement_tracking_settled",
+        ),
+        tables={
+            "refinement_optical": (),
+            "refinement_tracking": (),
+            "refinement_arms": (),
+        },
+    )
     produces = "hillsphere_estimators.orbit_refinement.products:OrbitRefinement"
     examples = (
         {

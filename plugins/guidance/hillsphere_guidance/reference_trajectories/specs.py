@@ -10,6 +10,7 @@ from hillsphere.engine.start_specs import StartFormsSpec
 from hillsphere.spec import (
     DataPath,
     Ref,
+    ResultNames,
     Spec,
     StageSpec,
     data_path,
@@ -93,6 +94,18 @@ class DescentSpec(Spec):
 class ReferenceTrajectoriesSpec(StageSpec):
     """Descents planned by guidance in the full field of a plant, each with its command."""
 
+    results = ResultNames(
+        metrics=(
+            "reference_trajectories",
+            "replay_error",
+            "replay_error_held",
+        ),
+        tables={
+            "reference_trajectories": (),
+            "reference_ends": (),
+            "reference_differences": (),
+        },
+    )
     produces = "hillsphere_guidance.reference_trajectories.products:ReferenceTrajectories"
     provides = ("hillsphere.products:FlightSet",)
     examples = (

@@ -7,7 +7,7 @@ from typing import Self
 
 from pydantic import model_validator
 
-from hillsphere.spec import Ref, StageSpec, option, quantity, reference, rule
+from hillsphere.spec import Ref, ResultNames, StageSpec, option, quantity, reference, rule
 from hillsphere_orbits.options import label
 from hillsphere_orbits.source_specs import OrbitNeeds
 
@@ -17,6 +17,13 @@ __all__ = ["CoverageSpec"]
 class CoverageSpec(StageSpec):
     """Ground track, altitude, eclipses and light on the ground of periodic orbits."""
 
+    results = ResultNames(
+        tables={
+            "coverage": (),
+            "latitude_bands": (),
+            "seasons": (),
+        },
+    )
     produces = "hillsphere_orbits.coverage.products:Coverage"
     examples = (
         {

@@ -6,7 +6,17 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
-from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference, rule
+from hillsphere.spec import (
+    Ref,
+    ResultNames,
+    Spec,
+    StageSpec,
+    need,
+    option,
+    quantity,
+    reference,
+    rule,
+)
 from hillsphere_orbits.options import label
 
 __all__ = ["EphemerisNeeds", "EphemerisSpec"]
@@ -29,6 +39,17 @@ class EphemerisSpec(StageSpec):
     The body that the plant is about must have an orientation: its pole and prime meridian.
     """
 
+    results = ResultNames(
+        tables={
+            "ephemerides": (
+                "file",
+                "begins",
+                "ends",
+                "states",
+                "segments",
+            ),
+        },
+    )
     produces = "hillsphere_orbits.ephemeris.stage:Ephemerides"
     examples = ({"plant": "hill", "needs": {"orbits": ["family"]}, "epoch": "2027-06-01T00:00:00"},)
 

@@ -7,7 +7,7 @@ from typing import Self
 from pydantic import model_validator
 
 from hillsphere.base.constants import DAY_S
-from hillsphere.spec import Ref, StageSpec, option, quantity, reference, rule
+from hillsphere.spec import Ref, ResultNames, StageSpec, option, quantity, reference, rule
 from hillsphere_orbits.options import label
 from hillsphere_orbits.source_specs import OrbitNeeds
 
@@ -21,6 +21,19 @@ class FidelityLadderSpec(StageSpec):
     flown on its own from its first state.
     """
 
+    results = ResultNames(
+        metrics=(
+            "ladder_flights",
+            "ladder_converged",
+            "ladder_gap_max",
+            "ladder_departure_max",
+        ),
+        tables={
+            "fidelity_ladder": (),
+            "fidelity_rungs": (),
+            "fidelity_periodic": (),
+        },
+    )
     produces = "hillsphere_orbits.fidelity_ladder.products:FidelityLadder"
     provides = ("hillsphere.products:FlightSet",)
     examples = (

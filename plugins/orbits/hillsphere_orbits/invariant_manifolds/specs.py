@@ -7,7 +7,7 @@ from typing import Literal, Self
 from pydantic import model_validator
 
 from hillsphere.base.constants import DAY_S
-from hillsphere.spec import Ref, StageSpec, option, quantity, reference, rule
+from hillsphere.spec import Ref, ResultNames, StageSpec, option, quantity, reference, rule
 from hillsphere_orbits.options import label
 from hillsphere_orbits.source_specs import OrbitNeeds
 
@@ -21,6 +21,16 @@ class InvariantManifoldsSpec(StageSpec):
     time. Stable orbits, and those whose unstable multipliers are complex, are listed as such.
     """
 
+    results = ResultNames(
+        metrics=(
+            "trajectories",
+            "impacts",
+            "unstable_orbits",
+        ),
+        tables={
+            "manifolds": (),
+        },
+    )
     produces = "hillsphere_orbits.invariant_manifolds.products:Manifolds"
     examples = (
         {

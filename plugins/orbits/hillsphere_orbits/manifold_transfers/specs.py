@@ -10,6 +10,7 @@ from hillsphere.base.constants import DAY_S
 from hillsphere.spec import (
     DataPath,
     Ref,
+    ResultNames,
     Spec,
     StageSpec,
     data_path,
@@ -44,6 +45,27 @@ class ManifoldTransfersSpec(StageSpec):
     counted.
     """
 
+    results = ResultNames(
+        metrics=(
+            "connected_orbits",
+            "legs",
+            "leg_impacts",
+            "trajectories",
+            "legs_too_sensitive",
+            "min_energy_margin_m_s",
+            "closure_max_km",
+            "closure_max_m_s",
+            "least_dv_m_s",
+            "least_tof_d",
+            "convergence_moved_m_s",
+        ),
+        tables={
+            "table_4": (),
+            "legs": (),
+            "ladder_*": (),
+            "transfer_convergence": (),
+        },
+    )
     produces = "hillsphere_orbits.manifold_transfers.products:ManifoldTransfers"
     provides = ("hillsphere.products:FlightSet",)
     examples = (

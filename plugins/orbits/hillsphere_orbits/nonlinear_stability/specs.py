@@ -7,7 +7,7 @@ from typing import Self
 from pydantic import model_validator
 
 from hillsphere.base.constants import DAY_S
-from hillsphere.spec import Ref, StageSpec, Vector3, option, quantity, reference, rule
+from hillsphere.spec import Ref, ResultNames, StageSpec, Vector3, option, quantity, reference, rule
 from hillsphere_orbits.options import label
 from hillsphere_orbits.source_specs import OrbitNeeds
 
@@ -22,6 +22,19 @@ class NonlinearStabilitySpec(StageSpec):
     of its largest extent counts as planar.
     """
 
+    results = ResultNames(
+        metrics=(
+            "survival_flights",
+            "survival_integral_drift",
+        ),
+        tables={
+            "nonlinear_stability": (),
+            "survival_probability": (),
+            "survival_edges": (),
+            "nearby_resonances": (),
+            "offset_fates": (),
+        },
+    )
     produces = "hillsphere_orbits.nonlinear_stability.products:NonlinearStability"
     examples = (
         {

@@ -6,8 +6,8 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
-from hillsphere.spec import Ref, Spec, StageSpec, option, quantity, reference, rule
-from hillsphere_orbits.options import label
+from hillsphere.spec import Ref, ResultNames, Spec, StageSpec, option, quantity, reference, rule
+from hillsphere_orbits.options import VARY_INSTEAD, label
 
 __all__ = ["OrbitFamilySpec", "VarySpec"]
 
@@ -18,12 +18,13 @@ class VarySpec(Spec):
     """A parameter of the equations that changes, in its own SI unit."""
 
     examples = (
-        {"parameter": "gravity.gm", "to": 7.1e5},
+        {"parameter": "gravity.density", "to": 1900.0},
         {"parameter": "gravity.axis_x", "start": 11100.0, "to": 13030.0},
     )
 
     parameter: str = option(
-        "name among the plant's parameters: 'mean_motion', 'gravity.gm', 'gravity.axis_x' …",
+        "name among the plant's parameters: 'mean_motion', 'gravity.axis_x' …; its mass is "
+        "'gravity.gm' where the gravity is given by its GM, 'gravity.density' by its density",
         min_length=1,
         max_length=100,
     )
@@ -43,6 +44,18 @@ class OrbitFamilySpec(StageSpec):
     (or the one named in `hold`) keeps its value; what is returned are the orbits at the end.
     """
 
+    instead_of_repeating = VARY_INSTEAD
+    results = ResultNames(
+        metrics=(
+            "orbits_asked_for",
+            "orbits_found",
+            "largest_closure",
+        ),
+        tables={
+            "orbit_family": (),
+            "orbit_family_parameters": (),
+        },
+    )
     produces = "hillsphere_orbits.orbit_family.products:FollowedFamily"
     provides = ("hillsphere.products:OrbitSet",)
     examples = (

@@ -10,6 +10,7 @@ from pydantic import model_validator
 from hillsphere.spec import (
     DataPath,
     Ref,
+    ResultNames,
     Spec,
     StageSpec,
     data_path,
@@ -19,7 +20,7 @@ from hillsphere.spec import (
     reference,
     rule,
 )
-from hillsphere_orbits.options import label
+from hillsphere_orbits.options import VARY_INSTEAD, label
 
 __all__ = [
     "BifurcationNeeds",
@@ -55,6 +56,8 @@ class QsoSpec(Spec):
 class _OfFamily(StageSpec):
     """Options common to the stages: the family's equations."""
 
+    instead_of_repeating = VARY_INSTEAD
+
     plant: Ref | None = reference(
         "plant", "equations of motion; their quasi-satellite orbits are meant", default=None
     )
@@ -89,6 +92,32 @@ class QsoFamilySpec(_OfFamily):
     An amplitude is x at the crossing of the x axis on the far side from the primary.
     """
 
+    results = ResultNames(
+        metrics=(
+            "closure_max",
+            "jacobi_drift_max",
+            "determinant_error_max",
+            "planar_index_largest",
+            "vertical_index_largest",
+            "x0_largest",
+            "x0_smallest",
+        ),
+        tables={
+            "table_1": (
+                "name",
+                "x0_km",
+                "y_max_km",
+                "vy_m_s",
+                "vx_m_s",
+                "period_h",
+                "jacobi",
+                "vy0",
+                "period",
+                "b_planar",
+                "b_vertical",
+            ),
+        },
+    )
     produces = _FAMILY
     provides = ("hillsphere.products:OrbitSet",)
     examples = (
@@ -172,6 +201,22 @@ class BifurcationNeeds(Spec):
 class BifurcationSpec(_OfFamily):
     """Where other families branch off a family: its stability index is 2 cos(2π d/n)."""
 
+    results = ResultNames(
+        tables={
+            "bifurcations": (
+                "plane",
+                "resonance",
+                "d",
+                "n",
+                "x0_km",
+                "period",
+                "period_h",
+                "vy0",
+                "jacobi",
+                "b",
+            ),
+        },
+    )
     produces = "hillsphere.products:Bifurcations"
     examples = (
         {"plant": "hill", "needs": {"family": "family"}, "vertical": ["1:5"], "planar": ["1:4"]},

@@ -108,11 +108,16 @@ def present_families(product: SpatialFamilies, label: str) -> Presentation:
 
 
 def _name(product: SpatialFamilies, family: int) -> str:
-    return f"{product.d[family]}:{product.n[family]}"
+    """Return d:n of a family, with the place where it begins if another has the same d:n."""
+    own = (product.d[family], product.n[family])
+    name = f"{own[0]}:{own[1]}"
+    if list(zip(product.d, product.n, strict=True)).count(own) == 1:
+        return name
+    return f"{name} at x = {product.bifurcation_x_m[family] / 1e3:.4g} km"
 
 
 def _resonances(product: SpatialFamilies, families: Iterable[int]) -> FilledColumn:
-    return text_column("resonance", [_name(product, f) for f in families], "d:n")
+    return text_column("resonance", [f"{product.d[f]}:{product.n[f]}" for f in families], "d:n")
 
 
 def _members(product: SpatialFamilies) -> list[FilledColumn]:

@@ -10,6 +10,7 @@ from hillsphere.base.constants import DAY_S
 from hillsphere.spec import (
     DataPath,
     Ref,
+    ResultNames,
     Spec,
     StageSpec,
     data_path,
@@ -19,7 +20,7 @@ from hillsphere.spec import (
     reference,
     rule,
 )
-from hillsphere_orbits.options import label
+from hillsphere_orbits.options import VARY_INSTEAD, label
 from hillsphere_orbits.qso.specs import read_resonance
 
 __all__ = [
@@ -48,6 +49,23 @@ class SpatialFamiliesSpec(StageSpec):
     start on the x axis or on the plane yz, is the largest z of the orbit.
     """
 
+    instead_of_repeating = VARY_INSTEAD
+    results = ResultNames(
+        metrics=(
+            "closure_max",
+            "closure_over_lambda_max",
+            "half_closure_max",
+            "families",
+            "families_not_followed",
+            "stable_members",
+        ),
+        tables={
+            "spatial_families": (),
+            "spatial_members": (),
+            "stability_windows": (),
+            "secondary_bifurcations": (),
+        },
+    )
     produces = _FAMILIES
     provides = ("hillsphere.products:OrbitSet",)
     examples = (
@@ -115,6 +133,17 @@ class StationKeepingNeeds(Spec):
 class StationKeepingSpec(StageSpec):
     """Analytic cost of nulling the unstable component once per period."""
 
+    results = ResultNames(
+        metrics=(
+            "stable_members",
+            "v_cm_least",
+            "v_cm_largest",
+        ),
+        tables={
+            "table_3": (),
+            "table_3_differences": (),
+        },
+    )
     produces = "hillsphere_orbits.spatial_qso_families.products:StationKeepingIndex"
     examples = ({"needs": {"families": "families"}},)
 

@@ -8,7 +8,17 @@ from typing import Literal, Self
 from pydantic import model_validator
 
 from hillsphere.base.constants import DAY_S, HOUR_S
-from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference, rule
+from hillsphere.spec import (
+    Ref,
+    ResultNames,
+    Spec,
+    StageSpec,
+    need,
+    option,
+    quantity,
+    reference,
+    rule,
+)
 from hillsphere_orbits.options import label
 
 __all__ = ["StationKeepingFlownNeeds", "StationKeepingFlownSpec"]
@@ -44,6 +54,16 @@ class StationKeepingFlownSpec(StageSpec):
     far from its reference, or when it meets the surface of the body.
     """
 
+    results = ResultNames(
+        metrics=(
+            "station_keeping_references",
+            "station_keeping_held",
+        ),
+        tables={
+            "station_keeping_flown": (),
+            "station_keeping_longest": (),
+        },
+    )
     produces = "hillsphere_orbits.station_keeping_flown.products:StationKeepingFlown"
     examples = (
         {

@@ -6,8 +6,18 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
-from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference, rule
-from hillsphere_orbits.options import label
+from hillsphere.spec import (
+    Ref,
+    ResultNames,
+    Spec,
+    StageSpec,
+    need,
+    option,
+    quantity,
+    reference,
+    rule,
+)
+from hillsphere_orbits.options import VARY_INSTEAD, label
 from hillsphere_orbits.qso.specs import read_resonance
 
 __all__ = ["SwingFamiliesNeeds", "SwingFamiliesSpec"]
@@ -39,6 +49,21 @@ class SwingFamiliesSpec(StageSpec):
     axis. Where a mirror breaks along a family, asymmetric orbits branch off in turn.
     """
 
+    instead_of_repeating = VARY_INSTEAD
+    results = ResultNames(
+        metrics=(
+            "swing_closure_max",
+            "swing_closure_over_lambda_max",
+            "swing_half_closure_max",
+            "swing_families",
+            "swing_asymmetric_families",
+        ),
+        tables={
+            "swing_families": (),
+            "swing_members": (),
+            "swing_events": (),
+        },
+    )
     produces = "hillsphere_orbits.swing_qso_families.products:SwingFamilies"
     provides = ("hillsphere.products:OrbitSet",)
     examples = (

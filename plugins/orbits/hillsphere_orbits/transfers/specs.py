@@ -10,6 +10,7 @@ from pydantic import model_validator
 from hillsphere.spec import (
     DataPath,
     Ref,
+    ResultNames,
     Spec,
     StageSpec,
     data_path,
@@ -44,6 +45,22 @@ class SwingTransfersSpec(StageSpec):
     member of least cost is found exactly, and over all families the front of cost and time.
     """
 
+    results = ResultNames(
+        metrics=(
+            "swing_transfers",
+            "transfer_closure_max",
+            "transfer_closure_speed_max",
+            "min_above_energy_bound",
+            "min_transfer_altitude",
+        ),
+        tables={
+            "table_5": (),
+            "swing_least": (),
+            "swing_front": (),
+            "swing_routes": (),
+            "swing_ranks": (),
+        },
+    )
     produces = "hillsphere_orbits.swing_transfers.products:SwingTransfers"
     provides = ("hillsphere.products:FlightSet",)
     examples = (

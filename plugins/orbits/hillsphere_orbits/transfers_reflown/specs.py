@@ -6,7 +6,17 @@ from typing import Self
 
 from pydantic import model_validator
 
-from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference, rule
+from hillsphere.spec import (
+    Ref,
+    ResultNames,
+    Spec,
+    StageSpec,
+    need,
+    option,
+    quantity,
+    reference,
+    rule,
+)
 from hillsphere_orbits.options import label
 
 __all__ = ["TransfersReflownNeeds", "TransfersReflownSpec"]
@@ -33,6 +43,19 @@ class TransfersReflownSpec(StageSpec):
     of the plan. Other patch points keep the places of the plan.
     """
 
+    results = ResultNames(
+        metrics=(
+            "reflown_transfers",
+            "reflown_found",
+            "reflown_change_max",
+            "reflown_closure_max",
+        ),
+        tables={
+            "transfers_reflown": (),
+            "transfers_reflown_patches": (),
+            "transfers_reflown_rungs": (),
+        },
+    )
     produces = "hillsphere_orbits.transfers_reflown.products:TransfersReflown"
     provides = ("hillsphere.products:FlightSet",)
     examples = (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hillsphere.spec import Ref, StageSpec, quantity, reference
+from hillsphere.spec import Ref, ResultNames, StageSpec, quantity, reference
 
 __all__ = ["EquilibriaSpec"]
 
@@ -10,6 +10,15 @@ __all__ = ["EquilibriaSpec"]
 class EquilibriaSpec(StageSpec):
     """Libration points of a plant in the true gravity of its body, and the motion about them."""
 
+    results = ResultNames(
+        metrics=(
+            "*_distance",
+            "*_distance_*",
+        ),
+        tables={
+            "equilibrium_points": (),
+        },
+    )
     produces = "hillsphere_plants.equilibria.stage:Equilibria"
     examples = ({"plant": "hill"},)
 

@@ -10,6 +10,7 @@ from pydantic import model_validator
 from hillsphere.spec import (
     DataPath,
     Ref,
+    ResultNames,
     Spec,
     StageSpec,
     data_path,
@@ -130,6 +131,17 @@ class AssistedTrackingSpec(StageSpec):
     ``PASS.OUTAGE.TRACKER.MEASURE``, such as ``ALC2.60s.average.error_max``.
     """
 
+    results = ResultNames(
+        metrics=(
+            "tracking_*_error_max",
+            "tracking_*_encoder_error_max",
+        ),
+        tables={
+            "tracked_passes": (),
+            "antenna_errors": (),
+            "tracking": (),
+        },
+    )
     produces = "hillsphere_tracking.assisted_tracking.products:AssistedTracking"
     examples = (
         {

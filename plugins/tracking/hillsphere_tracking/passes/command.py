@@ -74,15 +74,33 @@ def passes(
     )  # fmt: skip
     product = stage.run(_Silent())
     rows = _rows(product, stage.start)
+    masks = {one.name: list(map(degrees, one.mask_elevation_rad)) for one in stage.spec.stations}
     if json:
-        write_json({"start_utc": product.start, "refracted": product.refracted, "passes": rows})
+        write_json(
+            {
+                "start_utc": product.start, "refracted": product.refracted,
+                "masks_deg": masks, "passes": rows,
+            }
+        )  # fmt: skip
     elif rows:
         write_table(map(_cells, rows), header=_COLUMNS)
     else:
         highest = degrees(float(product.highest_rad.max()))
         write(f"no pass in {days:g} days; highest elevation {highest:.1f}°")
+    if not json and mask is None:
+        for text in station:
+            if any(masks.get(text, ())):
+                write(
+                    f"{text}: above the elevation mask of the mission's station, "
+                    f"{_extent(masks[text])}; --mask sets another"
+                )
     for warning in product.warnings:
         say(warning)
+
+
+def _extent(mask_deg: list[float]) -> str:
+    low, high = min(mask_deg), max(mask_deg)
+    return f"{low:.3g}°" if low == high else f"{low:.3g}° to {high:.3g}°, by azimuth"
 
 
 def _cells(row: dict[str, Any]) -> tuple[str, ...]:

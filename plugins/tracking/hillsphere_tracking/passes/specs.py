@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hillsphere.base.ranges import PRESSURE_HPA
-from hillsphere.spec import Ref, StageSpec, option, quantity, reference
+from hillsphere.spec import Ref, ResultNames, StageSpec, option, quantity, reference
 from hillsphere_tracking.satellite_specs import SatelliteSpec, StationSpec
 
 __all__ = ["PassesSpec"]
@@ -12,6 +12,15 @@ __all__ = ["PassesSpec"]
 class PassesSpec(StageSpec):
     """Passes of satellites over ground stations."""
 
+    results = ResultNames(
+        metrics=("passes",),
+        tables={
+            "passes": (),
+            "visibility": (),
+            "disturbances": (),
+            "eclipses": (),
+        },
+    )
     produces = "hillsphere_tracking.passes.products:PassList"
     examples = (
         {

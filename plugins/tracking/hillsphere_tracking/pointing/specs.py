@@ -7,7 +7,7 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
-from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, rule
+from hillsphere.spec import Ref, ResultNames, Spec, StageSpec, need, option, quantity, rule
 
 __all__ = ["AxisSpec", "MountSpec", "PointingNeeds", "PointingSpec"]
 
@@ -112,6 +112,23 @@ class PointingNeeds(Spec):
 class PointingSpec(StageSpec):
     """Antenna mounts that follow passes, with a plan of each pass and without."""
 
+    results = ResultNames(
+        metrics=(
+            "pointing_passes",
+            "*_error_max",
+            "*_outside_max",
+            "*_followed",
+            "*_error_max_naive",
+            "*_outside_max_naive",
+            "*_followed_naive",
+        ),
+        tables={
+            "pointing_mounts": (),
+            "pointing_errors": (),
+            "pointing_axes": (),
+            "pointing_predictions": (),
+        },
+    )
     produces = "hillsphere_tracking.pointing.products:Pointing"
     examples = (
         {"needs": {"passes": "passes"}, "mounts": [MountSpec.examples[0]]},

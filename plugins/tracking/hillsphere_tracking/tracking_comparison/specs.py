@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, option
+from hillsphere.spec import DataPath, Ref, ResultNames, Spec, StageSpec, data_path, need, option
 
 __all__ = ["TrackingComparisonNeeds", "TrackingComparisonSpec"]
 
@@ -40,6 +40,24 @@ class TrackingComparisonNeeds(Spec):
 class TrackingComparisonSpec(StageSpec):
     """Comparison of trackers over a campaign, with a baseline and published values."""
 
+    results = ResultNames(
+        metrics=(
+            "*_mean_error_true",
+            "*_mean_error_sky",
+            "*_mean_error_encoder",
+            "*_worst_error_true",
+            "*_worst_error_sky",
+            "*_worst_error_encoder",
+            "*_over_*",
+        ),
+        tables={
+            "tracking_outages": (),
+            "tracking_trackers": (),
+            "tracking_ages": (),
+            "tracking_nees": (),
+            "tracking_consistency": (),
+        },
+    )
     produces = "hillsphere_tracking.tracking_comparison.products:TrackingComparison"
     examples = ({"needs": TrackingComparisonNeeds.examples[0]},)
 

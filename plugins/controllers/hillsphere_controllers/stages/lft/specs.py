@@ -6,7 +6,7 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
-from hillsphere.spec import Ref, Spec, StageSpec, need, option, reference, rule
+from hillsphere.spec import Ref, ResultNames, Spec, StageSpec, need, option, reference, rule
 
 __all__ = ["BoundSpec", "LftNeeds", "LftSpec", "UncertainBlockSpec"]
 
@@ -114,6 +114,19 @@ class LftNeeds(Spec):
 class LftSpec(StageSpec):
     """An uncertain model M-Δ: polynomials fitted to models over their parameters, and blocks."""
 
+    results = ResultNames(
+        metrics=(
+            "lft_size",
+            "lft_response_error",
+            "lft_left_out",
+            "lft_fit_error",
+        ),
+        tables={
+            "lft_blocks": (),
+            "lft_sizes": (),
+            "lft_terms": (),
+        },
+    )
     produces = "hillsphere_controllers.stages.lft.products:FittedModels"
     provides = ("hillsphere_controllers.linear_products:UncertainModels",)
     examples = (

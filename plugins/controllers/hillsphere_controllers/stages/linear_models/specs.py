@@ -8,7 +8,18 @@ from typing import Any, ClassVar, Literal, Self
 from pydantic import model_validator
 
 from hillsphere.errors import InputError
-from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, option, quantity, rule
+from hillsphere.spec import (
+    DataPath,
+    Ref,
+    ResultNames,
+    Spec,
+    StageSpec,
+    data_path,
+    need,
+    option,
+    quantity,
+    rule,
+)
 from hillsphere_controllers.stages.faults import require_one
 from hillsphere_controllers.stages.linear_models.expressions import FUNCTIONS, parameter_names
 
@@ -274,6 +285,21 @@ class LinearModelsNeeds(Spec):
 class LinearModelsSpec(InterconnectionSpec, StageSpec):
     """Linear models of one plant, weights and all, at one or more values of its parameters."""
 
+    results = ResultNames(
+        metrics=("linear_models",),
+        tables={
+            "linear_models": (
+                "model",
+                "order",
+                "outputs",
+                "inputs",
+                "abscissa_1_s",
+                "unstable_poles",
+                "border_poles",
+                "fastest_pole_rad_s",
+            ),
+        },
+    )
     produces = "hillsphere_controllers.linear_products:LinearModels"
     examples = (
         {

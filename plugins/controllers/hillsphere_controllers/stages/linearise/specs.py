@@ -6,7 +6,17 @@ from typing import Self
 
 from pydantic import model_validator
 
-from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference, rule
+from hillsphere.spec import (
+    Ref,
+    ResultNames,
+    Spec,
+    StageSpec,
+    need,
+    option,
+    quantity,
+    reference,
+    rule,
+)
 
 __all__ = ["LineariseNeeds", "LineariseSpec"]
 
@@ -25,6 +35,17 @@ class LineariseSpec(StageSpec):
     velocities), all SI. Other states, such as a true anomaly, go on as on the trajectory.
     """
 
+    results = ResultNames(
+        metrics=(
+            "linearised_models",
+            "linearised_abscissa",
+            "linearised_disturbance",
+        ),
+        tables={
+            "linearised_points": (),
+            "linearised_influence": (),
+        },
+    )
     produces = "hillsphere_controllers.stages.linearise.products:LinearisedFlight"
     provides = ("hillsphere_controllers.linear_products:LinearModels",)
     examples = (

@@ -7,7 +7,18 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
-from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, option, quantity, rule
+from hillsphere.spec import (
+    DataPath,
+    Ref,
+    ResultNames,
+    Spec,
+    StageSpec,
+    data_path,
+    need,
+    option,
+    quantity,
+    rule,
+)
 
 __all__ = ["GridSpec", "MuAnalysisSpec", "MuNeeds"]
 
@@ -53,6 +64,20 @@ class GridSpec(Spec):
 class MuAnalysisSpec(StageSpec):
     """Robustness of loops: µ over all frequencies, worst cases, shares of the blocks."""
 
+    results = ResultNames(
+        metrics=(
+            "mu_loops",
+            "*_upper",
+            "*_lower",
+        ),
+        tables={
+            "mu_summary": (),
+            "mu_certificates": (),
+            "mu_worst_cases": (),
+            "mu_models_*": (),
+            "mu_sensitivities": (),
+        },
+    )
     produces = "hillsphere_controllers.stages.mu_analysis.products:MuAnalysis"
     examples = (
         {"needs": {"uncertain": "uncertain", "controllers": ["design"]}, "points": 20},

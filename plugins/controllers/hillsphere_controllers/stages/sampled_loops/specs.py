@@ -6,7 +6,17 @@ from typing import Self
 
 from pydantic import model_validator
 
-from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference, rule
+from hillsphere.spec import (
+    Ref,
+    ResultNames,
+    Spec,
+    StageSpec,
+    need,
+    option,
+    quantity,
+    reference,
+    rule,
+)
 
 __all__ = ["SampledLoopsNeeds", "SampledLoopsSpec"]
 
@@ -32,6 +42,12 @@ class SampledLoopsSpec(StageSpec):
     Exact for the plant as it moves between samples: by the monodromy over one period.
     """
 
+    results = ResultNames(
+        metrics=("sampled_lost_*",),
+        tables={
+            "sampled_loops": (),
+        },
+    )
     produces = "hillsphere_controllers.stages.sampled_loops.products:SampledLoops"
     examples = (
         {

@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Literal, Self
 
 from pydantic import model_validator
 
-from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, rule
+from hillsphere.spec import Ref, ResultNames, Spec, StageSpec, need, option, quantity, rule
 from hillsphere_controllers.stages.faults import require_one
 from hillsphere_controllers.stages.linear_models.specs import (
     InterconnectionSpec,
@@ -310,6 +310,28 @@ class SynthesisNeeds(Spec):
 class SynthesisSpec(StageSpec):
     """A controller of linear models, checked on all of them."""
 
+    results = ResultNames(
+        metrics=(
+            "synthesis_gamma",
+            "synthesis_order",
+            "synthesis_models_stable",
+            "synthesis_lower_bound",
+            "synthesis_residual",
+            "synthesis_spread",
+            "synthesis_worst_gamma",
+        ),
+        tables={
+            "synthesis_loops": (),
+            "synthesis_margins": (),
+            "synthesis_controller": (),
+            "synthesis_searches": (),
+            "synthesis_equals": (),
+            "synthesis_worst": (),
+            "synthesis_scenarios": (),
+            "synthesis_own": (),
+            "synthesis_iterations": (),
+        },
+    )
     produces = "hillsphere_controllers.stages.synthesis.products:Synthesis"
     provides = ("hillsphere.products:ControlDesign",)
     examples = (

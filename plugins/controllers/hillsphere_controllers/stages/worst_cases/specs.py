@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from hillsphere.spec import Ref, Spec, StageSpec, need, option
+from hillsphere.spec import Ref, ResultNames, Spec, StageSpec, need, option
 
 __all__ = ["WorstCasesNeeds", "WorstCasesSpec"]
 
@@ -35,6 +35,12 @@ class WorstCasesSpec(StageSpec):
     each of `remaining`.
     """
 
+    results = ResultNames(
+        metrics=("worst_cases",),
+        tables={
+            "worst_cases": (),
+        },
+    )
     produces = "hillsphere_controllers.stages.worst_cases.products:WorstCases"
     provides = ("hillsphere.products:CaseList",)
     examples = (
