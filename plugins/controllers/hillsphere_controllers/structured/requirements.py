@@ -119,6 +119,8 @@ class SampledPoleRegion(PoleRegion):
 
     Parameters
     ----------
+    decay_1_s, damping, fastest_rad_s : float
+        Of s, as of λ in `PoleRegion`.
     period_s : float
         T.
     filters : int
