@@ -18,6 +18,7 @@ from hillsphere import create
 from hillsphere.base.orientation import OrientationTable
 from hillsphere.base.paths import missions_directory
 from hillsphere.formats.obj import read_obj
+from hillsphere.formats.oem import OemSegment, read_oem, write_oem
 from hillsphere.formats.shape_harmonics import read_shape_harmonics
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
@@ -30,7 +31,6 @@ from hillsphere_controllers.stages.linear_models.systems import system_from_file
 from hillsphere_estimators.navigation_comparison.stage import read_published_errors
 from hillsphere_gravity.icgem import read_icgem
 from hillsphere_gravity.shadr import read_shadr
-from hillsphere_orbits.ephemeris.oem import OemSegment, read_oem, write_oem
 from hillsphere_tracking.live.feed import ReplayFeed
 from hillsphere_tracking.live.inputs import input_of
 from hillsphere_tracking.memory import read_memory

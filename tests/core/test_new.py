@@ -144,6 +144,12 @@ def test_a_folder_that_cannot_be_made_is_one_message(tmp_path: Path) -> None:
 # --- plugins
 
 
+def test_the_page_on_commands_lists_every_template() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "commands.md").read_text("utf-8")
+    for kind, summary in TEMPLATES.items():
+        assert f"| `{kind}` | {summary} |" in page
+
+
 def test_files_of_a_plugin() -> None:
     made = plugin_files("hillsphere-limb-x", "sensor", default_registry())
     assert "src/hillsphere_limb_x/limb_x.py" in made
@@ -198,15 +204,128 @@ def test_tests_of_new_plugins_pass(installed: tuple[Path, Path]) -> None:
     assert " passed" in done
 
 
-def test_new_plugins_are_formatted() -> None:
-    ruff = shutil.which("ruff") or str(Path(sys.executable).with_name("ruff"))
-    if not Path(ruff).exists():
-        pytest.skip("needs ruff")
+MISSION = """
+format = 1
+name = "try"
+title = "New plugins in a mission"
+seed = 1
+[body.moon]
+type = "moon"
+name = "phobos"
+primary_gm_km3_s2 = 42828.37
+semi_major_axis_km = 9376
+[gravity.mass]
+type = "point_mass"
+gm_m3_s2 = 7e5
+[plant.hill]
+type = "hill"
+body = "moon"
+gravity = "mass"
+[plant.near]
+type = "try_plant_x"
+mean_motion_rad_s = 1.1e-3
+[orbit_family.direct]
+type = "try_orbit_family_x"
+plant = "hill"
+[guidance.quartic]
+type = "try_guidance_x"
+[estimator.kalman]
+type = "try_estimator_x"
+[sensor.distance]
+type = "try_sensor_x"
+[tracker.proportional]
+type = "try_tracker_x"
+[sensor.antenna]
+type = "antenna"
+station = "site"
+latitude_deg = -2.18
+longitude_deg = -44.26
+height_m = 39
+[stage.orbits]
+type = "orbit_family"
+family = "direct"
+amplitudes_km = [2]
+curve_members = 21
+[stage.approach]
+type = "reference_trajectories"
+plant = "near"
+guidance = "quartic"
+[[stage.approach.descents]]
+name = "in"
+start = { position_km = [0, -2, 0.1] }
+end_position_km = [0, -0.1, 0]
+duration_min = 40
+[stage.navigation]
+type = "navigation"
+plant = "near"
+sensors = ["distance"]
+estimator = "kalman"
+start = { position_km = [1, 0, 0], velocity_m_s = [0, -2.2, 0] }
+belief = { position_m = 20 }
+interval_min = 5
+duration_min = 60
+[stage.tracking]
+type = "assisted_tracking"
+trackers = ["proportional"]
+passes = [{ name = "one", sensor = "antenna", revolution = 2, outages_min = [1] }]
+nominal_error = { node_sigma_deg = 0.3, mean_anomaly_sigma_deg = 0.3 }
+[stage.tracking.satellite]
+name = "SCD"
+[stage.tracking.satellite.elements]
+epoch = "1989-01-31T09:58:00"
+semi_major_axis_km = 7180
+eccentricity = 0.0436
+inclination_deg = 23.82
+node_deg = 240.14
+perigee_deg = 15.47
+mean_anomaly_deg = 225.43
+"""
+
+
+def test_new_plugins_run_in_a_mission(installed: tuple[Path, Path]) -> None:
+    python, folder = installed
+    (folder / "try.toml").write_text(MISSION, "utf-8")
+    started(python, "-m", "hillsphere", "run", "./try.toml", "--out", "run", cwd=folder)
+    summary = json.loads((folder / "run" / "summary.json").read_text("utf-8"))
+    assert not summary["failures"]
+
+
+def test_new_format_converts_ephemerides(installed: tuple[Path, Path]) -> None:
+    python, folder = installed
+    (folder / "one.oem").write_text(
+        "CCSDS_OEM_VERS = 2.0\nMETA_START\nOBJECT_NAME = CRAFT\nOBJECT_ID = 1\n"
+        "CENTER_NAME = MARS\nREF_FRAME = ICRF\nTIME_SYSTEM = TDB\n"
+        "START_TIME = 2026-11-21T00:00:00\nSTOP_TIME = 2026-11-21T00:00:00\nMETA_STOP\n"
+        "2026-11-21T00:00:00.000000 9000.5 0.0 0.0 0.0 2.125 0.0\n"
+    )
+    for source, target in (("one.oem", "one.try_format_x"), ("one.try_format_x", "two.oem")):
+        started(python, "-m", "hillsphere", "convert", source, target, cwd=folder)
+    last = (folder / "two.oem").read_text("utf-8").splitlines()[-1].split()
+    assert [float(word) for word in last[1:]] == [9000.5, 0.0, 0.0, 0.0, 2.125, 0.0]
+
+
+@pytest.mark.slow
+def test_new_plugins_pass_mypy(installed: tuple[Path, Path]) -> None:
+    pytest.importorskip("mypy")
+    python, folder = installed
     for kind in TEMPLATES:
-        for path, text in plugin_files("limb-x", kind, default_registry()).items():
-            if path.endswith(".py"):
-                done = subprocess.run(
-                    [ruff, "format", "--line-length=100", "--stdin-filename", path, "-"],
-                    input=text, capture_output=True, text=True, check=True,
-                )  # fmt: skip
-                assert done.stdout == text, path
+        place = folder / f"try-{kind}-x"
+        started(python, "-m", "mypy", "--cache-dir", folder / "mypy", cwd=place)
+
+
+def ruff() -> str:
+    path = shutil.which("ruff") or str(Path(sys.executable).with_name("ruff"))
+    if not Path(path).exists():
+        pytest.skip("needs ruff")
+    return path
+
+
+def test_new_plugins_pass_ruff(tmp_path: Path) -> None:
+    for kind in TEMPLATES:
+        assert call("new", "plugin", f"limb-{kind}", "--kind", kind, "--folder", tmp_path)[0] == 0
+        place = tmp_path / f"limb-{kind}"
+        started(ruff(), "check", "--no-cache", ".", cwd=place)
+        # the rules of this project, for the package; its tests need no docstrings
+        ours = Path(__file__).parents[2] / "pyproject.toml"
+        started(ruff(), "check", "--no-cache", "--config", ours, "src", cwd=place)
+        started(ruff(), "format", "--no-cache", "--check", ".", cwd=place)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.missions.pages import check_page
 
-from hillsphere_orbits.ephemeris.oem import read_oem
+from hillsphere.formats.oem import read_oem
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -19,9 +19,15 @@ __all__ = ["TEMPLATES", "plugin_files"]
 TEMPLATES: Mapping[str, str] = {
     "gravity": "a point mass off the origin",
     "shape": "a spheroid",
-    "sensor": "distance from the centre, with noise and a bias",
+    "plant": "motion near a satellite on a circular orbit",
+    "orbit_family": "direct orbits about a moon, from the Kepler circles close to it",
+    "guidance": "positions as polynomials of fourth degree in time",
     "compensator": "proportional and derivative action on each axis",
+    "estimator": "extended Kalman filter with derivatives by differences",
+    "sensor": "distance from the centre, with noise and a bias",
+    "tracker": "corrections of node and mean anomaly in proportion",
     "stage": "acceleration of gravity along the x axis",
+    "format": "table of states that says to what they refer",
 }
 """Kinds with a template, and the summary of its component."""
 _NAME = re.compile(r"[a-z][a-z0-9]*(?:[-_][a-z0-9]+)*")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -20,6 +21,8 @@ from hillsphere.interfaces.plant import Plant
 
 if TYPE_CHECKING:
     import pandas
+
+    from hillsphere.base.time import Epoch
 
 __all__ = ["Event", "Motion", "Trajectory"]
 
@@ -134,6 +137,46 @@ class Trajectory:
         path = Path(self.x[:3] / 1e3, times=self.t_s / 3600.0)
         scene = Space([path], time=Axis("time", "h"))
         return plot(Chart("Trajectory", [scene], f"Path in the frame {self.frame!r}."), renderer)
+
+    def write_oem(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        epoch: Epoch | str | None = None,
+        plant: Plant | None = None,
+        centre: str | None = None,
+        name: str = "TRAJECTORY",
+        object_id: str = "0000-000A",
+    ) -> None:
+        """Write the flight as a CCSDS Orbit Ephemeris Message.
+
+        Parameters
+        ----------
+        path : str or path
+            The file.
+        epoch : Epoch or str
+            Instant from which times count; a text is a date and time in TDB.
+        plant : Plant, optional
+            Equations of motion; needed for states in the rotating frame of a moon, which are
+            written in the ICRF.
+        centre : str, optional
+            Name of the body at the origin of what is written: the moon, or its primary. By default
+            the origin of the states.
+        name, object_id : str
+            Name and identifier of the object.
+
+        Raises
+        ------
+        InputError
+            If an argument is missing that the message needs, or contradicts the states (it is
+            named).
+        """
+        from hillsphere.products.flight_files import Coast, write_coasts
+
+        write_coasts(
+            path, [Coast("", self.t_s, self.x)], frame=self.frame, states=self.names, name=name,
+            epoch=epoch, plant=plant, centre=centre, object_id=object_id,
+        )  # fmt: skip
 
 
 class Motion:

@@ -1,1 +1,1 @@
-"""File formats: readers of spherical-harmonic coefficients and of triangle meshes."""
+"""File formats: spherical-harmonic coefficients, triangle meshes, orbit ephemeris messages."""

@@ -7,9 +7,10 @@ the same form.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,10 @@ from hillsphere.base.lti import LtiSystem
 from hillsphere.base.problems import did_you_mean
 from hillsphere.products.fields import Label, Shape
 from hillsphere.products.product_codec import load_product, save_product
+
+if TYPE_CHECKING:
+    from hillsphere.base.time import Epoch
+    from hillsphere.interfaces.plant import Plant
 
 __all__ = [
     "Bifurcations",
@@ -41,7 +46,7 @@ class PeriodicOrbits:
     """Periodic orbits of one plant, members of one or more families.
 
     ``orbits[3]``, ``orbits["QSO-H"]`` and ``orbits[2:5]`` are the chosen ones, ``len(orbits)`` is
-    their number.
+    their number. With the plant they are drawn (`plot`), flown (`fly`) and written (`write_oem`).
     """
 
     frame: str
@@ -96,6 +101,112 @@ class PeriodicOrbits:
         periods = f"{least:.6g} h" + (f" to {most:.6g} h" if most > least else "")
         return f"<PeriodicOrbits: {count}, period {periods}, frame {self.frame!r}>"
 
+    def fly(self, plant: Plant, *, revolutions: float = 1.0, points: int = 200) -> Trajectories:
+        """Return the flights along the orbits, each from its start.
+
+        Parameters
+        ----------
+        plant : Plant
+            Equations of motion of the orbits.
+        revolutions : float
+            Length of the flights, in periods.
+        points : int
+            Number of equally spaced times, the first at the start and the last at the end.
+
+        Returns
+        -------
+        Trajectories
+            One plan per orbit, named by its label or else by its number.
+
+        Raises
+        ------
+        InputError
+            If the plant has another frame or other states, or there are fewer than two times.
+        """
+        from hillsphere.engine.motion import Motion
+
+        motion = Motion(plant)
+        if plant.frame != self.frame or motion.states != self.states:
+            raise InputError(
+                f"plant: it has the states {', '.join(motion.states)} in {plant.frame}, the orbits "
+                f"have {', '.join(self.states)} in {self.frame}"
+            )
+        if points < 2 or not revolutions > 0.0:
+            raise InputError(
+                f"points must be 2 or more and revolutions positive, got {points}, {revolutions}"
+            )
+        names = tuple(label or f"orbit {k}" for k, label in enumerate(self.labels))
+        lanes = zip(self.x0.T, revolutions * self.period_s, strict=True)
+        flights = [motion.propagate(x0, end, times_s=points) for x0, end in lanes]
+        return Trajectories(
+            frame=self.frame,
+            states=self.states,
+            plans=names,
+            labels=names,
+            t_s=np.array([f.t_s for f in flights]).reshape(-1, points).T,
+            x=np.array([f.x for f in flights])
+            .reshape(-1, len(self.states), points)
+            .transpose(1, 2, 0),
+        )
+
+    def plot(
+        self, plant: Plant, renderer: Literal["plotly", "matplotlib"] = "plotly", points: int = 200
+    ) -> Any:
+        """Return one revolution of each orbit in space as a figure, km.
+
+        Parameters
+        ----------
+        plant : Plant
+            Equations of motion of the orbits.
+        renderer : {"plotly", "matplotlib"}
+            Library of the figure.
+        points : int
+            Points of each orbit.
+
+        Returns
+        -------
+        plotly.graph_objects.Figure or matplotlib.figure.Figure
+            The drawn figure.
+
+        Raises
+        ------
+        InputError
+            As `fly`; if there is no orbit or no such renderer.
+        """
+        return self.fly(plant, points=points).plot(renderer)
+
+    def write_oem(
+        self,
+        path: str | os.PathLike[str],
+        plant: Plant,
+        *,
+        epoch: Epoch | str | None = None,
+        centre: str | None = None,
+        revolutions: float = 1.0,
+        points: int = 200,
+        object_id: str = "0000-000A",
+    ) -> None:
+        """Write an orbit as a CCSDS Orbit Ephemeris Message.
+
+        Parameters
+        ----------
+        path : str or path
+            The file.
+        plant : Plant
+            Equations of motion of the orbit.
+        epoch, centre, object_id
+            As for `Trajectories.write_oem`.
+        revolutions, points
+            As for `fly`.
+
+        Raises
+        ------
+        InputError
+            As `fly` and `Trajectories.write_oem`.
+        """
+        flights = self.fly(plant, revolutions=revolutions, points=points)
+        flights.write_oem(path, plant=plant, epoch=epoch, centre=centre, object_id=object_id)
+
 
 @dataclass(frozen=True)
 class OrbitSet:
@@ -118,7 +229,8 @@ class Trajectories:
     """Coasts, that is flights without manoeuvres; a plan consists of one or several coasts.
 
     Flights with an open-loop command (a reference to be tracked) are stored likewise, with the
-    command in `u`.
+    command in `u`. ``flights[3]`` and ``flights[2:5]`` are the coasts at these places,
+    ``flights["down"]`` is the plan of this name, ``len(flights)`` the number of coasts.
     """
 
     frame: str
@@ -137,6 +249,103 @@ class Trajectories:
     """Names of the controls; none for coasts."""
     u: Annotated[Array | None, Shape("controls", "times", "coasts")] = None
     """Command held from each time to the next, SI; the last one holds after the end."""
+
+    def __len__(self) -> int:
+        """Return the number of coasts."""
+        return len(self.labels)
+
+    def __getitem__(self, key: int | slice | str) -> Trajectories:
+        """Return one coast by its place, a part of them, or the coasts of a plan by its name."""
+        if isinstance(key, str):
+            if key not in self.plans:
+                names = list(dict.fromkeys(self.plans))
+                raise InputError(
+                    f"no plan {key!r}{did_you_mean(key, names, otherwise='there are')}"
+                )
+            chosen = np.flatnonzero([plan == key for plan in self.plans])
+        else:
+            chosen = np.atleast_1d(np.arange(len(self))[key])
+        return replace(
+            self, plans=tuple(self.plans[k] for k in chosen),
+            labels=tuple(self.labels[k] for k in chosen), t_s=self.t_s[:, chosen],
+            x=self.x[:, :, chosen], u=None if self.u is None else self.u[:, :, chosen],
+        )  # fmt: skip
+
+    def __iter__(self) -> Iterator[Trajectories]:
+        """Return the coasts one by one."""
+        return (self[k] for k in range(len(self)))
+
+    def plot(self, renderer: Literal["plotly", "matplotlib"] = "plotly") -> Any:
+        """Return the paths in space as a figure, km.
+
+        Parameters
+        ----------
+        renderer : {"plotly", "matplotlib"}
+            Library of the figure.
+
+        Returns
+        -------
+        plotly.graph_objects.Figure or matplotlib.figure.Figure
+            The drawn figure.
+
+        Raises
+        ------
+        InputError
+            If there is no coast or no such renderer.
+        """
+        from hillsphere.products.flight_figures import flights_chart
+        from hillsphere.show.plotting import plot
+
+        return plot(flights_chart(self.frame, self.labels, self.t_s, self.x), renderer)
+
+    def write_oem(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        epoch: Epoch | str | None = None,
+        plant: Plant | None = None,
+        centre: str | None = None,
+        object_id: str = "0000-000A",
+    ) -> None:
+        """Write a plan as a CCSDS Orbit Ephemeris Message, a segment per coast.
+
+        Parameters
+        ----------
+        path : str or path
+            The file.
+        epoch : Epoch or str
+            Beginning of the plan; a text is a date and time in TDB.
+        plant : Plant, optional
+            Equations of motion; needed for states in the rotating frame of a moon, which are
+            written in the ICRF.
+        centre : str, optional
+            Name of the body at the origin of what is written: the moon, or its primary. By default
+            the origin of the states.
+        object_id : str
+            Identifier of the object.
+
+        Raises
+        ------
+        InputError
+            If there is not exactly one plan; if an argument is missing that the message needs, or
+            contradicts the states (it is named).
+        """
+        from hillsphere.products.flight_files import Coast, write_coasts
+
+        plans = list(dict.fromkeys(self.plans))
+        if len(plans) != 1:
+            raise InputError(
+                f"a message holds one object, here are {len(plans)} plans"
+                + (f": write one of them, such as flights[{plans[0]!r}]" if plans else "")
+            )
+        coasts = []
+        for k, label in enumerate(self.labels):
+            there = np.isfinite(self.t_s[:, k])
+            coasts.append(Coast(label, self.t_s[there, k], self.x[:, there, k]))
+        write_coasts(
+            path, coasts, frame=self.frame, states=self.states, name=plans[0].upper(), epoch=epoch,
+            plant=plant, centre=centre, object_id=object_id,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)

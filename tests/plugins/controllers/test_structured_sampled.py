@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.structured.bounded import Bounded
-from hillsphere_controllers.structured.requirements import Channel, DesignPlant
+from hillsphere_controllers.structured.requirements import (
+    Channel,
+    DesignPlant,
+    SampledPoleRegion,
+)
 from hillsphere_controllers.structured.sampled_plants import sampled_norms, synthesise_sampled
 from hillsphere_controllers.structured.sampled_structure import (
     image_structure,
@@ -167,3 +173,35 @@ def test_pid_and_transfer_function_of_a_sampled_plant() -> None:
     free = synthesise_sampled(lag_plant(), free_state_space(1, 1, 1), starts=2, seed=1)
     assert first.gamma == pytest.approx(free.gamma, rel=1e-3)
     assert first.gamma <= pi.gamma * (1.0 + 1e-4)
+
+
+def test_region_of_sampled_poles() -> None:
+    """A mode of decay ζω and frequency ω is at z = exp((−ζ ± j √(1 − ζ²)) ω T)."""
+    zeta, omega = 0.3, 0.8
+    s = omega * (-zeta + 1j * np.sqrt(1.0 - zeta**2))
+    z = np.array([np.exp(s * PERIOD), 0.4, -0.5, 0.0])
+    images = (2.0 / PERIOD * (z - 1.0) / (z + 1.0)).astype(np.complex128)
+    region = SampledPoleRegion(zeta * omega, zeta, omega, PERIOD)
+    rows, slopes = region.excess(images)
+    np.testing.assert_allclose(rows[:, 0], 0.0, atol=1e-12)
+    assert rows[0, 1] == pytest.approx(1.0 + np.log(0.4) / PERIOD / (zeta * omega))
+    assert rows[1, 1] == pytest.approx(zeta - 1.0)  # real and positive: damping 1
+    half = np.log(0.5) + 1j * np.pi  # s T of z = −1/2
+    assert rows[1, 2] == pytest.approx(zeta + half.real / abs(half))
+    assert rows[2, 3] == pytest.approx(1.0 / (omega * PERIOD))  # a pole at zero is too fast
+    border = np.exp(-omega * PERIOD)
+    low, high = (
+        region.excess(np.array([2.0 / PERIOD * (p - 1.0) / (p + 1.0)], dtype=np.complex128))
+        for p in (border - 1e-7, border + 1e-7)
+    )
+    assert low[0][2, 0] == pytest.approx(-high[0][2, 0], rel=1e-4)  # the same slope on both sides
+    assert low[1][2, 0].real == pytest.approx(high[1][2, 0].real, rel=1e-4)
+    assert (replace(region, filters=1).excess(images)[0][:, 3] == -np.inf).all()
+    step = 1e-6
+    for turn in (1.0, 1j):
+        ahead, behind = (
+            region.excess((images[:2] + k * step * turn).astype(np.complex128))[0] for k in (1, -1)
+        )
+        np.testing.assert_allclose(
+            (slopes[:, :2] * turn).real, (ahead - behind) / (2 * step), rtol=1e-6, atol=1e-8
+        )

@@ -14,6 +14,7 @@ from numpy.testing import assert_allclose
 import hillsphere_controllers as hc
 from hillsphere.errors import InputError
 from hillsphere_controllers.structured.single_loop import Pid
+from hillsphere_controllers.systems.bilinear import discrete
 from hillsphere_controllers.toolbox.tuning import _pid_gains, _reason
 
 ROOT = Path(__file__).parents[3]
@@ -379,3 +380,133 @@ def test_uncertainties_whose_worst_values_are_not_listed_are_named() -> None:
     assert list(margin.worst) == ["gain"]
     assert margin.without_value == ("error",)
     assert "error" in repr(margin)
+
+
+def test_ucover_takes_a_weight() -> None:
+    """Gains of 0.8 and 1.2 differ from 1 by 0.2: a weight of 0.25 exceeds that by a quarter."""
+    control = pytest.importorskip("control", reason="python-control is not installed")
+    for weight in (0.25, hc.LtiSystem(*(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0))),
+                                      np.array([[0.25]])), control.tf([0.25], [1.0])):  # fmt: skip
+        made = hc.ucover([0.8, 1.2], 1.0, W=weight)
+        assert made.excess == pytest.approx(1.25, rel=1e-9)
+        assert made.usys.at({"Delta": [[-0.8]]}).d[0, 0] == pytest.approx(0.8)
+    plants = [control.tf([k], [2.0, 1.0]) for k in (0.8, 1.2)]
+    lead = control.tf([2.0, 0.2], [1.0, 1.0])
+    made = hc.ucover(plants, control.tf([1.0], [2.0, 1.0]), W=lead)
+    assert made.excess == pytest.approx(10.0, rel=5e-2)  # 2 at high frequencies against 0.2
+    assert type(made.W) is control.StateSpace
+    sampled = [hc.transfer_function([k], [1.0, -0.5], 0.1) for k in (0.8, 1.2)]
+    made = hc.ucover(sampled, hc.transfer_function([1.0], [1.0, -0.5], 0.1), W=0.2)
+    assert made.usys.system.dt_s == 0.1
+    with pytest.raises(InputError, match=r"does not cover the plants: .* 0.5 of their largest"):
+        hc.ucover([0.8, 1.2], 1.0, W=0.1)
+    with pytest.raises(InputError, match="the weight must be stable"):
+        hc.ucover([0.8, 1.2], 1.0, W=np.eye(2))
+    with pytest.raises(InputError, match="not both"):
+        hc.ucover([0.8, 1.2], 1.0)
+
+
+GAIN_AT_3 = {
+    "a + 1": 4.0, "1 + a": 4.0, "a - 1.5": 1.5, "1.5 - a": -1.5, "a * 2": 6.0, "2 * a": 6.0,
+    "a / 2": 1.5, "2 / a": 2 / 3, "a**-1": 1 / 3, "a**-2": 1 / 9, "a**3": 27.0,
+    "a / a": 1.0, "(a + 1) / (a - 1)": 2.0, "a @ 2.0": 6.0, "a + [[1.0]]": 4.0,
+    "np.float64(2) / a": 2 / 3, "np.array([[2.0]]) / a": 2 / 3, "a / np.array([[2.0]])": 1.5,
+    "np.array(2.0) * a": 6.0,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("text", GAIN_AT_3)
+def test_numbers_and_uncertain_parameters(text: str) -> None:
+    made = eval(text, {"a": hc.ureal("a", 2.0, range=(1.0, 4.0)), "np": np})
+    assert made.at({"a": 3.0}).d[0, 0] == pytest.approx(GAIN_AT_3[text], rel=1e-12)
+
+
+# with G = (s + 2)/(s + 1) and a = 3, at s = 0 and s = ∞
+SYSTEMS_AT_3 = {
+    "G + a": (5.0, 4.0), "a + G": (5.0, 4.0), "G - a": (-1.0, -2.0), "a - G": (1.0, 2.0),
+    "G * a": (6.0, 3.0), "a * G": (6.0, 3.0), "G @ a": (6.0, 3.0), "a @ G": (6.0, 3.0),
+    "a / G": (1.5, 3.0), "G * a**-1": (2 / 3, 1 / 3), "(a * G)**-1": (1 / 6, 1 / 3),
+    "hc.feedback(a * G, 1.0)": (6 / 7, 3 / 4), "hc.feedback(G, a)": (2 / 7, 1 / 4),
+    "hc.feedback(a, G)": (3 / 7, 3 / 4),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("text", [*SYSTEMS_AT_3, "G / a"])
+@pytest.mark.parametrize("kind", ["own", "StateSpace", "TransferFunction"])
+def test_systems_of_both_libraries_and_uncertain_parameters(text: str, kind: str) -> None:
+    control = pytest.importorskip("control", reason="python-control is not installed")
+    if kind == "own":
+        system = hc.transfer_function([1.0, 2.0], [1.0, 1.0])
+    else:
+        system = control.tf([1.0, 2.0], [1.0, 1.0])
+        system = system if kind == "TransferFunction" else control.ss(system)
+    if (text, kind) == ("G / a", "TransferFunction"):
+        with pytest.raises(TypeError):  # python-control does not pass it on
+            eval(text, {"G": system, "a": hc.ureal("a", 2.0)})
+        return
+    made = eval(text, {"G": system, "a": hc.ureal("a", 2.0, range=(1.0, 4.0)), "hc": hc})
+    at = made.at({"a": 3.0})
+    low, high = at.response(np.array([0.0, 1e9]))[:, 0, 0]
+    expected = SYSTEMS_AT_3.get(text, (2 / 3, 1 / 3))
+    assert_allclose([low, high], expected, rtol=1e-6, atol=1e-8)
+
+
+def test_a_parameter_times_a_matrix() -> None:
+    a = hc.ureal("a", 2.0, range=(1.0, 4.0))
+    matrix = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
+    for made in (a * matrix, matrix * a):
+        assert_allclose(made.at({"a": 3.0}).d, 3.0 * matrix)
+        assert made.uncertainties[0].name == "a"
+    both = hc.append(a, 2.0, np.array([[5.0]]))
+    assert_allclose(both.at({"a": 3.0}).d, np.diag([3.0, 2.0, 5.0]))
+    square = a * np.array([[1.0, 1.0], [0.0, 1.0]])
+    assert_allclose((square**-1).at({"a": 4.0}).d, [[0.25, -0.25], [0.0, 0.25]])
+    assert_allclose((square**0).nominal.d, np.eye(2))
+    with pytest.raises(InputError, match="whole powers of square systems"):
+        eval("a**0.5", {"a": a})
+    with pytest.raises(InputError, match="divided by zero"):
+        _ = a / 0
+    with pytest.raises(InputError, match="no proper inverse"):
+        _ = 1.0 / (a * hc.transfer_function([1.0], [1.0, 1.0]))
+    with pytest.raises(InputError, match="a sum needs systems of one shape"):
+        _ = square + 1.0
+
+
+def sampled_integrator() -> hc.LtiSystem:
+    """1/(z − 1) with noise n on its output: from n and u to u and y, every half second."""
+    return hc.LtiSystem(
+        np.array([[1.0]]), np.array([[0.0, 1.0]]), np.array([[0.0], [1.0]]),
+        np.array([[0.0, 1.0], [1.0, 0.0]]), 0.5,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("goal", [hc.GainGoal(), hc.VarianceGoal()])
+def test_decay_of_a_sampled_loop(goal: hc.GainGoal | hc.VarianceGoal) -> None:
+    """With u = −k y the pole is z = 1 − k, and the command grows with k: the decay decides.
+
+    From n to u the loop is −k (z − 1)/(z − 1 + k), of the H∞ norm 2k/(2 − k), at z = −1, and the H2
+    norm k √(2/(2 − k)).
+    """
+    tuned = hc.systune(
+        sampled_integrator(), hc.tunableGain(1, 1), [goal],
+        [hc.PolesGoal(min_decay_1_s=1.0, max_frequency_rad_s=3.0)], starts=2,
+    )  # fmt: skip
+    k = 1.0 - np.exp(-0.5)
+    assert tuned.K.d[0, 0] == pytest.approx(-k, rel=1e-4)
+    norm = 2 * k / (2 - k) if isinstance(goal, hc.GainGoal) else k * np.sqrt(2 / (2 - k))
+    assert tuned.soft[0] == pytest.approx(norm, rel=1e-3)
+
+
+def test_damping_of_a_sampled_loop() -> None:
+    period = 0.1
+    plant = discrete(PLANT, period)
+    goal = hc.PolesGoal(min_damping=0.4)
+    tuned = hc.systune(plant, hc.tunableGain(1, 1), [hc.GainGoal()], [], starts=1)
+    damped = hc.systune(plant, hc.tunablePID("pd"), [hc.GainGoal()], [goal], starts=1)
+
+    def damping(loop: hc.LtiSystem) -> float:
+        s = np.log(loop.poles.astype(complex)) / period
+        return float((-s.real / np.abs(s)).min())
+
+    assert damping(tuned.CL[0]) < 0.4
+    assert damping(damped.CL[0]) >= 0.4 - 1e-3

@@ -9,10 +9,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hillsphere.errors import InputError, StageError
+from hillsphere.formats.oem import read_oem
 from hillsphere.plugins import default_registry, validate
 from hillsphere.products import FlightSet, OrbitSet, PeriodicOrbits, Trajectories
 from hillsphere.testing import RecordingContext
-from hillsphere_orbits.ephemeris.oem import read_oem
 from hillsphere_orbits.ephemeris.specs import EphemerisSpec
 from hillsphere_orbits.ephemeris.stage import EphemerisStage
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from hillsphere.errors import InputError
+from hillsphere.formats.oem import OemSegment, read_oem, write_oem
 from hillsphere.time import Epoch
-from hillsphere_orbits.ephemeris.oem import OemSegment, read_oem, write_oem
 
 
 def _segment(scale: str = "TDB", states: int = 12) -> OemSegment:

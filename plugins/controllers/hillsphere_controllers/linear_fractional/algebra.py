@@ -10,7 +10,12 @@ from scipy.linalg import block_diag
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.linear_fractional.transformation import Lft, connect_lfts, constant
+from hillsphere_controllers.linear_fractional.transformation import (
+    Lft,
+    connect_lfts,
+    constant,
+    inverse,
+)
 from hillsphere_controllers.linear_fractional.uncertainties import Uncertainty
 from hillsphere_controllers.systems.algebra import gain
 
@@ -27,10 +32,6 @@ __all__ = [
     "star",
     "state_space",
 ]  # fmt: skip
-
-_SINGULAR = 1e-13
-"""Smallest singular value of the direct term, relative to the largest, below which its inverse is
-rounding alone."""
 
 
 def parameter(uncertainty: Uncertainty) -> Lft:
@@ -200,46 +201,6 @@ def diagonal(*parts: Lft | LtiSystem | Array) -> Lft:
     _require_equal({1 for _ in lfts}, "systems")
     feed, into = _unconnected_matrices(lfts)
     return connect_lfts(lfts, feed, into, np.eye(feed.shape[1]))
-
-
-def inverse(of: Lft) -> Lft:
-    """Return the inverse, which has as many copies.
-
-    Parameters
-    ----------
-    of : Lft
-        Square.
-
-    Returns
-    -------
-    Lft
-        The inverse.
-
-    Raises
-    ------
-    InputError
-        If the system is not square, or its direct term for Δ = 0 is singular.
-    """
-    p, m = of.shape
-    if p != m:
-        raise InputError(f"only a square system has an inverse, got {p} × {m}")
-    (out, into), s = of.closed_channels, of.system
-    d22 = s.d[out:, into:]
-    values = np.linalg.svd(d22, compute_uv=False)
-    if p and values[-1] <= _SINGULAR * values[0]:
-        raise InputError("the direct term is singular for Δ = 0: there is no proper inverse")
-    # u = D22⁻¹ (y − C2 x − D21 w)
-    back: Array = np.linalg.inv(d22).astype(float)
-    state, delta = -back @ s.c[out:], -back @ s.d[out:, :into]
-    b2, d12 = s.b[:, into:], s.d[:out, into:]
-    system = LtiSystem(
-        s.a + b2 @ state,
-        np.hstack([s.b[:, :into] + b2 @ delta, b2 @ back]),
-        np.vstack([s.c[:out] + d12 @ state, state]),
-        np.block([[s.d[:out, :into] + d12 @ delta, d12 @ back], [delta, back]]),
-        s.dt_s,
-    )
-    return Lft(system, of.uncertainties, of.times)
 
 
 def feedback(forward: Lft, back: Lft | LtiSystem | Array, sign: int = -1) -> Lft:

@@ -39,6 +39,7 @@ from hillsphere.lti import LtiSystem
 from hillsphere_controllers.errors import SynthesisFailedError
 from hillsphere_controllers.linear_fractional.algebra import dynamics
 from hillsphere_controllers.linear_fractional.transformation import Lft
+from hillsphere_controllers.systems.algebra import gain
 from hillsphere_controllers.systems.bilinear import continuous
 from hillsphere_controllers.systems.conversion import transfer_function
 
@@ -93,8 +94,9 @@ class Cover:
 def cover_plants(
     plants: Sequence[LtiSystem],
     nominal: LtiSystem,
-    order: int,
+    order: int = 0,
     *,
+    weight: LtiSystem | None = None,
     kind: Kind = "input",
     omega_rad_s: Array | None = None,
     name: str = "Delta",
@@ -108,7 +110,9 @@ def cover_plants(
     nominal : LtiSystem
         P₀.
     order : int
-        Of the weight, from 0 to about 8.
+        Of the weight, from 0 to about 8; of no effect with a weight given.
+    weight : LtiSystem, optional
+        Weight to be used instead of a fitted one, 1 × 1 and stable. It is checked that it covers.
     kind : {"input", "output", "additive"}
         P₀ (I + w Δ), (I + w Δ) P₀ or P₀ + w Δ.
     omega_rad_s : ndarray, shape (K,), optional
@@ -125,7 +129,8 @@ def cover_plants(
     ------
     InputError
         If shapes, sampling or numbers of unstable poles differ, no plant differs from the nominal
-        one, or a difference is none of its inputs (outputs).
+        one, or a difference is none of its inputs (outputs); if a weight that is given does not
+        cover the plants.
     SynthesisFailedError
         If the linear programme has no solution that passes the check.
     """
@@ -148,7 +153,11 @@ def cover_plants(
     radius = _radius(plants, nominal, omega, kind)
     if not radius.max(initial=0.0) > 0.0:
         raise InputError("no plant differs from the nominal one: there is nothing to cover")
-    weight = fit_magnitude(omega, np.maximum(radius, _FLOOR * radius.max()), order, nominal.dt_s)
+    if weight is None:
+        covered = np.maximum(radius, _FLOOR * radius.max())
+        weight = fit_magnitude(omega, covered, order, nominal.dt_s)
+    else:
+        weight = _check_weight(weight, omega, radius, nominal.dt_s)
     size = np.abs(weight.response(omega)[:, 0, 0])
     p, m = nominal.shape
     bare = replace(nominal, inputs=(), outputs=(), states=())
@@ -220,6 +229,24 @@ def fit_magnitude(
         raise SynthesisFailedError(
             "the weight lost its accuracy in the spectral factors; take a lower order or fewer "
             "decades of frequency"
+        )
+    return weight
+
+
+def _check_weight(weight: LtiSystem, omega: Array, radius: Array, dt_s: float | None) -> LtiSystem:
+    """Return a given weight in the plants' time, after a check that it covers the radius."""
+    if weight.order == 0:
+        weight = gain(weight.d, dt_s)
+    if weight.shape != (1, 1) or weight.dt_s != dt_s or not weight.is_stable:
+        raise InputError(
+            f"the weight must be stable, 1 × 1 and sampled as the plants, got {weight}"
+        )
+    ratio = np.abs(weight.response(omega)[:, 0, 0]) / np.maximum(radius, np.finfo(float).tiny)
+    worst = int(np.argmin(ratio))
+    if ratio[worst] < 1.0 - _ROOM:
+        raise InputError(
+            f"the weight does not cover the plants: at {omega[worst]:.4g} rad/s it is "
+            f"{ratio[worst]:.4g} of their largest deviation {radius[worst]:.4g}"
         )
     return weight
 

@@ -18,7 +18,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from numbers import Real
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,24 +30,33 @@ from hillsphere.lti import LtiSystem
 from hillsphere_controllers.linear_fractional.uncertainties import Uncertainty
 from hillsphere_controllers.mu.blocks import Block, BlockStructure
 from hillsphere_controllers.systems.algebra import append, close_with_gain, gain, upper_lft
+from hillsphere_controllers.systems.conversion import as_lti
 
-__all__ = ["Lft", "connect_lfts", "constant"]
+__all__ = ["Lft", "Operand", "connect_lfts", "constant", "inverse"]
 
 _SINGULAR = 1e13
 """Factor by which the inverse of I − M₁₁ Δ may amplify M₁₂. Beyond it fewer than three of the
 sixteen digits of the result are left."""
+_RANK = 1e-13
+"""Smallest singular value of the direct term, relative to the largest, below which its inverse is
+rounding alone."""
 Complex = NDArray[np.complex128]
 Number = TypeVar("Number", np.float64, np.complex128)
 Values = Mapping[str, ArrayLike | LtiSystem]
+Operand: TypeAlias = "Lft | LtiSystem | ArrayLike | Any"
+"""What is added to and multiplied with an uncertain system: another one, a certain one of this
+library or of python-control, a matrix or a number."""
 
 
 @dataclass(frozen=True, eq=False)
 class Lft:
     """An uncertain system, or an uncertain matrix if M has no states.
 
-    ``+``, ``-``, ``@`` make others, and ``*``, which is ``@`` or the product with a number; so do
-    the functions of `hillsphere_controllers.linear_fractional.algebra`. Matrices and `LtiSystem`
-    are taken for certain ones.
+    ``+``, ``-``, ``@``, ``/`` and whole powers make others, and ``*``, which is ``@`` or the
+    product with a number or a 1 × 1 system; so do the functions of
+    `hillsphere_controllers.linear_fractional.algebra`. Numbers, matrices, `LtiSystem` and systems
+    of python-control, on either side, are taken for certain ones. A transfer function of
+    python-control refuses to be divided by anything else: write ``G * a**-1`` instead.
 
     Parameters
     ----------
@@ -275,7 +285,7 @@ class Lft:
             made.append((one, values.get(one.name, none)))
         return made
 
-    def __add__(self, other: Lft | LtiSystem | Array) -> Lft:
+    def __add__(self, other: Operand) -> Lft:
         """Return the sum."""
         right = constant(other)
         if right.shape != self.shape:
@@ -284,7 +294,7 @@ class Lft:
         one, both = np.eye(p), np.eye(m)
         return connect_lfts((self, right), zero, np.vstack([both, both]), np.hstack([one, one]))
 
-    def __radd__(self, other: LtiSystem | Array) -> Lft:
+    def __radd__(self, other: Operand) -> Lft:
         """Return the sum."""
         return constant(other) + self
 
@@ -292,28 +302,56 @@ class Lft:
         """Return the negative."""
         return self * -1.0
 
-    def __sub__(self, other: Lft | LtiSystem | Array) -> Lft:
+    def __sub__(self, other: Operand) -> Lft:
         """Return the difference."""
         return self + -constant(other)
 
-    def __rsub__(self, other: LtiSystem | Array) -> Lft:
+    def __rsub__(self, other: Operand) -> Lft:
         """Return the difference."""
         return constant(other) - self
 
-    def __mul__(self, other: Lft | LtiSystem | Array | float) -> Lft:
-        """Return the product with a number, or `self @ other`."""
-        if isinstance(other, Lft | LtiSystem | np.ndarray):
-            return self @ other
+    def __mul__(self, other: Operand) -> Lft:
+        """Return the product with a number or a 1 × 1 system, or `self @ other`."""
+        factor = _as_number(other)
+        if factor is None:
+            left, right = _widen(self, constant(other))
+            return left @ right
         (p, m) = self.shape
-        return connect_lfts((self,), np.zeros((m, p)), np.eye(m), float(other) * np.eye(p))
+        return connect_lfts((self,), np.zeros((m, p)), np.eye(m), factor * np.eye(p))
 
-    def __rmul__(self, other: LtiSystem | Array | float) -> Lft:
-        """Return the product with a number, or `other @ self`."""
-        if isinstance(other, LtiSystem | np.ndarray):
-            return constant(other) @ self
-        return self * other
+    def __rmul__(self, other: Operand) -> Lft:
+        """Return the product with a number or a 1 × 1 system, or `other @ self`."""
+        factor = _as_number(other)
+        return constant(other) * self if factor is None else self * factor
 
-    def __matmul__(self, other: Lft | LtiSystem | Array) -> Lft:
+    def __truediv__(self, other: Operand) -> Lft:
+        """Return the product with the inverse of the other."""
+        divisor = _as_number(other)
+        if divisor is None:
+            return self * inverse(constant(other))
+        if divisor == 0.0:
+            raise InputError("an uncertain system is not divided by zero")
+        return self * (1.0 / divisor)
+
+    def __rtruediv__(self, other: Operand) -> Lft:
+        """Return the other times the inverse."""
+        factor = _as_number(other)
+        return constant(other) * inverse(self) if factor is None else inverse(self) * factor
+
+    def __pow__(self, power: int) -> Lft:
+        """Return a whole power of a square system; a negative one is one of the inverse."""
+        p, m = self.shape
+        if not isinstance(power, int | np.integer) or p != m:
+            raise InputError(
+                f"only whole powers of square systems are known, got {power!r} of {p} × {m}"
+            )
+        factor = self if power >= 0 else inverse(self)
+        made = constant(np.eye(p))
+        for _ in range(abs(int(power))):
+            made = made @ factor
+        return made
+
+    def __matmul__(self, other: Operand) -> Lft:
         """Return the product: the outputs of the right LFT are the inputs of the left one."""
         right = constant(other)
         (p, m), (q, k) = self.shape, right.shape
@@ -324,27 +362,92 @@ class Lft:
         into = np.vstack([np.zeros((m, k)), np.eye(k)])
         return connect_lfts((self, right), feed, into, np.hstack([np.eye(p), np.zeros((p, q))]))
 
-    def __rmatmul__(self, other: LtiSystem | Array) -> Lft:
+    def __rmatmul__(self, other: Operand) -> Lft:
         """Return the product."""
         return constant(other) @ self
 
 
-def constant(given: Lft | LtiSystem | Array) -> Lft:
+def constant(given: Operand) -> Lft:
     """Return a system or a matrix as one in which nothing is uncertain; an Lft as it is.
 
     Parameters
     ----------
-    given : Lft, LtiSystem or ndarray
-        The system or matrix.
+    given : Lft, LtiSystem, system of python-control, array_like or float
+        The system, matrix or number.
 
     Returns
     -------
     Lft
         An LFT without blocks.
+
+    Raises
+    ------
+    InputError
+        If it is something else.
     """
-    if isinstance(given, Lft):
-        return given
-    return Lft(given if isinstance(given, LtiSystem) else gain(given))
+    return given if isinstance(given, Lft) else Lft(as_lti(given, "an operand"))
+
+
+def inverse(of: Lft) -> Lft:
+    """Return the inverse, which has as many copies.
+
+    Parameters
+    ----------
+    of : Lft
+        Square.
+
+    Returns
+    -------
+    Lft
+        The inverse.
+
+    Raises
+    ------
+    InputError
+        If the system is not square, or its direct term for Δ = 0 is singular.
+    """
+    p, m = of.shape
+    if p != m:
+        raise InputError(f"only a square system has an inverse, got {p} × {m}")
+    (out, into), s = of.closed_channels, of.system
+    d22 = s.d[out:, into:]
+    values = np.linalg.svd(d22, compute_uv=False)
+    if p and values[-1] <= _RANK * values[0]:
+        raise InputError("the direct term is singular for Δ = 0: there is no proper inverse")
+    # u = D22⁻¹ (y − C2 x − D21 w)
+    back: Array = np.linalg.inv(d22).astype(float)
+    state, delta = -back @ s.c[out:], -back @ s.d[out:, :into]
+    b2, d12 = s.b[:, into:], s.d[:out, into:]
+    system = LtiSystem(
+        s.a + b2 @ state,
+        np.hstack([s.b[:, :into] + b2 @ delta, b2 @ back]),
+        np.vstack([s.c[:out] + d12 @ state, state]),
+        np.block([[s.d[:out, :into] + d12 @ delta, d12 @ back], [delta, back]]),
+        s.dt_s,
+    )
+    return Lft(system, of.uncertainties, of.times)
+
+
+def _as_number(given: object) -> float | None:
+    """Return a real number, also one in an array without dimensions; None for anything else."""
+    if isinstance(given, np.ndarray) and given.ndim == 0:
+        given = given[()]
+    return float(given) if isinstance(given, Real) else None
+
+
+def _widen(left: Lft, right: Lft) -> tuple[Lft, Lft]:
+    """Return two factors of a product, one of them repeated if it is 1 × 1 and does not fit."""
+    if left.shape[1] != right.shape[0]:
+        if left.shape == (1, 1):
+            return _repeat(left, right.shape[0]), right
+        if right.shape == (1, 1):
+            return left, _repeat(right, left.shape[1])
+    return left, right
+
+
+def _repeat(one: Lft, times: int) -> Lft:
+    unit = np.eye(times)
+    return connect_lfts((one,) * times, np.zeros((times, times)), unit, unit)
 
 
 def evaluate_upper_lft(

@@ -25,7 +25,13 @@ from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.h2_norm import h2_norm
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.errors import SynthesisFailedError
-from hillsphere_controllers.structured.requirements import Channel, DesignPlant
+from hillsphere_controllers.structured.requirements import (
+    Channel,
+    Complex,
+    DesignPlant,
+    PoleRegion,
+    SampledPoleRegion,
+)
 from hillsphere_controllers.structured.sampled_structure import (
     image_structure,
     sampled_controller_of,
@@ -43,6 +49,9 @@ __all__ = ["sampled_norms", "synthesise_sampled"]
 
 _SAME = 1e-5
 """Share by which a norm of the sampled closed loop may differ from that of its image."""
+_OUTSIDE = 1e-5
+"""Relative distance from the region at which a pole of the sampled loop counts as within: poles are
+less accurate than norms."""
 
 
 def synthesise_sampled(
@@ -54,6 +63,7 @@ def synthesise_sampled(
     initial: Iterable[Array] = (),
     scatter: float = 0.0,
     target: float = 0.0,
+    region: PoleRegion | None = None,
     largest_gain: float | None = None,
     controller_stable: bool = False,
     bandwidth_rad_s: float | None = None,
@@ -73,6 +83,8 @@ def synthesise_sampled(
     starts, seed, initial, scatter, target, largest_gain, controller_stable, bandwidth_rad_s
         As for `synthesise`; the gain is that of the controller's image, and so are the parameters
         of a PID and of a controller without fixed entries.
+    region : PoleRegion or None
+        Where s = ln z/T is to be for the poles z of all closed loops.
     shaken, progress, ctx
         As for `synthesise`.
 
@@ -98,9 +110,10 @@ def synthesise_sampled(
         )
     period = next(p for p in periods if p is not None)
     image = image_structure(structure, period)
+    images = [_image(plant, structure) for plant in many]
     design = synthesise(
-        [_image(plant, structure) for plant in many], image, starts=starts, seed=seed,
-        initial=initial, scatter=scatter, target=target, largest_gain=largest_gain,
+        images, image, starts=starts, seed=seed, initial=initial, scatter=scatter, target=target,
+        region=_sampled_region(region, many, images, period), largest_gain=largest_gain,
         controller_stable=controller_stable, bandwidth_rad_s=bandwidth_rad_s, shaken=shaken,
         progress=progress, ctx=ctx,
     )  # fmt: skip
@@ -120,7 +133,45 @@ def synthesise_sampled(
             f"γ is {gamma:.9g} in the sampled loops, {design.gamma:.9g} in their images; scale "
             "signals and states"
         )
+    if region is not None:
+        for plant in many:
+            poles = lower_lft(plant.system, controller).poles
+            off = float(_own_region(region, period).excess(_images_of(poles, period))[0].max())
+            if off > _OUTSIDE:
+                raise SynthesisFailedError(
+                    f"{plant.name or 'the plant'}: a pole of the sampled loop is outside of the "
+                    f"region by {off:.3g}, relative; scale signals and states"
+                )
     return replace(design, controller=controller, gamma=gamma)
+
+
+def _sampled_region(
+    region: PoleRegion | None,
+    plants: Sequence[DesignPlant],
+    images: Sequence[DesignPlant],
+    period: float,
+) -> SampledPoleRegion | None:
+    """Return the region of the images' poles, of which those of the filters are none."""
+    if region is None:
+        return None
+    filters = {
+        image.system.order - plant.system.order for plant, image in zip(plants, images, strict=True)
+    }
+    if len(filters) > 1:
+        raise InputError(
+            "with a region of poles the H2 norms of all sampled plants must be of as many outputs, "
+            f"got {sorted(filters)}"
+        )
+    return replace(_own_region(region, period), filters=filters.pop())
+
+
+def _own_region(region: PoleRegion, period: float) -> SampledPoleRegion:
+    return SampledPoleRegion(region.decay_1_s, region.damping, region.fastest_rad_s, period)
+
+
+def _images_of(poles: Complex, period: float) -> Complex:
+    """Return λ = (2/T)(z − 1)/(z + 1)."""
+    return np.asarray(2.0 / period * (poles - 1.0) / np.where(poles == -1.0, 1e-300, poles + 1.0))
 
 
 def sampled_norms(plant: DesignPlant, controller: LtiSystem) -> list[float]:

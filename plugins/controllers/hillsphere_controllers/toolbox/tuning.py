@@ -142,7 +142,12 @@ class VarianceGoal:
 
 @dataclass(frozen=True)
 class PolesGoal:
-    """The poles of the closed loop are to lie in a region; a hard goal in continuous time.
+    """The poles of the closed loop are to lie in a region; a hard goal.
+
+    Of a pole z of a loop in discrete time with the period T, λ is ln z/T, as MATLAB's systune and
+    damp define it: |z| ≤ exp(−decay T), and a damping is that of the sampled mode. A pole on the
+    negative real axis has |Im λ| = π/T, and so hardly any damping; one at zero has no frequency
+    below any limit.
 
     Parameters
     ----------
@@ -500,9 +505,7 @@ def _design(
 ) -> StructuredDesign:
     if all(plant.system.dt_s is None for plant in plants):
         return synthesise(plants, K, starts=starts, seed=seed, region=region)
-    if region is not None:
-        raise InputError("a region of poles is one in continuous time; leave the PolesGoal out")
-    return synthesise_sampled(plants, K, starts=starts, seed=seed)
+    return synthesise_sampled(plants, K, starts=starts, seed=seed, region=region)
 
 
 def _channel(

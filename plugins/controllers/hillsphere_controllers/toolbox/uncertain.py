@@ -213,17 +213,19 @@ def feedback(G: Any, H: Any = None, sign: int = -1) -> Any:
 
 
 @overload
-def append(first: Lft, /, *more: Lft | LtiSystem | Array) -> Lft: ...
+def append(first: Lft, /, *more: Lft | LtiSystem | Array | float) -> Lft: ...
 @overload
-def append(first: LtiSystem | Array, second: Lft, /, *more: Lft | LtiSystem | Array) -> Lft: ...
+def append(
+    first: LtiSystem | Array | float, second: Lft, /, *more: Lft | LtiSystem | Array | float
+) -> Lft: ...
 @overload
-def append(*systems: LtiSystem | Array) -> LtiSystem: ...
+def append(*systems: LtiSystem | Array | float) -> LtiSystem: ...
 def append(*systems: Any) -> Any:
     """Return the block-diagonal system of several, certain or uncertain.
 
     Parameters
     ----------
-    *systems : LtiSystem, system of python-control, ndarray or Lft
+    *systems : LtiSystem, system of python-control, ndarray, float or Lft
         The blocks.
 
     Returns
@@ -258,7 +260,7 @@ class PlantCover(Readable):
     usys : Lft
         P₀ (I + w Δ), (I + w Δ) P₀ or P₀ + w Δ.
     W : LtiSystem
-        The weight w, 1 × 1, stable, with stable inverse.
+        The weight w, 1 × 1, stable; one that was fitted has a stable inverse.
     omega_rad_s, radius : ndarray, shape (K,)
         Frequencies, and the largest deviation of the plants there, which w covers.
     excess : float
@@ -273,10 +275,11 @@ class PlantCover(Readable):
 
 
 def ucover(
-    Parray: Sequence[LtiSystem],
-    Pnom: LtiSystem,
-    order: int,
+    Parray: Sequence[LtiSystem | Array | float],
+    Pnom: LtiSystem | Array | float,
+    order: int | None = None,
     *,
+    W: LtiSystem | Array | float | None = None,
     kind: Kind = "input",
     omega_rad_s: Array | None = None,
     name: str = "Delta",
@@ -285,12 +288,14 @@ def ucover(
 
     Parameters
     ----------
-    Parray : sequence of LtiSystem or systems of python-control
+    Parray : sequence of LtiSystem, systems of python-control, matrices or numbers
         The plants.
-    Pnom : LtiSystem or system of python-control
+    Pnom : LtiSystem, system of python-control, matrix or number
         The nominal plant P₀.
-    order : int
-        Of the weight.
+    order : int, optional
+        Of the weight, which is fitted to the plants.
+    W : LtiSystem, system of python-control or float, optional
+        The weight itself instead of its order, stable and 1 × 1. It is checked that it covers.
     kind : {"input", "output", "additive"}
         MATLAB's 'InputMult', which is P₀ (I + w Δ), 'OutputMult' or 'Additive'.
     omega_rad_s : ndarray, shape (K,), optional
@@ -306,12 +311,17 @@ def ucover(
     Raises
     ------
     InputError, SynthesisFailedError
-        As `hillsphere_controllers.linear_fractional.cover.cover_plants`.
+        As `hillsphere_controllers.linear_fractional.cover.cover_plants`; if not exactly one of
+        `order` and `W` is given.
     """
+    if (order is None) == (W is None):
+        raise InputError("give the order of a weight that is fitted, or a weight W, not both")
     plants = [as_lti(one, f"plant {k}") for k, one in enumerate(Parray)]
     cover = cover_plants(
-        plants, as_lti(Pnom, "the plant Pnom"), order, kind=kind, omega_rad_s=omega_rad_s, name=name
-    )
+        plants, as_lti(Pnom, "the plant Pnom"), order or 0,
+        weight=None if W is None else as_lti(W, "the weight W"),
+        kind=kind, omega_rad_s=omega_rad_s, name=name,
+    )  # fmt: skip
     return PlantCover(
-        cover.uncertain, like(cover.weight, Pnom), cover.omega_rad_s, cover.radius, cover.excess
+        cover.uncertain, like(cover.weight, Pnom, W), cover.omega_rad_s, cover.radius, cover.excess
     )

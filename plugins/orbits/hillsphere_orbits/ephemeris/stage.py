@@ -5,22 +5,20 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from math import ceil
-from typing import Annotated, Protocol, runtime_checkable
+from typing import Annotated
 
 import numpy as np
 
-from hillsphere.base.contracts import Contract
 from hillsphere.dynamics import Taylor
 from hillsphere.errors import InputError, StageError
+from hillsphere.formats.oem import OemSegment, states_csv, write_oem
 from hillsphere.interfaces import Array, Context, Plant
-from hillsphere.model.bodies import OrbitingBody
-from hillsphere.model.inertial import RotatingFrame
+from hillsphere.model.inertial import frame_about_moon
 from hillsphere.presentation import Presentation
 from hillsphere.products import FlightSet, OrbitSet, PeriodicOrbits
 from hillsphere.products.fields import Shape
 from hillsphere.show.tables import column, tabulate, text_column
 from hillsphere.time import Epoch
-from hillsphere_orbits.ephemeris.oem import OemSegment, states_csv, write_oem
 from hillsphere_orbits.ephemeris.specs import EphemerisSpec
 from hillsphere_orbits.flow import flow_of
 from hillsphere_orbits.qso.presentation import label_identifier
@@ -55,26 +53,6 @@ class Ephemerides:
     """Positions, m, and velocities, m/s."""
 
 
-@runtime_checkable
-class AboutMoon(Contract, Protocol):
-    """A plant in the rotating frame of a moon."""
-
-    @property
-    def moon(self) -> OrbitingBody:
-        """The moon."""
-        ...
-
-    @property
-    def mean_motion_rad_s(self) -> float:
-        """Rate at which the frame turns, which need not be that of a moon without mass."""
-        ...
-
-    @property
-    def prime_meridian_rad(self) -> float:
-        """Angle about +z from +x to its longitude 0."""
-        ...
-
-
 class EphemerisStage:
     """Orbits and flights in inertial axes.
 
@@ -96,26 +74,7 @@ class EphemerisStage:
             self.epoch = Epoch.parse(spec.epoch, spec.time_scale)
         except InputError as error:
             raise InputError(f"epoch: {error}") from error
-        about = self.plant
-        if not isinstance(about, AboutMoon) or not self.plant.frame.startswith("hill:"):
-            raise InputError(
-                "an ephemeris in inertial axes needs a plant in the rotating frame of a moon "
-                f"(hill:BODY), got {self.plant.frame}"
-            )
-        moon = about.moon
-        if moon.orientation is None:
-            raise InputError(
-                f"body {moon.name!r} has no orientation, so that its rotating frame cannot be "
-                "placed among the stars: give it pole_right_ascension_deg, pole_declination_deg "
-                "and prime_meridian_deg"
-            )
-        self.frame = RotatingFrame(
-            moon.orientation,
-            self.epoch,
-            about.mean_motion_rad_s,
-            about.prime_meridian_rad,
-            moon.semi_major_axis_m,
-        )
+        self.frame, moon = frame_about_moon(self.plant, self.epoch)
         self.centre = moon.name if spec.centre == "moon" else moon.primary_name
 
     def run(

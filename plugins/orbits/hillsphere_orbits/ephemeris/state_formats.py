@@ -7,8 +7,8 @@ from pathlib import Path
 
 from hillsphere.base.errors import InputError
 from hillsphere.base.regular_files import read_text
+from hillsphere.formats.oem import OemSegment, read_oem, states_csv, write_oem
 from hillsphere.formats.specs import FileFormatSpec
-from hillsphere_orbits.ephemeris.oem import OemSegment, read_oem, states_csv, write_oem
 
 __all__ = ["OemFile", "StatesCsv"]
 
@@ -33,7 +33,7 @@ class OemFile:
         return "CCSDS_OEM_VERS" in beginning
 
     def read(self, path: Path) -> list[OemSegment]:
-        """Read a message; see `hillsphere_orbits.ephemeris.oem.read_oem`."""
+        """Read a message; see `hillsphere.formats.oem.read_oem`."""
         try:
             return read_oem(read_text(path))
         except (OSError, UnicodeDecodeError) as error:

@@ -118,7 +118,7 @@ def synthesise_fixed_structure(
             _check_sampled(spec)
             design = synthesise_sampled(
                 alone, structure, starts=options.starts, seed=seed, initial=begun,
-                scatter=scatter, target=options.target,
+                scatter=scatter, target=options.target, region=region,
                 largest_gain=options.largest_gain, controller_stable=options.controller_stable,
                 bandwidth_rad_s=options.bandwidth_rad_s, shaken=options.shaken, progress=telling,
                 ctx=ctx,
@@ -205,7 +205,6 @@ def _check_sampled(spec: SynthesisSpec) -> None:
     options = spec.structured
     assert options is not None
     for key, given in (
-        ("structured.region", options.region is not None),
         ("structured.per_plant", options.per_plant),
         ("needs.wider", spec.needs.wider is not None),
     ):
