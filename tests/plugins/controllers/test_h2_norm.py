@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
+from hillsphere.errors import ConvergenceError
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.analysis.h2_norm import h2_norm
+from hillsphere_controllers.analysis.h2_norm import h2_norm, h2_norm_bounds
 from hillsphere_controllers.analysis.stability import spectral_abscissa
 from hillsphere_controllers.systems.algebra import append, gain, series
 from hillsphere_controllers.systems.conversion import transfer_function
@@ -105,3 +106,41 @@ def test_a_pole_near_minus_one() -> None:
     a = -1.0 + 1e-12
     given = LtiSystem(np.array([[a]]), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)), 1.0)
     assert_allclose(h2_norm(given), np.sqrt(1.0 / (1.0 - a * a)), rtol=1e-9)
+
+
+@pytest.mark.parametrize("slow", [2.0**-10, 2.0**-20, 2.0**-30])
+@pytest.mark.parametrize("dt_s", [None, 0.5])
+def test_the_norm_is_between_close_bounds(slow: float, dt_s: float | None) -> None:
+    """Entries without rounding: T = [[1, 3], [0, 1]], a fast pole and a slow one."""
+    t, back = np.array([[1.0, 3.0], [0.0, 1.0]]), np.array([[1.0, -3.0], [0.0, 1.0]])
+    poles = np.array([-1.0, -slow]) if dt_s is None else np.array([0.5, 1.0 - slow])
+    b, c = np.array([[1.0], [2.0]]), np.array([[1.0, -1.0]])
+    made = LtiSystem(t * poles @ back, t @ b, c @ back, np.zeros((1, 1)), dt_s)
+    weights = b[:, 0] * c[0]
+    sums = poles[:, None] + poles if dt_s is None else np.outer(poles, poles) - 1.0
+    exact = float(np.sqrt(np.sum(-np.outer(weights, weights) / sums)))
+    bounds = h2_norm_bounds(made)
+    assert bounds.lower * (1.0 - 1e-15) <= exact <= bounds.upper * (1.0 + 1e-15)
+    assert bounds.upper - bounds.lower <= 1e-7 * exact
+    assert_allclose(h2_norm(made), exact, rtol=1e-7)
+
+
+def test_a_norm_that_rounding_hides_is_not_stated() -> None:
+    """A pole at −1e-13 in coordinates that hide it: rounding of the entries is as large."""
+    random = np.random.default_rng(5)
+    t = random.normal(size=(4, 4))
+    made = LtiSystem(
+        t * np.array([-1.0, -2.0, -30.0, -1e-13]) @ np.linalg.inv(t),
+        t @ np.ones((4, 1)), np.ones((1, 4)) @ np.linalg.inv(t), np.zeros((1, 1)),
+    )  # fmt: skip
+    bounds = h2_norm_bounds(made)
+    assert bounds.upper == np.inf or bounds.upper > 1.00001 * bounds.lower
+    if made.is_stable:
+        with pytest.raises(ConvergenceError, match="only known to be from"):
+            h2_norm(made)
+
+
+def test_bounds_of_what_has_no_states_or_is_unstable() -> None:
+    bounds = h2_norm_bounds(gain(np.array([[3.0, 4.0]]), 1.0))
+    assert bounds.lower <= 5.0 <= bounds.upper <= 5.0 * (1.0 + 1e-12)
+    assert h2_norm_bounds(transfer_function([1.0], [1.0, -1.0])).lower == np.inf

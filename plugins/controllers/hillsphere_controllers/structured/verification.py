@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.analysis.h2_norm import h2_norm
+from hillsphere_controllers.analysis.h2_norm import h2_norm_bounds
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.analysis.stability import spectral_abscissa
 from hillsphere_controllers.errors import (
@@ -209,7 +209,11 @@ def _norm(loop: LtiSystem, channel: Channel) -> tuple[float, float, str]:
     """Return a norm, its relative rounding error, and a doubt about it in words."""
     part = _part(loop, *_places(loop, channel, 0, 0))
     if channel.norm == "h2":
-        return h2_norm(part), 0.0, ""
+        bounds = h2_norm_bounds(part)
+        if not np.isfinite(bounds.upper):
+            known = f"it is at least {bounds.lower:.6g}" if np.isfinite(bounds.lower) else ""
+            return bounds.upper, 0.0, known
+        return bounds.upper, 1.0 - bounds.lower / max(bounds.upper, 1e-300), ""
     norm = hinf_norm(part)
     return norm.value, norm.error, norm.doubt
 

@@ -10,7 +10,7 @@ from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.disk_margins import disk_margin_of_both_ends
 from hillsphere_controllers.analysis.frequency import largest_gains
-from hillsphere_controllers.analysis.h2_norm import h2_norm
+from hillsphere_controllers.analysis.h2_norm import h2_norm_bounds
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.analysis.margins import LoopMargins, loop_margins
 from hillsphere_controllers.analysis.stability import spectral_abscissa
@@ -56,7 +56,7 @@ def evaluate_controller(
             (
                 norm.value, norm.upper, norm.frequency_rad_s, norm.error,
                 float(gains.max(initial=0.0)),
-                h2_norm(loop) if stable else np.inf,
+                h2_norm_bounds(loop).upper if stable else np.inf,
                 spectral_abscissa(loop), _damping(loop), disk.alpha,
             )
         )  # fmt: skip
