@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Iterator
 from contextlib import chdir, redirect_stderr, redirect_stdout
 from io import StringIO
@@ -63,7 +64,7 @@ def convert(place: Path, *words: str) -> tuple[int, str, str]:
 
 def read(format_: str, path: Path) -> Any:
     record = default_registry().get("format", format_)
-    return record.load_target()(FileFormatSpec()).read(path)
+    return record.load_target()(FileFormatSpec()).read(path)[0]
 
 
 @pytest.mark.parametrize("name", FIELDS)
@@ -73,6 +74,7 @@ def test_gravity_fields_keep_every_digit(name: str, tmp_path: Path) -> None:
     assert (code, err) == (0, "")
     first, *lost = out.splitlines()
     assert first == "field.shadr: gravity field, icgem -> shadr"
+    lost = [line for line in lost if "comment" not in line and "deviations" not in line]
     there = read("icgem", source)
     assert lost[0] == f"  not kept: name of the model ({there.name})"
     assert [line for line in lost if "tide system" in line] == (
@@ -195,3 +197,162 @@ def test_what_is_refused(tmp_path: Path) -> None:
     assert convert(tmp_path, "a.gfc", "b.shadr", "--force")[0] == 0
     (tmp_path / "a.data").write_bytes((tmp_path / "b.shadr").read_bytes())
     assert "shadr -> icgem" in convert(tmp_path, "a.data", "c.gfc")[1]  # told from its content
+
+
+def other_segment(**changes: str) -> str:
+    """Return the example's segment an hour later, with other metadata."""
+    text = OEM.split("\n\n", 1)[1].replace("T00:", "T01:")
+    for key, value in changes.items():
+        text = re.sub(rf"{key} = .*", f"{key} = {value}", text)
+    return "\n" + text
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"OBJECT_NAME": "OTHER"}, "object (PROBE, OTHER)"),
+        ({"CENTER_NAME": "EARTH"}, "centre (MARS, EARTH)"),
+        ({"REF_FRAME": "TEME"}, "frame (ICRF, TEME)"),
+        ({"TIME_SYSTEM": "UTC"}, "time system (TDB, UTC)"),
+    ],
+)
+def test_a_table_of_unlike_segments_is_refused(
+    changes: dict[str, str], message: str, tmp_path: Path
+) -> None:
+    (tmp_path / "a.oem").write_text(OEM + other_segment() + other_segment(**changes), "utf-8")
+    code, out, err = convert(tmp_path, "a.oem", "a.csv")
+    assert (code, out) == (2, "")
+    assert f"a.oem: segments 1 and 3 differ in {message}" in err
+    assert not (tmp_path / "a.csv").exists()
+    (tmp_path / "b.oem").write_text(OEM + other_segment(), "utf-8")
+    assert "not kept: limits of the 2 segments" in convert(tmp_path, "b.oem", "b.csv")[1]
+
+
+def test_what_readers_of_ephemerides_pass_over_is_said(tmp_path: Path) -> None:
+    text = OEM.replace("META_STOP", "USEABLE_START_TIME = 2026-01-01T00:00:00\nMETA_STOP")
+    text = text.replace("00:00:00.000000 9376", "00:00:00.123456789 9376")
+    lines = text.splitlines()
+    lines[-1] += " 0.1 0.2 0.3"
+    lines += ["COMMENT why", "COVARIANCE_START", "EPOCH = 2026-01-01T00:01:00", "COVARIANCE_STOP"]
+    (tmp_path / "a.oem").write_text("\ufeff" + "\n".join(lines), "utf-8")
+    code, out, _ = convert(tmp_path, "a.oem", "a.csv", "--json")
+    assert code == 0
+    assert json.loads(out)["not_kept"][:5] == [
+        "comments", "covariances", "accelerations", "digits of the times below 1 µs",
+        "USEABLE_START_TIME",
+    ]  # fmt: skip
+
+
+GFC = """free words
+begin_of_head
+product_type gravity_field
+earth_gravity_constant 3.986e14
+radius 6378136.3
+max_degree 2
+errors calibrated_and_formal
+norm fully_normalized
+end_of_head
+gfc 2 0 -4.8e-4 0 1e-10 1e-11 2e-10 2e-11
+"""
+
+
+def test_what_readers_of_gravity_fields_pass_over_is_said(tmp_path: Path) -> None:
+    (tmp_path / "a.gfc").write_text(GFC, "utf-8")
+    code, out, _ = convert(tmp_path, "a.gfc", "a.shadr", "--json")
+    assert code == 0
+    assert json.loads(out)["not_kept"] == [
+        "kind of the standard deviations (calibrated_and_formal)",
+        "second pair of standard deviations (formal)",
+        "comments or further keys before the coefficients",
+        "name of the model (a)",
+    ]
+    sound = (tmp_path / "a.shadr").read_text("utf-8")
+    head = sound.split(",")
+    head[2] = " 1.5E-06"
+    (tmp_path / "b.shadr").write_text(",".join(head), "utf-8")
+    code, out, _ = convert(tmp_path, "b.shadr", "b.gfc")
+    assert out.endswith("  not kept: uncertainty of GM (1.5E-06 km³/s²)\n")
+
+
+def test_a_field_without_rows_becomes_a_table(tmp_path: Path) -> None:
+    text = GFC.replace("max_degree 2", "max_degree 0")
+    (tmp_path / "e.gfc").write_text("\n".join(text.splitlines()[:-1]) + "\n", "utf-8")
+    assert convert(tmp_path, "e.gfc", "e.shadr")[0] == 0
+    assert read("shadr", tmp_path / "e.shadr").rows == ()
+
+
+def test_the_input_is_never_replaced(tmp_path: Path) -> None:
+    (tmp_path / "a.gfc").write_text(GFC, "utf-8")
+    (tmp_path / "link.shadr").symlink_to(tmp_path / "a.gfc")
+    os.link(tmp_path / "a.gfc", tmp_path / "hard.shadr")
+    for words in (("a.gfc", "--to", "shadr"), ("link.shadr",), ("hard.shadr",)):
+        code, out, err = convert(tmp_path, "a.gfc", *words, "--force")
+        assert (code, out) == (2, "")
+        assert f"{words[0]}: is the file that is read" in err
+    assert (tmp_path / "a.gfc").read_text("utf-8") == GFC
+    code, _, err = convert(tmp_path, "a.gfc", "-", "--to", "shadr")
+    assert code == 2
+    assert "OUT must be a file" in err
+    assert not (tmp_path / "-").exists()
+
+
+def test_messages_of_writers_name_the_file(tmp_path: Path) -> None:
+    (tmp_path / "a.gfc").write_text(GFC.replace("norm fully_normalized\n", ""), "utf-8")
+    code, _, err = convert(tmp_path, "a.gfc", "a.shadr")
+    assert code == 2
+    assert "a.gfc: a: does not say its normalisation" in err
+
+
+BROKEN = """
+from hillsphere.plugins import Component, hookimpl
+
+
+class Bad:
+    content = "gravity field"
+    suffixes = (".bad",)
+
+    def __init__(self, spec):
+        pass
+
+    def recognises(self, beginning):
+        raise RuntimeError("it has\\nno eyes")
+
+    def read(self, path):
+        raise KeyError("name")
+
+    def write(self, content):
+        return 1 / 0
+
+
+@hookimpl
+def hillsphere_components():
+    spec = "hillsphere.formats.specs:FileFormatSpec"
+    return [
+        Component("format", "bad", f"{__name__}:Bad", spec, "x"),
+        Component("format", "missing", f"{__name__}:Missing", spec, "x"),
+    ]
+"""
+
+
+def test_a_broken_format_of_a_plugin_is_blamed_on_it_and_stops_no_other(tmp_path: Path) -> None:
+    plugin = tmp_path / "broken_formats.py"
+    plugin.write_text(BROKEN, "utf-8")
+    (tmp_path / "a.gfc").write_text(GFC, "utf-8")
+    given = ("--plugin", str(plugin))
+    code, out, err = convert(tmp_path, "a.gfc", "a.shadr", *given)
+    assert code == 0
+    assert out.startswith("a.shadr: gravity field, icgem -> shadr\n")
+    assert "note: left out: plugin 'broken_formats.py': format 'missing'" in err
+    assert (
+        "note: left out: plugin 'broken_formats.py': file format 'bad' failed in looking at the "
+        "beginning of a file: RuntimeError: it has no eyes\n"
+    ) in err
+    for words, message in (
+        (("a.gfc", "b.bad"), "file format 'bad' failed in writing: ZeroDivisionError"),
+        (("a.gfc", "b.shadr", "--from", "bad"), "file format 'bad' failed in reading: KeyError"),
+        (("a.gfc", "b.bad", "--to", "missing"), "format 'missing'"),
+    ):
+        code, out, err = convert(tmp_path, *words, *given)
+        assert (code, out) == (2, "")
+        assert err.splitlines()[-1].startswith("plugin 'broken_formats.py': ")
+        assert message in err.splitlines()[-1]

@@ -58,10 +58,10 @@ class TleFile:
         lines = [line.rstrip() for line in beginning.splitlines() if line.strip()]
         return any(line.startswith("1 ") and len(line) in (68, 69) for line in lines[:2])
 
-    def read(self, path: Path) -> tuple[Omm, ...]:
+    def read(self, path: Path) -> tuple[tuple[Omm, ...], tuple[str, ...]]:
         """Read element sets; see `hillsphere_tracking.tle.read_tles`."""
         sets = read_tles(_text(path), str(path))
-        return read_omms(_messages(map(_fields_of, sets)), str(path))
+        return read_omms(_messages(map(_fields_of, sets)), str(path)), ()
 
     def write(self, content: Sequence[Omm]) -> tuple[str, tuple[str, ...]]:
         """Return element sets with title lines, and which numbers were rounded.
@@ -101,9 +101,9 @@ class OmmFile:
         """Return whether the text says that it is such a message."""
         return "CCSDS_OMM_VERS" in beginning or re.search(r"<(\w+:)?omm\b", beginning) is not None
 
-    def read(self, path: Path) -> tuple[Omm, ...]:
+    def read(self, path: Path) -> tuple[tuple[Omm, ...], tuple[str, ...]]:
         """Read messages; see `hillsphere_tracking.omm.read_omms`."""
-        return read_omms(_text(path), str(path))
+        return read_omms(_text(path), str(path)), ()
 
     def write(self, content: Sequence[Omm]) -> tuple[str, tuple[str, ...]]:
         """Return messages as text. Nothing is lost."""
