@@ -22,6 +22,7 @@ import numpy as np
 from hillsphere.base.arrays import Array
 from hillsphere.base.errors import InputError
 from hillsphere.base.time import SCALES, Epoch
+from hillsphere.formats.ccsds_times import read_ccsds_time
 
 __all__ = ["INERTIAL_FRAMES", "OemSegment", "read_oem", "states_csv", "write_oem"]
 
@@ -248,7 +249,7 @@ def _segment(
     states: list[list[float]] = []
     for line, parts in rows:
         try:
-            epochs.append(Epoch.parse(parts[0].removesuffix("Z"), scale))
+            epochs.append(read_ccsds_time(parts[0], scale))
         except InputError as error:
             raise InputError(f"line {line}: {error}") from error
         values = [_number(part, line) for part in parts[1:]]
