@@ -130,6 +130,21 @@ def test_element_sets_become_messages_and_come_back(text: str, tmp_path: Path) -
     assert [line[:-1] for line in lines] == [line[:-1] for line in text.splitlines()]
 
 
+@pytest.mark.parametrize("between", ["b.omm", "b.xml", "b.json", "b.csv"])
+def test_all_encodings_hold_the_same(between: str, tmp_path: Path) -> None:
+    (tmp_path / "a.tle").write_text(VANGUARD + STATION, "utf-8")
+    code, out, err = convert(tmp_path, "a.tle", between)
+    assert (code, out.count("\n"), err) == (0, 1, "")
+    there = read("tle", tmp_path / "a.tle")
+    assert read("omm", tmp_path / between) == there
+    # each is recognised by its beginning, and becomes each other one
+    (tmp_path / "anything").write_bytes((tmp_path / between).read_bytes())
+    for target in {"c.tle", "c.omm", "c.xml", "c.json", "c.csv"} - {between.replace("b.", "c.")}:
+        assert convert(tmp_path, "anything", target)[0] == 0, target
+        encoding = "tle" if target == "c.tle" else "omm"
+        assert read(encoding, tmp_path / target) == there
+
+
 def test_what_an_element_set_cannot_hold_is_said(tmp_path: Path) -> None:
     (tmp_path / "a.tle").write_text(STATION, "utf-8")
     assert convert(tmp_path, "a.tle", "a.omm")[0] == 0
@@ -140,11 +155,156 @@ def test_what_an_element_set_cannot_hold_is_said(tmp_path: Path) -> None:
     code, out, _ = convert(tmp_path, "fine.omm", "b.tle")
     assert code == 0
     assert out.endswith("  not kept: ISS (ZARYA): digits of INCLINATION\n")
-    (tmp_path / "big.omm").write_text(message.replace("= 25544", "= 270001"))
-    code, _, err = convert(tmp_path, "big.omm", "c.tle")
+    for old, new in (
+        ("= 25544", "= 340000"),
+        ("= 0.0006703", "= 0.99999997"),
+        ("2008-09-20T12:25:40.104192", "2016-12-31T23:59:60.5"),
+        ("2008-09-20T", "2057-09-20T"),
+        ("TYPE = U", "TYPE = UNKNOWN"),
+    ):
+        assert old in message
+        (tmp_path / "bad.omm").write_text(message.replace(old, new))
+        code, _, err = convert(tmp_path, "bad.omm", "c.tle")
+        assert code == 2
+        assert "bad.omm: ISS (ZARYA): " in err
+        assert "does not fit into an element set" in err
+        assert not (tmp_path / "c.tle").exists()
+
+
+def changed(tmp_path: Path, old: str, new: str, written: str = "b.tle") -> tuple[int, str, str]:
+    """Convert the station's message after one change."""
+    (tmp_path / "a.tle").write_text(STATION, "utf-8")
+    assert convert(tmp_path, "a.tle", "a.omm", "--force")[0] == 0
+    message = (tmp_path / "a.omm").read_text("utf-8")
+    assert old in message
+    (tmp_path / "b.omm").write_text(message.replace(old, new), "utf-8")
+    return convert(tmp_path, "b.omm", written, "--force")
+
+
+@pytest.mark.parametrize(
+    ("identifier", "columns", "lost"),
+    [
+        ("98067A", "98067A  ", ""),
+        ("1998-067A", "98067A  ", ""),
+        ("", "        ", ""),
+        ("1998-67", "        ", "OBJECT_ID (1998-67)"),
+        ("2060-001A", "        ", "OBJECT_ID (2060-001A)"),
+    ],
+)
+def test_a_designator_that_does_not_fit_is_left_blank(
+    identifier: str, columns: str, lost: str, tmp_path: Path
+) -> None:
+    code, out, _ = changed(tmp_path, "OBJECT_ID = 1998-067A", f"OBJECT_ID = {identifier}")
+    assert code == 0
+    assert out.partition("not kept: ISS (ZARYA): ")[2].strip() == lost
+    assert (tmp_path / "b.tle").read_text("utf-8").splitlines()[1][9:17] == columns
+
+
+@pytest.mark.parametrize("name", ["ISS (ZARYA) [+]", "0 GRAVITY", "1 ST", "2 ND", "ÉTOILE [B] [C]"])
+@pytest.mark.parametrize("between", ["b.tle", "b.xml", "b.json", "b.csv"])
+def test_names_are_kept(name: str, between: str, tmp_path: Path) -> None:
+    to = {"b.csv": ("--to", "omm_csv")}.get(between, ())
+    (tmp_path / "a.tle").write_text(STATION, "utf-8")
+    assert convert(tmp_path, "a.tle", "a.omm")[0] == 0
+    message = (tmp_path / "a.omm").read_text("utf-8").replace("ISS (ZARYA)", name)
+    (tmp_path / "b.omm").write_text(message, "utf-8")
+    code, out, _ = convert(tmp_path, "b.omm", between, *to)
+    assert (code, "not kept" in out) == (0, False)
+    assert convert(tmp_path, between, "c.omm")[0] == 0
+    (there,), (back,) = read("omm", tmp_path / "b.omm"), read("omm", tmp_path / "c.omm")
+    assert there.name == name
+    assert there == back
+
+
+def test_a_name_cannot_bring_further_elements(tmp_path: Path) -> None:
+    (tmp_path / "a.tle").write_text(STATION, "utf-8")
+    assert convert(tmp_path, "a.tle", "a.xml")[0] == 0
+    text = (tmp_path / "a.xml").read_text("utf-8")
+    lines = STATION.split("\n", 1)[1]
+    for old, new, key in (
+        (">ISS (ZARYA)<", f">X\n{lines}Y<", "OBJECT_NAME"),
+        (">1998-067A<", ">X\nEPOCH = 2000-01-01<", "OBJECT_ID"),
+        (">U<", ">U\nX<", "CLASSIFICATION_TYPE"),
+    ):
+        assert old in text
+        (tmp_path / "b.xml").write_text(text.replace(old, new), "utf-8")
+        for to in ("tle", "omm"):
+            code, _, err = convert(tmp_path, "b.xml", "b.out", "--to", to)
+            assert code == 2
+            assert f"{key} must be one line of printable text" in err
+            assert not (tmp_path / "b.out").exists()
+
+
+def test_elements_for_another_theory_are_refused(tmp_path: Path) -> None:
+    other = STATION.replace(" 0  2927", " 4  2921")
+    (tmp_path / "xp.tle").write_text(other, "utf-8")
+    code, _, err = convert(tmp_path, "xp.tle", "xp.omm")
     assert code == 2
-    assert "NORAD_CAT_ID = 270001 does not fit into an element set" in err
-    assert not (tmp_path / "c.tle").exists()
+    assert "xp.tle:2: column 63 (ephemeris type) must be blank, 0 or 2" in err
+    place = ("--station", "48.08,11.28,580", "--start", "2008-09-21", "--days", "1")
+    err_stream, out_stream = StringIO(), StringIO()
+    with chdir(tmp_path), redirect_stderr(err_stream), redirect_stdout(out_stream):
+        assert run(("passes", "xp.tle", *place)) == 2
+    assert "column 63 (ephemeris type)" in err_stream.getvalue()
+
+
+def test_what_readers_of_messages_pass_over_is_said(tmp_path: Path) -> None:
+    further = "CX_X = 1\nCY_X = 2\nUSER_DEFINED_FOO = 3\nMASS = 400\nCOMMENT why\nBSTAR = 1e-5\n"
+    code, out, _ = changed(tmp_path, "BSTAR = -1.1606e-05\n", further, "b.json")
+    assert code == 0
+    assert [line.strip() for line in out.splitlines()[1:]] == [
+        "not kept: covariance", "not kept: USER_DEFINED_FOO", "not kept: MASS",
+        "not kept: comments",
+    ]  # fmt: skip
+    code, out, _ = changed(tmp_path, ".104192", ".1041923", "b.json")
+    assert out.endswith("  not kept: last digits of EPOCH\n")
+
+
+def test_faults_of_element_sets_are_told_with_their_lines(tmp_path: Path) -> None:
+    name, one, two = STATION.splitlines()
+    two = with_checksum(two.replace(" 51.6416", "251.6416"))
+    (tmp_path / "a.tle").write_text(f"\n\n{name}\n{one}\n{two}\n", "utf-8")
+    code, _, err = convert(tmp_path, "a.tle", "a.omm")
+    assert code == 2
+    assert "a.tle:5: columns 9 to 16 (inclination) must be between 0 and 180" in err
+    one = with_checksum(one[:64] + " 2X2" + one[68:])
+    (tmp_path / "a.tle").write_text(f"\n\n{name}\n{one}\n{STATION.splitlines()[2]}\n", "utf-8")
+    code, _, err = convert(tmp_path, "a.tle", "a.omm")
+    assert code == 2
+    assert "a.tle:4 (ISS (ZARYA)): ELEMENT_SET_NO must be a whole number" in err
+
+
+def with_checksum(line: str) -> str:
+    return line[:68] + str(sum(int(c) if c.isdigit() else c == "-" for c in line[:68]) % 10)
+
+
+@pytest.mark.parametrize(
+    ("columns", "number"),
+    [("00005", 5), ("99999", 99999), ("A0000", 100000), ("H9999", 179999), ("J0000", 180000),
+     ("P0000", 230000), ("T0001", 270001), ("Z9999", 339999)],
+)  # fmt: skip
+def test_catalogue_numbers_with_a_letter(columns: str, number: int, tmp_path: Path) -> None:
+    lines = [line[:2] + columns + line[7:] for line in STATION.splitlines()[1:]]
+    text = "ISS (ZARYA)\n" + "".join(with_checksum(line) + "\n" for line in lines)
+    (tmp_path / "a.tle").write_text(text, "utf-8")
+    assert convert(tmp_path, "a.tle", "a.omm")[0] == 0
+    assert f"NORAD_CAT_ID = {number}\n" in (tmp_path / "a.omm").read_text("utf-8")
+    assert convert(tmp_path, "a.omm", "b.tle")[0] == 0
+    back = (tmp_path / "b.tle").read_text("utf-8").splitlines()
+    assert [line[2:7] for line in back[1:]] == [columns, columns]
+
+
+def test_an_epoch_that_rounds_up_to_the_new_year(tmp_path: Path) -> None:
+    code, out, _ = changed(tmp_path, "2008-09-20T12:25:40.104192", "2007-12-31T23:59:59.999999")
+    assert code == 0
+    assert "digits of EPOCH" in out
+    assert (tmp_path / "b.tle").read_text("utf-8").splitlines()[1][18:32] == "08001.00000000"
+
+
+def test_angles_beyond_one_turn_are_written_within_it(tmp_path: Path) -> None:
+    for value, columns in (("-10", "350.0000"), ("359.99999", "  0.0000"), ("725.5", "  5.5000")):
+        assert changed(tmp_path, "MEAN_ANOMALY = 325.0288", f"MEAN_ANOMALY = {value}")[0] == 0
+        assert (tmp_path / "b.tle").read_text("utf-8").splitlines()[2][43:51] == columns
 
 
 def test_an_ephemeris_becomes_a_table(tmp_path: Path) -> None:

@@ -93,11 +93,11 @@ def read_icgem(path: str | Path) -> CoefficientTable:
         normalisation=None if norm is None else _NORMALISATIONS[norm],
         tide_system=tide,
         rows=tuple(rows),
-        passed_over=tuple(_passed_over(head, errors)),
+        passed_over=tuple(_list_passed_over(head, errors)),
     )
 
 
-def _passed_over(head: _Head, errors: str) -> Iterator[str]:
+def _list_passed_over(head: _Head, errors: str) -> Iterator[str]:
     """Return what a head states, or announces for the rows, that a table does not hold."""
     if _ERROR_COLUMNS[errors]:
         yield f"kind of the standard deviations ({errors})"
