@@ -6,6 +6,7 @@ looks for modules that open or parse files and are not named in `Reader.modules`
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -169,6 +170,13 @@ OMM_XML = "<ndm><omm><body>" + "".join(
     for key, _, value in (line.partition("=") for line in OMM.splitlines())
 ) + "</body></omm></ndm>"  # fmt: skip
 # Vallado, Revisiting Spacetrack Report #3, catalogue number 5
+_PAIRS = [
+    (key.strip(), value.partition("[")[0].strip())
+    for key, sign, value in (line.partition("=") for line in OMM.splitlines())
+    if sign
+]
+OMM_JSON = json.dumps([dict(_PAIRS)])
+OMM_CSV = "\n".join(",".join(row) for row in zip(*_PAIRS, strict=True)) + "\n"
 TLE = """VANGUARD 1
 1 00005U 58002B   00179.78495062  .00000023  00000-0  28098-4 0  4753
 2 00005  34.2682 348.7242 1859667 331.7664  19.3264 10.82419157413667
@@ -342,7 +350,12 @@ READERS = (
     Reader("tle", "two-line.txt", _text(TLE), orbits_of_file,
            ("hillsphere_tracking.passes.sources", "hillsphere_tracking.tle")),
     Reader("omm", "orbit.omm", _text(OMM), orbits_of_file, ("hillsphere_tracking.omm",)),
-    Reader("omm_xml", "orbit.xml", _text(OMM_XML), orbits_of_file, ("hillsphere_tracking.omm",)),
+    Reader("omm_xml", "orbit.xml", _text(OMM_XML), orbits_of_file,
+           ("hillsphere_tracking.omm_encodings",)),
+    Reader("omm_json", "orbit.json", _text(OMM_JSON), orbits_of_file,
+           ("hillsphere_tracking.omm_encodings",)),
+    Reader("omm_csv", "orbit.csv", _text(OMM_CSV), orbits_of_file,
+           ("hillsphere_tracking.omm_encodings",)),
     Reader("format_tle", "two-line.txt", _text(TLE),
            lambda path: create("format", "tle").read(path),
            ("hillsphere_tracking.element_formats",)),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Iterator
 from contextlib import chdir, redirect_stderr, redirect_stdout
 from io import StringIO
@@ -63,7 +64,7 @@ def convert(place: Path, *words: str) -> tuple[int, str, str]:
 
 def read(format_: str, path: Path) -> Any:
     record = default_registry().get("format", format_)
-    return record.load_target()(FileFormatSpec()).read(path)
+    return record.load_target()(FileFormatSpec()).read(path)[0]
 
 
 @pytest.mark.parametrize("name", FIELDS)
@@ -73,6 +74,7 @@ def test_gravity_fields_keep_every_digit(name: str, tmp_path: Path) -> None:
     assert (code, err) == (0, "")
     first, *lost = out.splitlines()
     assert first == "field.shadr: gravity field, icgem -> shadr"
+    lost = [line for line in lost if "comment" not in line and "deviations" not in line]
     there = read("icgem", source)
     assert lost[0] == f"  not kept: name of the model ({there.name})"
     assert [line for line in lost if "tide system" in line] == (
@@ -128,6 +130,21 @@ def test_element_sets_become_messages_and_come_back(text: str, tmp_path: Path) -
     assert [line[:-1] for line in lines] == [line[:-1] for line in text.splitlines()]
 
 
+@pytest.mark.parametrize("between", ["b.omm", "b.xml", "b.json", "b.csv"])
+def test_all_encodings_hold_the_same(between: str, tmp_path: Path) -> None:
+    (tmp_path / "a.tle").write_text(VANGUARD + STATION, "utf-8")
+    code, out, err = convert(tmp_path, "a.tle", between)
+    assert (code, out.count("\n"), err) == (0, 1, "")
+    there = read("tle", tmp_path / "a.tle")
+    assert read("omm", tmp_path / between) == there
+    # each is recognised by its beginning, and becomes each other one
+    (tmp_path / "anything").write_bytes((tmp_path / between).read_bytes())
+    for target in {"c.tle", "c.omm", "c.xml", "c.json", "c.csv"} - {between.replace("b.", "c.")}:
+        assert convert(tmp_path, "anything", target)[0] == 0, target
+        encoding = "tle" if target == "c.tle" else "omm"
+        assert read(encoding, tmp_path / target) == there
+
+
 def test_what_an_element_set_cannot_hold_is_said(tmp_path: Path) -> None:
     (tmp_path / "a.tle").write_text(STATION, "utf-8")
     assert convert(tmp_path, "a.tle", "a.omm")[0] == 0
@@ -138,11 +155,156 @@ def test_what_an_element_set_cannot_hold_is_said(tmp_path: Path) -> None:
     code, out, _ = convert(tmp_path, "fine.omm", "b.tle")
     assert code == 0
     assert out.endswith("  not kept: ISS (ZARYA): digits of INCLINATION\n")
-    (tmp_path / "big.omm").write_text(message.replace("= 25544", "= 270001"))
-    code, _, err = convert(tmp_path, "big.omm", "c.tle")
+    for old, new in (
+        ("= 25544", "= 340000"),
+        ("= 0.0006703", "= 0.99999997"),
+        ("2008-09-20T12:25:40.104192", "2016-12-31T23:59:60.5"),
+        ("2008-09-20T", "2057-09-20T"),
+        ("TYPE = U", "TYPE = UNKNOWN"),
+    ):
+        assert old in message
+        (tmp_path / "bad.omm").write_text(message.replace(old, new))
+        code, _, err = convert(tmp_path, "bad.omm", "c.tle")
+        assert code == 2
+        assert "bad.omm: ISS (ZARYA): " in err
+        assert "does not fit into an element set" in err
+        assert not (tmp_path / "c.tle").exists()
+
+
+def changed(tmp_path: Path, old: str, new: str, written: str = "b.tle") -> tuple[int, str, str]:
+    """Convert the station's message after one change."""
+    (tmp_path / "a.tle").write_text(STATION, "utf-8")
+    assert convert(tmp_path, "a.tle", "a.omm", "--force")[0] == 0
+    message = (tmp_path / "a.omm").read_text("utf-8")
+    assert old in message
+    (tmp_path / "b.omm").write_text(message.replace(old, new), "utf-8")
+    return convert(tmp_path, "b.omm", written, "--force")
+
+
+@pytest.mark.parametrize(
+    ("identifier", "columns", "lost"),
+    [
+        ("98067A", "98067A  ", ""),
+        ("1998-067A", "98067A  ", ""),
+        ("", "        ", ""),
+        ("1998-67", "        ", "OBJECT_ID (1998-67)"),
+        ("2060-001A", "        ", "OBJECT_ID (2060-001A)"),
+    ],
+)
+def test_a_designator_that_does_not_fit_is_left_blank(
+    identifier: str, columns: str, lost: str, tmp_path: Path
+) -> None:
+    code, out, _ = changed(tmp_path, "OBJECT_ID = 1998-067A", f"OBJECT_ID = {identifier}")
+    assert code == 0
+    assert out.partition("not kept: ISS (ZARYA): ")[2].strip() == lost
+    assert (tmp_path / "b.tle").read_text("utf-8").splitlines()[1][9:17] == columns
+
+
+@pytest.mark.parametrize("name", ["ISS (ZARYA) [+]", "0 GRAVITY", "1 ST", "2 ND", "ÉTOILE [B] [C]"])
+@pytest.mark.parametrize("between", ["b.tle", "b.xml", "b.json", "b.csv"])
+def test_names_are_kept(name: str, between: str, tmp_path: Path) -> None:
+    to = {"b.csv": ("--to", "omm_csv")}.get(between, ())
+    (tmp_path / "a.tle").write_text(STATION, "utf-8")
+    assert convert(tmp_path, "a.tle", "a.omm")[0] == 0
+    message = (tmp_path / "a.omm").read_text("utf-8").replace("ISS (ZARYA)", name)
+    (tmp_path / "b.omm").write_text(message, "utf-8")
+    code, out, _ = convert(tmp_path, "b.omm", between, *to)
+    assert (code, "not kept" in out) == (0, False)
+    assert convert(tmp_path, between, "c.omm")[0] == 0
+    (there,), (back,) = read("omm", tmp_path / "b.omm"), read("omm", tmp_path / "c.omm")
+    assert there.name == name
+    assert there == back
+
+
+def test_a_name_cannot_bring_further_elements(tmp_path: Path) -> None:
+    (tmp_path / "a.tle").write_text(STATION, "utf-8")
+    assert convert(tmp_path, "a.tle", "a.xml")[0] == 0
+    text = (tmp_path / "a.xml").read_text("utf-8")
+    lines = STATION.split("\n", 1)[1]
+    for old, new, key in (
+        (">ISS (ZARYA)<", f">X\n{lines}Y<", "OBJECT_NAME"),
+        (">1998-067A<", ">X\nEPOCH = 2000-01-01<", "OBJECT_ID"),
+        (">U<", ">U\nX<", "CLASSIFICATION_TYPE"),
+    ):
+        assert old in text
+        (tmp_path / "b.xml").write_text(text.replace(old, new), "utf-8")
+        for to in ("tle", "omm"):
+            code, _, err = convert(tmp_path, "b.xml", "b.out", "--to", to)
+            assert code == 2
+            assert f"{key} must be one line of printable text" in err
+            assert not (tmp_path / "b.out").exists()
+
+
+def test_elements_for_another_theory_are_refused(tmp_path: Path) -> None:
+    other = STATION.replace(" 0  2927", " 4  2921")
+    (tmp_path / "xp.tle").write_text(other, "utf-8")
+    code, _, err = convert(tmp_path, "xp.tle", "xp.omm")
     assert code == 2
-    assert "NORAD_CAT_ID = 270001 does not fit into an element set" in err
-    assert not (tmp_path / "c.tle").exists()
+    assert "xp.tle:2: column 63 (ephemeris type) must be blank, 0 or 2" in err
+    place = ("--station", "48.08,11.28,580", "--start", "2008-09-21", "--days", "1")
+    err_stream, out_stream = StringIO(), StringIO()
+    with chdir(tmp_path), redirect_stderr(err_stream), redirect_stdout(out_stream):
+        assert run(("passes", "xp.tle", *place)) == 2
+    assert "column 63 (ephemeris type)" in err_stream.getvalue()
+
+
+def test_what_readers_of_messages_pass_over_is_said(tmp_path: Path) -> None:
+    further = "CX_X = 1\nCY_X = 2\nUSER_DEFINED_FOO = 3\nMASS = 400\nCOMMENT why\nBSTAR = 1e-5\n"
+    code, out, _ = changed(tmp_path, "BSTAR = -1.1606e-05\n", further, "b.json")
+    assert code == 0
+    assert [line.strip() for line in out.splitlines()[1:]] == [
+        "not kept: covariance", "not kept: USER_DEFINED_FOO", "not kept: MASS",
+        "not kept: comments",
+    ]  # fmt: skip
+    code, out, _ = changed(tmp_path, ".104192", ".1041923", "b.json")
+    assert out.endswith("  not kept: last digits of EPOCH\n")
+
+
+def test_faults_of_element_sets_are_told_with_their_lines(tmp_path: Path) -> None:
+    name, one, two = STATION.splitlines()
+    two = with_checksum(two.replace(" 51.6416", "251.6416"))
+    (tmp_path / "a.tle").write_text(f"\n\n{name}\n{one}\n{two}\n", "utf-8")
+    code, _, err = convert(tmp_path, "a.tle", "a.omm")
+    assert code == 2
+    assert "a.tle:5: columns 9 to 16 (inclination) must be between 0 and 180" in err
+    one = with_checksum(one[:64] + " 2X2" + one[68:])
+    (tmp_path / "a.tle").write_text(f"\n\n{name}\n{one}\n{STATION.splitlines()[2]}\n", "utf-8")
+    code, _, err = convert(tmp_path, "a.tle", "a.omm")
+    assert code == 2
+    assert "a.tle:4 (ISS (ZARYA)): ELEMENT_SET_NO must be a whole number" in err
+
+
+def with_checksum(line: str) -> str:
+    return line[:68] + str(sum(int(c) if c.isdigit() else c == "-" for c in line[:68]) % 10)
+
+
+@pytest.mark.parametrize(
+    ("columns", "number"),
+    [("00005", 5), ("99999", 99999), ("A0000", 100000), ("H9999", 179999), ("J0000", 180000),
+     ("P0000", 230000), ("T0001", 270001), ("Z9999", 339999)],
+)  # fmt: skip
+def test_catalogue_numbers_with_a_letter(columns: str, number: int, tmp_path: Path) -> None:
+    lines = [line[:2] + columns + line[7:] for line in STATION.splitlines()[1:]]
+    text = "ISS (ZARYA)\n" + "".join(with_checksum(line) + "\n" for line in lines)
+    (tmp_path / "a.tle").write_text(text, "utf-8")
+    assert convert(tmp_path, "a.tle", "a.omm")[0] == 0
+    assert f"NORAD_CAT_ID = {number}\n" in (tmp_path / "a.omm").read_text("utf-8")
+    assert convert(tmp_path, "a.omm", "b.tle")[0] == 0
+    back = (tmp_path / "b.tle").read_text("utf-8").splitlines()
+    assert [line[2:7] for line in back[1:]] == [columns, columns]
+
+
+def test_an_epoch_that_rounds_up_to_the_new_year(tmp_path: Path) -> None:
+    code, out, _ = changed(tmp_path, "2008-09-20T12:25:40.104192", "2007-12-31T23:59:59.999999")
+    assert code == 0
+    assert "digits of EPOCH" in out
+    assert (tmp_path / "b.tle").read_text("utf-8").splitlines()[1][18:32] == "08001.00000000"
+
+
+def test_angles_beyond_one_turn_are_written_within_it(tmp_path: Path) -> None:
+    for value, columns in (("-10", "350.0000"), ("359.99999", "  0.0000"), ("725.5", "  5.5000")):
+        assert changed(tmp_path, "MEAN_ANOMALY = 325.0288", f"MEAN_ANOMALY = {value}")[0] == 0
+        assert (tmp_path / "b.tle").read_text("utf-8").splitlines()[2][43:51] == columns
 
 
 def test_an_ephemeris_becomes_a_table(tmp_path: Path) -> None:
@@ -195,3 +357,162 @@ def test_what_is_refused(tmp_path: Path) -> None:
     assert convert(tmp_path, "a.gfc", "b.shadr", "--force")[0] == 0
     (tmp_path / "a.data").write_bytes((tmp_path / "b.shadr").read_bytes())
     assert "shadr -> icgem" in convert(tmp_path, "a.data", "c.gfc")[1]  # told from its content
+
+
+def other_segment(**changes: str) -> str:
+    """Return the example's segment an hour later, with other metadata."""
+    text = OEM.split("\n\n", 1)[1].replace("T00:", "T01:")
+    for key, value in changes.items():
+        text = re.sub(rf"{key} = .*", f"{key} = {value}", text)
+    return "\n" + text
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"OBJECT_NAME": "OTHER"}, "object (PROBE, OTHER)"),
+        ({"CENTER_NAME": "EARTH"}, "centre (MARS, EARTH)"),
+        ({"REF_FRAME": "TEME"}, "frame (ICRF, TEME)"),
+        ({"TIME_SYSTEM": "UTC"}, "time system (TDB, UTC)"),
+    ],
+)
+def test_a_table_of_unlike_segments_is_refused(
+    changes: dict[str, str], message: str, tmp_path: Path
+) -> None:
+    (tmp_path / "a.oem").write_text(OEM + other_segment() + other_segment(**changes), "utf-8")
+    code, out, err = convert(tmp_path, "a.oem", "a.csv")
+    assert (code, out) == (2, "")
+    assert f"a.oem: segments 1 and 3 differ in {message}" in err
+    assert not (tmp_path / "a.csv").exists()
+    (tmp_path / "b.oem").write_text(OEM + other_segment(), "utf-8")
+    assert "not kept: limits of the 2 segments" in convert(tmp_path, "b.oem", "b.csv")[1]
+
+
+def test_what_readers_of_ephemerides_pass_over_is_said(tmp_path: Path) -> None:
+    text = OEM.replace("META_STOP", "USEABLE_START_TIME = 2026-01-01T00:00:00\nMETA_STOP")
+    text = text.replace("00:00:00.000000 9376", "00:00:00.123456789 9376")
+    lines = text.splitlines()
+    lines[-1] += " 0.1 0.2 0.3"
+    lines += ["COMMENT why", "COVARIANCE_START", "EPOCH = 2026-01-01T00:01:00", "COVARIANCE_STOP"]
+    (tmp_path / "a.oem").write_text("\ufeff" + "\n".join(lines), "utf-8")
+    code, out, _ = convert(tmp_path, "a.oem", "a.csv", "--json")
+    assert code == 0
+    assert json.loads(out)["not_kept"][:5] == [
+        "comments", "covariances", "accelerations", "digits of the times below 1 µs",
+        "USEABLE_START_TIME",
+    ]  # fmt: skip
+
+
+GFC = """free words
+begin_of_head
+product_type gravity_field
+earth_gravity_constant 3.986e14
+radius 6378136.3
+max_degree 2
+errors calibrated_and_formal
+norm fully_normalized
+end_of_head
+gfc 2 0 -4.8e-4 0 1e-10 1e-11 2e-10 2e-11
+"""
+
+
+def test_what_readers_of_gravity_fields_pass_over_is_said(tmp_path: Path) -> None:
+    (tmp_path / "a.gfc").write_text(GFC, "utf-8")
+    code, out, _ = convert(tmp_path, "a.gfc", "a.shadr", "--json")
+    assert code == 0
+    assert json.loads(out)["not_kept"] == [
+        "kind of the standard deviations (calibrated_and_formal)",
+        "second pair of standard deviations (formal)",
+        "comments or further keys before the coefficients",
+        "name of the model (a)",
+    ]
+    sound = (tmp_path / "a.shadr").read_text("utf-8")
+    head = sound.split(",")
+    head[2] = " 1.5E-06"
+    (tmp_path / "b.shadr").write_text(",".join(head), "utf-8")
+    code, out, _ = convert(tmp_path, "b.shadr", "b.gfc")
+    assert out.endswith("  not kept: uncertainty of GM (1.5E-06 km³/s²)\n")
+
+
+def test_a_field_without_rows_becomes_a_table(tmp_path: Path) -> None:
+    text = GFC.replace("max_degree 2", "max_degree 0")
+    (tmp_path / "e.gfc").write_text("\n".join(text.splitlines()[:-1]) + "\n", "utf-8")
+    assert convert(tmp_path, "e.gfc", "e.shadr")[0] == 0
+    assert read("shadr", tmp_path / "e.shadr").rows == ()
+
+
+def test_the_input_is_never_replaced(tmp_path: Path) -> None:
+    (tmp_path / "a.gfc").write_text(GFC, "utf-8")
+    (tmp_path / "link.shadr").symlink_to(tmp_path / "a.gfc")
+    os.link(tmp_path / "a.gfc", tmp_path / "hard.shadr")
+    for words in (("a.gfc", "--to", "shadr"), ("link.shadr",), ("hard.shadr",)):
+        code, out, err = convert(tmp_path, "a.gfc", *words, "--force")
+        assert (code, out) == (2, "")
+        assert f"{words[0]}: is the file that is read" in err
+    assert (tmp_path / "a.gfc").read_text("utf-8") == GFC
+    code, _, err = convert(tmp_path, "a.gfc", "-", "--to", "shadr")
+    assert code == 2
+    assert "OUT must be a file" in err
+    assert not (tmp_path / "-").exists()
+
+
+def test_messages_of_writers_name_the_file(tmp_path: Path) -> None:
+    (tmp_path / "a.gfc").write_text(GFC.replace("norm fully_normalized\n", ""), "utf-8")
+    code, _, err = convert(tmp_path, "a.gfc", "a.shadr")
+    assert code == 2
+    assert "a.gfc: a: does not say its normalisation" in err
+
+
+BROKEN = """
+from hillsphere.plugins import Component, hookimpl
+
+
+class Bad:
+    content = "gravity field"
+    suffixes = (".bad",)
+
+    def __init__(self, spec):
+        pass
+
+    def recognises(self, beginning):
+        raise RuntimeError("it has\\nno eyes")
+
+    def read(self, path):
+        raise KeyError("name")
+
+    def write(self, content):
+        return 1 / 0
+
+
+@hookimpl
+def hillsphere_components():
+    spec = "hillsphere.formats.specs:FileFormatSpec"
+    return [
+        Component("format", "bad", f"{__name__}:Bad", spec, "x"),
+        Component("format", "missing", f"{__name__}:Missing", spec, "x"),
+    ]
+"""
+
+
+def test_a_broken_format_of_a_plugin_is_blamed_on_it_and_stops_no_other(tmp_path: Path) -> None:
+    plugin = tmp_path / "broken_formats.py"
+    plugin.write_text(BROKEN, "utf-8")
+    (tmp_path / "a.gfc").write_text(GFC, "utf-8")
+    given = ("--plugin", str(plugin))
+    code, out, err = convert(tmp_path, "a.gfc", "a.shadr", *given)
+    assert code == 0
+    assert out.startswith("a.shadr: gravity field, icgem -> shadr\n")
+    assert "note: left out: plugin 'broken_formats.py': format 'missing'" in err
+    assert (
+        "note: left out: plugin 'broken_formats.py': file format 'bad' failed in looking at the "
+        "beginning of a file: RuntimeError: it has no eyes\n"
+    ) in err
+    for words, message in (
+        (("a.gfc", "b.bad"), "file format 'bad' failed in writing: ZeroDivisionError"),
+        (("a.gfc", "b.shadr", "--from", "bad"), "file format 'bad' failed in reading: KeyError"),
+        (("a.gfc", "b.bad", "--to", "missing"), "format 'missing'"),
+    ):
+        code, out, err = convert(tmp_path, *words, *given)
+        assert (code, out) == (2, "")
+        assert err.splitlines()[-1].startswith("plugin 'broken_formats.py': ")
+        assert message in err.splitlines()[-1]

@@ -9,7 +9,7 @@ import os
 import subprocess
 import sys
 import zipfile
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -312,3 +312,36 @@ def test_orbits_are_chosen_by_place_label_and_part() -> None:
         whole["Ω 7"]
     with pytest.raises(IndexError):
         whole[4]
+
+
+def test_orbits_are_chosen_by_lists_and_masks() -> None:
+    whole = orbits(4)
+    for key in ([2, 0], np.array([2, -4]), ["Ω 2", "Ω 0"], np.array(["Ω 2", "Ω 0"])):
+        assert whole[key].labels == ("Ω 2", "Ω 0")
+    for mask in ([True, False, True, False], np.array([True, False, True, False])):
+        assert whole[mask].labels == ("Ω 0", "Ω 2")
+    assert whole[[]].labels == ()
+    assert whole[np.int64(3)].labels == whole[np.str_("Ω 3")].labels == ("Ω 3",)
+    bad: Any
+    for bad in (True, np.True_, None, [None], [[0, 1], [2, 3]], 1.0, [0.5], (1, "Ω 0", 2.0), ...):
+        with pytest.raises(InputError, match=r"orbits are chosen by|no orbit '1'"):
+            whole[bad]
+    with pytest.raises(InputError, match="no orbit 'b'"):
+        whole[["Ω 0", "b"]]
+    with pytest.raises(IndexError):
+        whole[[True, False]]
+
+
+def test_a_label_that_occurs_twice_chooses_no_orbit() -> None:
+    doubled = replace(orbits(3), labels=("a", "b", "a"))
+    assert doubled["b"].labels == ("b",)
+    with pytest.raises(InputError, match="2 orbits have the label 'a'; choose one by its place"):
+        doubled["a"]
+
+
+def test_labels_are_looked_for_in_orbits() -> None:
+    whole = orbits(2)
+    assert "Ω 1" in whole
+    assert "Ω 2" not in whole
+    with pytest.raises(InputError, match="by label, a string, got an object of class Periodic"):
+        assert whole[0] in whole

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from hillsphere.base.atomic import write_text
-from hillsphere.base.errors import InputError
+from hillsphere.base.errors import HillsphereError, InputError, PluginError
 from hillsphere.base.problems import did_you_mean
 from hillsphere.base.regular_files import open_regular
 from hillsphere.cli.application import PluginFiles, registry_of
 from hillsphere.cli.output import write, write_json
+from hillsphere.cli.streams import say
 
 if TYPE_CHECKING:
     from hillsphere.interfaces.file_formats import FileFormat
+    from hillsphere.plugins.registry import Registered, Registry
 
 __all__ = ["app"]
 
@@ -48,11 +51,9 @@ def convert(
 
     Formats are listed by: hillsphere describe format.
     """
-    registry = registry_of(files=plugin)
-    formats: dict[str, FileFormat] = {
-        record.component.type: record.load_target()(record.load_spec()())
-        for record in registry.of_kind("format")
-    }
+    if str(target) == "-":
+        raise InputError("OUT must be a file; '-' for the standard output is not supported")
+    formats = _Formats(registry_of(files=plugin), named={from_, to} - {None})
     read_as = _format_of_input(source, from_, formats)
     written_as = _format_of_output(target, to, formats, formats[read_as].content)
     old, new = formats[read_as], formats[written_as]
@@ -62,9 +63,21 @@ def convert(
         )
     if read_as == written_as:
         raise InputError(f"{source}: is in the format {read_as} already")
+    if _is_same_file(source, target):
+        raise InputError(
+            f"{target}: is the file that is read, which is not replaced, not even by --force; give "
+            "another name"
+        )
     if not force and os.path.lexists(target):
         raise InputError(f"{target}: exists already; give another name, or --force to replace it")
-    text, lost = new.write(old.read(source))
+    with formats.blaming(read_as, "reading"):
+        content, passed_over = old.read(source)
+    try:
+        with formats.blaming(written_as, "writing"):
+            text, unheld = new.write(content)
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from error
+    lost = (*passed_over, *unheld)
     try:
         write_text(target, text, follow_links=True)
     except OSError as error:
@@ -82,7 +95,75 @@ def convert(
         write(f"  not kept: {line}")
 
 
-def _format_of_input(path: Path, given: str | None, formats: Mapping[str, FileFormat]) -> str:
+class _Formats(Mapping[str, "FileFormat"]):
+    """The formats of a registry by name, without those whose plugin is broken.
+
+    Parameters
+    ----------
+    registry : Registry
+        Where they come from.
+    named : set of str
+        Formats that the user named: of these a broken one is an error, of others a note.
+    """
+
+    def __init__(self, registry: Registry, named: Collection[str | None]) -> None:
+        self._records: dict[str, Registered] = {}
+        self._formats: dict[str, FileFormat] = {}
+        for record in registry.of_kind("format"):
+            name = record.component.type
+            self._records[name] = record
+            try:
+                with self.blaming(name, "loading"):
+                    self._formats[name] = record.load_target()(record.load_spec()())
+            except PluginError as error:
+                if name in named:
+                    raise
+                say(f"note: left out: {error}")
+
+    def __getitem__(self, name: str) -> FileFormat:
+        return self._formats[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._formats)
+
+    def __len__(self) -> int:
+        return len(self._formats)
+
+    @contextmanager
+    def blaming(self, name: str, doing: str) -> Iterator[None]:
+        """Turn unforeseen exceptions into errors of the plugin that brought a format."""
+        try:
+            yield
+        except HillsphereError:
+            raise
+        except Exception as error:  # a plugin's format may do anything
+            raise PluginError(
+                f"plugin {self._records[name].plugin!r}: file format {name!r} failed in {doing}: "
+                f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
+            ) from error
+
+    def recognising(self, beginning: str) -> list[str]:
+        """Return the formats whose first lines these may be."""
+        names = []
+        for name, one in self._formats.items():
+            try:
+                with self.blaming(name, "looking at the beginning of a file"):
+                    if one.recognises(beginning):
+                        names.append(name)
+            except PluginError as error:
+                say(f"note: left out: {error}")
+        return names
+
+
+def _is_same_file(source: Path, target: Path) -> bool:
+    """Return whether both lead to one file, by whatever names or links."""
+    try:
+        return os.path.samefile(source, target)
+    except OSError:  # there is no target yet
+        return False
+
+
+def _format_of_input(path: Path, given: str | None, formats: _Formats) -> str:
     """Return the format of an existing file: as given, else by its first lines, else its suffix."""
     try:
         with open_regular(path) as stream:
@@ -91,8 +172,9 @@ def _format_of_input(path: Path, given: str | None, formats: Mapping[str, FileFo
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
     if given is not None:
         return _check_name(given, formats)
-    by_content = [name for name, one in formats.items() if one.recognises(beginning)]
-    return _one(path, by_content or _by_suffix(path, formats), formats, "--from")
+    return _one(
+        path, formats.recognising(beginning) or _by_suffix(path, formats), formats, "--from"
+    )
 
 
 def _format_of_output(

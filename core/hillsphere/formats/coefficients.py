@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -53,6 +53,8 @@ class CoefficientTable:
         say.
     rows : tuple of Coefficient
         In the order of the file, each (n, m) once.
+    passed_over : tuple of str
+        What else the file states, in words.
     """
 
     name: str
@@ -62,6 +64,7 @@ class CoefficientTable:
     normalisation: Literal["full", "none"] | None
     tide_system: str | None
     rows: tuple[Coefficient, ...]
+    passed_over: tuple[str, ...] = field(default=(), compare=False)
 
 
 class LineReader:

@@ -11,8 +11,8 @@ References
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import pairwise
 from math import isfinite, nan
@@ -22,6 +22,7 @@ import numpy as np
 from hillsphere.base.arrays import Array
 from hillsphere.base.errors import InputError
 from hillsphere.base.time import SCALES, Epoch
+from hillsphere.formats.ccsds_times import read_ccsds_time
 
 __all__ = ["INERTIAL_FRAMES", "OemSegment", "read_oem", "states_csv", "write_oem"]
 
@@ -31,6 +32,7 @@ INERTIAL_FRAMES = ("ICRF", "EME2000", "GCRF", "TEME")
 _META = (
     "OBJECT_NAME", "OBJECT_ID", "CENTER_NAME", "REF_FRAME", "TIME_SYSTEM", "START_TIME", "STOP_TIME"
 )  # fmt: skip
+_BELOW_A_MICROSECOND = re.compile(r"\.\d{6}\d*[1-9]")
 _NAME = re.compile(r"[^=\r\n]+")
 
 
@@ -54,6 +56,8 @@ class OemSegment:
         Positions, m, and velocities, m/s.
     comment : str
         One line, may be empty.
+    passed_over : tuple of str
+        What else the message states of it, in words.
     """
 
     object_name: str
@@ -64,6 +68,7 @@ class OemSegment:
     t_s: Array
     x: Array
     comment: str = ""
+    passed_over: tuple[str, ...] = field(default=(), compare=False)
 
 
 def write_oem(
@@ -165,7 +170,8 @@ def _check(segment: OemSegment) -> None:
 def read_oem(text: str) -> list[OemSegment]:
     """Read an Orbit Ephemeris Message in the plain text form.
 
-    Covariances and accelerations are passed over.
+    Accelerations, covariances, comments and keywords of the metadata that `OemSegment` has no field
+    for are not kept; its `passed_over` names those that the message has.
 
     Parameters
     ----------
@@ -185,25 +191,31 @@ def read_oem(text: str) -> list[OemSegment]:
     segments: list[OemSegment] = []
     meta: dict[str, str] = {}
     rows: list[tuple[int, list[str]]] = []
+    extras: dict[str, None] = {}
     where = "header"
     version = False
 
     def finish(number: int) -> None:
         if meta:
-            segments.append(_segment(meta, rows, number))
+            segments.append(_segment(meta, rows, number, extras))
 
     number = 0
-    for number, raw in enumerate(text.splitlines(), 1):
+    for number, raw in enumerate(text.removeprefix("\ufeff").splitlines(), 1):
         line = raw.strip()
-        if not line or line.startswith("COMMENT"):
+        if line.startswith("COMMENT"):
+            extras["comments"] = None
+            continue
+        if not line:
             continue
         if line == "META_START":
             finish(number)
             meta, rows, where = {}, [], "meta"
+            extras = {}
         elif line == "META_STOP":
             where = "data"
         elif line == "COVARIANCE_START":
             where = "covariance"
+            extras["covariances"] = None
         elif line == "COVARIANCE_STOP":
             where = "data"
         elif where == "data":
@@ -222,7 +234,10 @@ def read_oem(text: str) -> list[OemSegment]:
 
 
 def _segment(
-    meta: dict[str, str], rows: Sequence[tuple[int, list[str]]], number: int
+    meta: dict[str, str],
+    rows: Sequence[tuple[int, list[str]]],
+    number: int,
+    extras: Mapping[str, None],
 ) -> OemSegment:
     if missing := [key for key in _META if key not in meta]:
         raise InputError(f"line {number}: the segment lacks {', '.join(missing)}")
@@ -234,13 +249,19 @@ def _segment(
     states: list[list[float]] = []
     for line, parts in rows:
         try:
-            epochs.append(Epoch.parse(parts[0].removesuffix("Z"), scale))
+            epochs.append(read_ccsds_time(parts[0], scale))
         except InputError as error:
             raise InputError(f"line {line}: {error}") from error
         values = [_number(part, line) for part in parts[1:]]
         if len(values) not in (6, 9):
             raise InputError(f"line {line}: expected an epoch and 6 or 9 numbers")
         states.append(values[:6])
+    extras = dict(extras)
+    if any(len(parts) == 10 for _, parts in rows):
+        extras["accelerations"] = None
+    if any(_BELOW_A_MICROSECOND.search(parts[0]) for _, parts in rows):
+        extras["digits of the times below 1 µs"] = None
+    extras |= dict.fromkeys(key for key in meta if key not in _META)
     return OemSegment(
         object_name=meta["OBJECT_NAME"],
         object_id=meta["OBJECT_ID"],
@@ -249,6 +270,7 @@ def _segment(
         epoch=epochs[0],
         t_s=np.array([epoch.seconds_since(epochs[0]) for epoch in epochs]),
         x=np.array(states).T * 1e3,
+        passed_over=tuple(extras),
     )
 
 

@@ -11,8 +11,8 @@ __all__ = ["FileFormat"]
 class FileFormat(Protocol):
     """Reader and writer of one format.
 
-    Formats with the same `content` share the object that `read` returns and `write` takes, so that
-    each can be converted into every other one.
+    Formats with the same `content` share the object that `read` returns first and `write` takes, so
+    that each can be converted into every other one.
     """
 
     content: str
@@ -24,8 +24,8 @@ class FileFormat(Protocol):
         """Return whether the first lines of a file are those of this format."""
         ...
 
-    def read(self, path: Path) -> Any:
-        """Return the content of a file.
+    def read(self, path: Path) -> tuple[Any, tuple[str, ...]]:
+        """Return the content of a file, and what of the file the content does not hold.
 
         Raises
         ------

@@ -8,7 +8,7 @@ the same form.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -40,13 +40,19 @@ __all__ = [
     "save_product",
 ]
 
+_Place = int | np.integer | str
+OrbitKey = _Place | slice | Sequence[int] | Sequence[str] | NDArray[np.integer | np.bool_]
+"""What chooses orbits of a `PeriodicOrbits`."""
+
 
 @dataclass(frozen=True, repr=False)
 class PeriodicOrbits:
     """Periodic orbits of one plant, members of one or more families.
 
-    ``orbits[3]``, ``orbits["QSO-H"]`` and ``orbits[2:5]`` are the chosen ones, ``len(orbits)`` is
-    their number. With the plant they are drawn (`plot`), flown (`fly`) and written (`write_oem`).
+    ``orbits[3]``, ``orbits["QSO-H"]`` and ``orbits[2:5]`` are the chosen ones, as are a list of
+    places or labels and a mask. ``"QSO-H" in orbits`` asks for a label, ``len(orbits)`` is the
+    number of orbits; a product without orbits is false, as an empty list is. With the plant they
+    are drawn (`plot`), flown (`fly`) and written (`write_oem`).
     """
 
     frame: str
@@ -74,24 +80,72 @@ class PeriodicOrbits:
         """Return the number of orbits."""
         return len(self.labels)
 
-    def __getitem__(self, key: int | slice | str) -> PeriodicOrbits:
-        """Return one orbit, by place or label, or a part of them."""
-        if isinstance(key, str):
-            if key not in self.labels:
-                raise InputError(
-                    f"no orbit {key!r}{did_you_mean(key, self.labels, otherwise='there are')}"
-                )
-            key = self.labels.index(key)
-        chosen = np.atleast_1d(np.arange(len(self))[key])
+    def __getitem__(self, key: OrbitKey) -> PeriodicOrbits:
+        """Return one orbit, by place or label, or a part of them.
+
+        Parameters
+        ----------
+        key : int, str, slice, or sequence of int, str or bool
+            Place from 0 or from the end (negative), label, part, places, labels, or a mask of one
+            truth value for each orbit.
+
+        Raises
+        ------
+        InputError
+            If no orbit or more than one has the label, or the key is of another form.
+        IndexError
+            If there is no such place, or a mask is of another length.
+        """
+        chosen = self._places(key)
         return replace(
             self, x0=self.x0[:, chosen], period_s=self.period_s[chosen],
             integral=self.integral[chosen], monodromy=self.monodromy[:, :, chosen],
             residual=self.residual[chosen], labels=tuple(self.labels[k] for k in chosen),
         )  # fmt: skip
 
+    def __contains__(self, label: object) -> bool:
+        """Return whether an orbit has this label; `InputError` for anything but a label."""
+        if not isinstance(label, str):
+            raise InputError(
+                f"orbits are looked for by label, a string, got an object of class "
+                f"{type(label).__name__}"
+            )
+        return label in self.labels
+
     def __iter__(self) -> Iterator[PeriodicOrbits]:
         """Return the orbits one by one."""
         return (self[k] for k in range(len(self)))
+
+    def _places(self, key: OrbitKey) -> NDArray[np.intp]:
+        """Return the places that a key of `__getitem__` means, shape (K,)."""
+        if isinstance(key, str):
+            return np.array([self._place_of(key)], dtype=np.intp)
+        everywhere = np.arange(len(self))
+        if isinstance(key, slice):
+            return everywhere[key]
+        values = np.asarray(key)
+        if values.dtype.kind == "U" and values.ndim == 1:
+            return np.array([self._place_of(str(label)) for label in values], dtype=np.intp)
+        if (
+            values.shape == (0,) and values.dtype.kind == "f"
+        ):  # numpy takes [] for numbers with a fraction
+            return everywhere[:0]
+        # A single truth value would be taken by numpy for an axis more.
+        if values.ndim > 1 or values.dtype.kind not in ("iub" if values.ndim else "iu"):
+            raise InputError(
+                "orbits are chosen by place, label, slice, mask, or a list of places or labels, "
+                f"got {str(key)[:60]!r}"
+            )
+        return np.atleast_1d(everywhere[values])
+
+    def _place_of(self, label: str) -> int:
+        count = self.labels.count(label)
+        if count > 1:
+            raise InputError(f"{count} orbits have the label {label!r}; choose one by its place")
+        if not count:
+            hint = did_you_mean(label, self.labels, otherwise="there are")
+            raise InputError(f"no orbit {label!r}{hint}")
+        return self.labels.index(label)
 
     def __repr__(self) -> str:
         if not len(self):

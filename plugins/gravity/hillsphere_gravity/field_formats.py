@@ -41,12 +41,18 @@ class Icgem:
         first = [line.split(maxsplit=1)[0] for line in beginning.split("\n") if line.split()]
         return "end_of_head" in first or {"product_type", "max_degree"} <= set(first)
 
-    def read(self, path: Path) -> CoefficientTable:
+    def read(self, path: Path) -> tuple[CoefficientTable, tuple[str, ...]]:
         """Read a field; see `hillsphere_gravity.icgem.read_icgem`."""
-        return read_icgem(path)
+        table = read_icgem(path)
+        return table, table.passed_over
 
     def write(self, content: CoefficientTable) -> tuple[str, tuple[str, ...]]:
-        """Return a field as text. Nothing is lost."""
+        """Return a field as text.
+
+        Everything that a `CoefficientTable` holds is kept, but that blanks in a name become low
+        lines. Standard deviations are called formal, since a table does not say of which kind they
+        are.
+        """
         errors = _has_errors(content)
         head = {
             "product_type": "gravity_field",
@@ -54,7 +60,6 @@ class Icgem:
             "earth_gravity_constant": repr(content.gm_m3_s2),
             "radius": repr(content.reference_radius_m),
             "max_degree": str(content.max_degree),
-            # Neither this format nor SHADR tells formal from calibrated deviations of a reader.
             "errors": "formal" if errors else "no",
         }
         if content.normalisation is not None:
@@ -91,9 +96,10 @@ class Shadr:
         words = lines[0].strip().rstrip(" ,").split(",") if lines else []
         return len(words) == 8 and all(map(_is_number, words))
 
-    def read(self, path: Path) -> CoefficientTable:
+    def read(self, path: Path) -> tuple[CoefficientTable, tuple[str, ...]]:
         """Read a field; see `hillsphere_gravity.shadr.read_shadr`."""
-        return read_shadr(path)
+        table = read_shadr(path)
+        return table, table.passed_over
 
     def write(self, content: CoefficientTable) -> tuple[str, tuple[str, ...]]:
         """Return a field as text, and what a table does not state: its name and tide system.
@@ -115,7 +121,7 @@ class Shadr:
                 f"{content.name}: a SHADR table with GM = 1 km³/s² and no uncertainty would be "
                 "read as a topography"
             )
-        order = max(row.m for row in content.rows)
+        order = max((row.m for row in content.rows), default=0)
         normalised = 1 if content.normalisation == "full" else 0
         radius_km = _unscale(content.reference_radius_m, 3)
         lines = [

@@ -8,7 +8,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -41,7 +41,8 @@ def read_icgem(path: str | Path) -> CoefficientTable:
     Returns
     -------
     CoefficientTable
-        SI. Of two pairs of standard deviations the first, the calibrated one, is kept.
+        SI. Of two pairs of standard deviations the first, the calibrated one, is kept; this and
+        every other part of the file that is not kept is in `passed_over`.
 
     Raises
     ------
@@ -92,7 +93,18 @@ def read_icgem(path: str | Path) -> CoefficientTable:
         normalisation=None if norm is None else _NORMALISATIONS[norm],
         tide_system=tide,
         rows=tuple(rows),
+        passed_over=tuple(_list_passed_over(head, errors)),
     )
+
+
+def _list_passed_over(head: _Head, errors: str) -> Iterator[str]:
+    """Return what a head states, or announces for the rows, that a table does not hold."""
+    if _ERROR_COLUMNS[errors]:
+        yield f"kind of the standard deviations ({errors})"
+    if errors == "calibrated_and_formal":
+        yield "second pair of standard deviations (formal)"
+    if head.has_comments:
+        yield "comments or further keys before the coefficients"
 
 
 @dataclass(frozen=True)
@@ -102,6 +114,7 @@ class _Head:
     lines: LineReader
     words: dict[str, str]
     numbers: dict[str, int]
+    has_comments: bool = False
 
     def line(self, key: str) -> int:
         return self.numbers[key]
@@ -131,6 +144,7 @@ class _Head:
 def _read_head(lines: LineReader, text: Iterator[str]) -> _Head:
     head = _Head(lines, {}, {})
     repeated: InputError | None = None
+    others = False
     for line in text:
         words = line.split()
         if not words:
@@ -138,13 +152,14 @@ def _read_head(lines: LineReader, text: Iterator[str]) -> _Head:
         key = words[0]
         if key == "begin_of_head":
             # What stands before is free text, whose lines may well begin with a key.
+            others |= bool(head.words)
             head.words.clear()
             head.numbers.clear()
             repeated = None
         elif key == "end_of_head":
             if repeated is not None:
                 raise repeated
-            return head
+            return replace(head, has_comments=others)
         elif key in _KEYS and len(words) > 1:
             if key in head.words:
                 # Not raised yet: all of this may still turn out to be free text.
@@ -152,4 +167,7 @@ def _read_head(lines: LineReader, text: Iterator[str]) -> _Head:
                 continue
             head.words[key] = words[1]
             head.numbers[key] = lines.number
+            others |= len(words) > 2
+        else:
+            others = True
     raise lines.fault("no line 'end_of_head': is this an ICGEM file?", line=0)

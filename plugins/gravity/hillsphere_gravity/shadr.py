@@ -35,7 +35,7 @@ def read_shadr(path: str | Path) -> CoefficientTable:
     Returns
     -------
     CoefficientTable
-        SI. A SHADR table does not state its tide system.
+        SI. A SHADR table does not state its tide system. An uncertainty of GM is in `passed_over`.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def read_shadr(path: str | Path) -> CoefficientTable:
     lines = LineReader(Path(path))
     header: list[str] = []
     rows: list[Coefficient] = []
-    radius_km = gm_km3_s2 = 0.0
+    radius_km = gm_km3_s2 = uncertainty = 0.0
     max_degree = max_order = 0
     for line in lines:
         if not line.strip():
@@ -95,4 +95,5 @@ def read_shadr(path: str | Path) -> CoefficientTable:
         normalisation=_NORMALISATIONS[state],
         tide_system=None,
         rows=tuple(rows),
+        passed_over=(f"uncertainty of GM ({header[2]} km³/s²)",) if uncertainty else (),
     )

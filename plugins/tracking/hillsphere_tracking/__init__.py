@@ -91,6 +91,27 @@ def hillsphere_components() -> list[Component]:
             "omm",
             "hillsphere_tracking.element_formats:OmmFile",
             "hillsphere.formats.specs:FileFormatSpec",
-            "CCSDS Orbit Mean-Elements Messages (.omm, .xml)",
+            "CCSDS Orbit Mean-Elements Messages as text (.omm)",
+        ),
+        Component(
+            "format",
+            "omm_xml",
+            "hillsphere_tracking.element_formats:OmmXml",
+            "hillsphere.formats.specs:FileFormatSpec",
+            "CCSDS Orbit Mean-Elements Messages as XML (.xml)",
+        ),
+        Component(
+            "format",
+            "omm_json",
+            "hillsphere_tracking.element_formats:OmmJson",
+            "hillsphere.formats.specs:FileFormatSpec",
+            "mean elements of CelesTrak and Space-Track in JSON (.json)",
+        ),
+        Component(
+            "format",
+            "omm_csv",
+            "hillsphere_tracking.element_formats:OmmCsv",
+            "hillsphere.formats.specs:FileFormatSpec",
+            "mean elements of CelesTrak and Space-Track in CSV (.csv)",
         ),
     ]

@@ -1,25 +1,26 @@
-"""Reader of CCSDS Orbit Mean-Elements Messages (OMM) for SGP4, in the text form (KVN) and in XML.
+"""Reader of CCSDS Orbit Mean-Elements Messages (OMM) for SGP4: text (KVN), XML, JSON and CSV.
 
 References
 ----------
-.. [1] CCSDS 502.0-B-3, Orbit Data Messages, Blue Book, 2023, section 4 (OMM) and annex on XML.
+.. [1] CCSDS 502.0-B-3, Orbit Data Messages, Blue Book, 2023, section 4 (OMM).
 """
 
 from __future__ import annotations
 
 import math
 import re
-import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from datetime import datetime, timedelta
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from decimal import Decimal
 
 import numpy as np
 
 from hillsphere.errors import InputError
+from hillsphere.formats.ccsds_times import read_ccsds_time
 from hillsphere.time import Epoch
+from hillsphere_tracking.omm_encodings import COVARIANCE, Entry, encoding_of, kvn_messages
 
-__all__ = ["Omm", "read_omms"]
+__all__ = ["Omm", "omm_of_fields", "read_omms"]
 
 _MUST_BE = {
     "CENTER_NAME": ("EARTH",),
@@ -28,18 +29,24 @@ _MUST_BE = {
     "MEAN_ELEMENT_THEORY": ("SGP4", "SGP/SGP4"),
     "EPHEMERIS_TYPE": ("0", "2"),
 }
-_NUMBERS = (
-    "MEAN_MOTION",
-    "ECCENTRICITY",
-    "INCLINATION",
-    "RA_OF_ASC_NODE",
-    "ARG_OF_PERICENTER",
-    "MEAN_ANOMALY",
-    "BSTAR",
-)
-_OPTIONAL = {"MEAN_MOTION_DOT": 0.0, "MEAN_MOTION_DDOT": 0.0}
-_KEYWORD = re.compile(r"[A-Z][A-Z0-9_]*")
-_DAY_OF_YEAR = re.compile(r"(\d{4})-(\d{3})(T.*)")
+_UNITS = {
+    "MEAN_MOTION": "rev/day",
+    "ECCENTRICITY": "",
+    "INCLINATION": "deg",
+    "RA_OF_ASC_NODE": "deg",
+    "ARG_OF_PERICENTER": "deg",
+    "MEAN_ANOMALY": "deg",
+    "BSTAR": "1/ER",
+}
+"""Numbers that a message must have, and the only unit that may follow each of them [1]_."""
+_OPTIONAL = {"MEAN_MOTION_DOT": "rev/day**2", "MEAN_MOTION_DDOT": "rev/day**3"}
+"""Numbers that are zero if they are not given."""
+_TEXTS = ("OBJECT_NAME", "OBJECT_ID", "CLASSIFICATION_TYPE")
+_OF_THE_FILE = ("CCSDS_OMM_VERS", "CREATION_DATE", "ORIGINATOR")
+"""What says who wrote a message and when, which each file says anew."""
+_REAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d{1,4})?", re.ASCII)
+_COUNT = re.compile(r"\d{1,18}", re.ASCII)
+_BELOW_A_MICROSECOND = re.compile(r"\.\d{6}\d*[1-9]")
 
 
 @dataclass(frozen=True)
@@ -54,15 +61,18 @@ class Omm:
         Epoch of the elements, UTC.
     fields : mapping of str to str
         Checked values by keyword, as `sgp4.omm.initialize` takes them.
+    passed_over : tuple of str
+        What else the message states, in words or by keyword.
     """
 
     name: str
     epoch: Epoch
     fields: Mapping[str, str]
+    passed_over: tuple[str, ...] = field(default=(), compare=False)
 
 
 def read_omms(text: str, where: str = "OMM") -> tuple[Omm, ...]:
-    """Read orbit mean-elements messages, in the text form (KVN) or as XML.
+    """Read orbit mean-elements messages: text (KVN), XML, or the JSON and CSV of element services.
 
     Parameters
     ----------
@@ -79,76 +89,71 @@ def read_omms(text: str, where: str = "OMM") -> tuple[Omm, ...]:
     Raises
     ------
     InputError
-        If the text is not such a message, a keyword is missing or out of range, or the elements do
-        not belong to SGP4 (theory, frame or time system).
+        If the text is not such a message, a keyword is unknown, missing, doubled or out of range,
+        or the elements do not belong to SGP4 (theory, frame or time system).
     """
-    read = _xml if text.lstrip("\ufeff \t\r\n").startswith("<") else _kvn
-    messages = list(read(text, where))
+    encoding = encoding_of(text)
+    read = encoding[1] if encoding else kvn_messages
+    messages = tuple(_of_entries(entries, place) for place, entries in read(text, where))
     if not messages:
         raise InputError(f"{where}: the file contains no orbit mean-elements message")
-    return tuple(_validate_message(fields, place) for place, fields in messages)
+    return messages
 
 
-def _kvn(text: str, where: str) -> Iterator[tuple[str, dict[str, str]]]:
+def _of_entries(entries: Sequence[Entry], where: str) -> Omm:
     fields: dict[str, str] = {}
-    place = where
-    for number, raw in enumerate(text.lstrip("\ufeff").splitlines(), start=1):
-        line = raw.strip()
-        if not line or line.startswith("COMMENT"):
+    for place, key, value, unit in entries:
+        if key == "COMMENT":
+            fields.setdefault(key, value)
             continue
-        key, sign, value = (part.strip() for part in line.partition("="))
-        if not (sign and _KEYWORD.fullmatch(key)):
-            raise InputError(f"{where}:{number}: expected KEYWORD = value, got {line[:40]!r}")
-        if value.endswith("]"):  # a unit: 3.0539 [deg]
-            value = value[: max(value.rfind("["), 0)].rstrip()
-        if key == "CCSDS_OMM_VERS" and fields:
-            yield place, fields
-            fields = {}
         if key in fields:
-            raise InputError(f"{where}:{number}: {key} occurs twice in one message; keep one")
-        if not fields:
-            place = f"{where}:{number}"
+            raise InputError(f"{place}: {key} occurs twice in one message; keep one")
+        expected = (_UNITS | _OPTIONAL).get(key, unit)
+        if unit and unit.lower() != expected.lower():
+            raise InputError(
+                f"{place}: {key} must be in {expected or 'no unit'}, got the unit {unit[:40]!r}"
+            )
         fields[key] = value
-    if fields:
-        yield place, fields
+    return omm_of_fields(fields, where)
 
 
-def _xml(text: str, where: str) -> Iterator[tuple[str, dict[str, str]]]:
-    # Entities could make a small file huge; no message of this standard needs them.
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise InputError(f"{where}: an orbit message must not contain a DOCTYPE; remove it")
-    try:
-        root = ET.fromstring(text.lstrip("\ufeff \t\r\n"))
-    except ET.ParseError as error:
-        raise InputError(f"{where}: not well-formed XML: {error}") from error
-    messages = (element for element in root.iter() if _tag(element) == "omm")
-    for number, message in enumerate(messages, start=1):
-        leaves = (element for element in message.iter() if not len(element))
-        yield (
-            f"{where}, message {number}",
-            {_tag(leaf): (leaf.text or "").strip() for leaf in leaves},
-        )
+def omm_of_fields(given: Mapping[str, str], where: str) -> Omm:
+    """Check the values of a message.
 
+    Parameters
+    ----------
+    given : mapping of str to str
+        Values by keyword.
+    where : str
+        Place of the message, used in error messages.
 
-def _tag(element: ET.Element) -> str:
-    return element.tag.rpartition("}")[2]
+    Returns
+    -------
+    Omm
+        The message.
 
-
-def _validate_message(given: Mapping[str, str], where: str) -> Omm:
+    Raises
+    ------
+    InputError
+        As for `read_omms`.
+    """
     name = given.get("OBJECT_NAME") or given.get("OBJECT_ID") or given.get("NORAD_CAT_ID", "")
-    where = f"{where} ({name})" if name else where
+    where = f"{where} ({name[:60]})" if name.isprintable() and name else where
+    for key in _TEXTS:
+        # Each becomes a line of a file: one that holds a line feed could bring further elements.
+        if not given.get(key, "").isprintable():
+            raise InputError(
+                f"{where}: {key} must be one line of printable text, got {given[key][:40]!r}"
+            )
     for key, allowed in _MUST_BE.items():
-        value = given.get(key, allowed[0])
+        value = given.get(key) or allowed[0]
         if value.upper() not in allowed:
             raise InputError(
                 f"{where}: {key} must be {' or '.join(allowed)} for elements that SGP4 can "
                 f"propagate, got {value[:40]!r}"
             )
-    numbers = {key: _number(given, key, where) for key in _NUMBERS}
-    numbers |= {
-        key: _number(given, key, where) if key in given else value
-        for key, value in _OPTIONAL.items()
-    }
+    numbers = {key: _number(given, key, where) for key in _UNITS}
+    numbers |= {key: _number(given, key, where) if given.get(key) else 0.0 for key in _OPTIONAL}
     for key, low, high in (
         ("ECCENTRICITY", 0.0, 1.0 - 1e-12),
         ("INCLINATION", 0.0, 180.0),
@@ -162,22 +167,21 @@ def _validate_message(given: Mapping[str, str], where: str) -> Omm:
     fields = {
         "OBJECT_ID": given.get("OBJECT_ID", ""),
         "CLASSIFICATION_TYPE": given.get("CLASSIFICATION_TYPE") or "U",
-        "EPHEMERIS_TYPE": "0",
+        "EPHEMERIS_TYPE": given.get("EPHEMERIS_TYPE") or "0",
         "ELEMENT_SET_NO": _count(given, "ELEMENT_SET_NO", where),
         "REV_AT_EPOCH": _count(given, "REV_AT_EPOCH", where),
         "NORAD_CAT_ID": _count(given, "NORAD_CAT_ID", where),
         "EPOCH": epoch.isot(np.zeros(1), 6)[0],
         **{key: repr(value) for key, value in numbers.items()},
     }
-    return Omm(name or fields["NORAD_CAT_ID"], epoch, fields)
+    return Omm(
+        name or fields["NORAD_CAT_ID"], epoch, fields, passed_over=_list_passed_over(given, numbers)
+    )
 
 
 def _number(given: Mapping[str, str], key: str, where: str) -> float:
     text = given.get(key, "")
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
+    value = float(text) if _REAL.fullmatch(text) else math.nan
     if not math.isfinite(value):
         got = f"got {text[:40]!r}" if text else "it is missing"
         raise InputError(f"{where}: {key} must be a finite number; {got}")
@@ -186,22 +190,31 @@ def _number(given: Mapping[str, str], key: str, where: str) -> float:
 
 def _count(given: Mapping[str, str], key: str, where: str) -> str:
     text = given.get(key) or "0"
-    if not text.isascii() or not text.isdigit():
+    if not _COUNT.fullmatch(text):
         raise InputError(f"{where}: {key} must be a whole number, got {text[:40]!r}")
-    return text
+    return str(int(text))
 
 
 def _epoch(given: Mapping[str, str], where: str) -> Epoch:
-    text = given.get("EPOCH", "").removesuffix("Z")
+    text = given.get("EPOCH", "")
     if not text:
         raise InputError(f"{where}: EPOCH is missing")
     try:
-        if match := _DAY_OF_YEAR.fullmatch(text):
-            year, day, clock = match.groups()
-            date = datetime(int(year), 1, 1) + timedelta(days=int(day) - 1)
-            if f"{date:%Y}" != year:
-                raise InputError(f"{text!r} has no such day of the year")
-            text = f"{date:%Y-%m-%d}{clock}"
-        return Epoch.parse(text, "UTC")
-    except (InputError, ValueError, OverflowError) as error:
+        return read_ccsds_time(text, "UTC")
+    except InputError as error:
         raise InputError(f"{where}: EPOCH: {error}") from error
+
+
+def _list_passed_over(given: Mapping[str, str], numbers: Mapping[str, float]) -> tuple[str, ...]:
+    """Return what a message states beyond its checked fields, each once."""
+    used = {*numbers, *_MUST_BE, *_TEXTS, *_OF_THE_FILE, "EPOCH", "NORAD_CAT_ID",
+            "ELEMENT_SET_NO", "REV_AT_EPOCH"}  # fmt: skip
+    words = {"COMMENT": "comments"} | dict.fromkeys(COVARIANCE, "covariance")
+    others = [words.get(key, key) for key, value in given.items() if value and key not in used]
+    cut = [key for key, value in numbers.items()
+           if given.get(key) and Decimal(given[key]) != Decimal(repr(value))]  # fmt: skip
+    if _BELOW_A_MICROSECOND.search(given["EPOCH"]):
+        cut.append("EPOCH")
+    if cut:
+        others.append(f"last digits of {', '.join(cut)}")
+    return tuple(dict.fromkeys(others))

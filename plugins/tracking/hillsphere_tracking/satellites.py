@@ -11,6 +11,7 @@ from hillsphere.time import Epoch
 from hillsphere_tracking.kepler import validate_elements
 from hillsphere_tracking.mean_elements import EARTH_FIELD, ZonalField, states
 from hillsphere_tracking.omm import read_omms
+from hillsphere_tracking.omm_encodings import encoding_of
 from hillsphere_tracking.orbits import LimitedOrbit, Orbit, earth_fixed_states, last_instant
 from hillsphere_tracking.sgp4_orbit import Sgp4Orbit
 from hillsphere_tracking.tle import read_tles
@@ -86,7 +87,7 @@ def orbits_of(text: str, where: str) -> tuple[Sgp4Orbit, ...]:
     Parameters
     ----------
     text : str
-        Two-line element sets, or orbit mean-elements messages as text or XML.
+        Two-line element sets, or orbit mean-elements messages as text, XML, JSON or CSV.
     where : str
         Name of the file, used in error messages.
 
@@ -100,7 +101,6 @@ def orbits_of(text: str, where: str) -> tuple[Sgp4Orbit, ...]:
     InputError
         If the text is neither, or is faulty; the message names the line.
     """
-    start = text.lstrip("\ufeff \t\r\n")
-    if start.startswith(("<", "CCSDS_OMM_VERS")):
+    if encoding_of(text):
         return tuple(Sgp4Orbit.from_omm(message) for message in read_omms(text, where))
     return tuple(Sgp4Orbit.from_tle(tle) for tle in read_tles(text, where))

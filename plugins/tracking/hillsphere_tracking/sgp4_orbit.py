@@ -22,7 +22,7 @@ from hillsphere.model.earth.rotation import InertialFrame
 from hillsphere.time import Epoch
 from hillsphere_tracking.omm import Omm
 from hillsphere_tracking.orbits import bisect_end
-from hillsphere_tracking.tle import Tle
+from hillsphere_tracking.tle import Tle, alpha5
 
 __all__ = ["Sgp4Orbit"]
 
@@ -47,6 +47,8 @@ class Sgp4Orbit:
         Epoch of the elements, UTC.
     satellite : sgp4.api.Satrec
         Initialised elements.
+    number : str
+        Number in the catalogue; by default that of the elements.
 
     Raises
     ------
@@ -61,9 +63,10 @@ class Sgp4Orbit:
 
     frame: InertialFrame = "teme"
 
-    def __init__(self, name: str, epoch: Epoch, satellite: Any) -> None:
+    def __init__(self, name: str, epoch: Epoch, satellite: Any, number: str = "") -> None:
         self.name = name
         self.epoch = epoch
+        self._number = number or str(satellite.satnum)
         self._satellite = satellite
         self._checked_s, self._end_s = 0.0, np.inf
         code = int(self._propagate(np.zeros(1))[0][0])
@@ -119,16 +122,20 @@ class Sgp4Orbit:
             If the elements define no orbit.
         """
         satellite = Satrec()
+        number = message.fields["NORAD_CAT_ID"]
+        # The library holds five columns of an element set; messages have up to nine digits. The
+        # number has no part in the propagation.
+        fields = {**message.fields, "NORAD_CAT_ID": number if alpha5(int(number)) else "0"}
         try:
-            sgp4_omm.initialize(satellite, message.fields)
+            sgp4_omm.initialize(satellite, fields)
         except ValueError as error:
             raise InputError(f"satellite {message.name!r}: {error}") from error
-        return cls(message.name, message.epoch, satellite)
+        return cls(message.name, message.epoch, satellite, number)
 
     @property
     def catalogue_number(self) -> str:
         """Number of the satellite in the catalogue, without leading zeros."""
-        return str(self._satellite.satnum)
+        return self._number
 
     def states(self, t_s: Array) -> Array:
         """Return states at times after the epoch.

@@ -11,7 +11,6 @@ import re
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from datetime import datetime, timedelta
 from math import isfinite, nan, radians
 from types import MappingProxyType
 from typing import NamedTuple
@@ -19,6 +18,7 @@ from typing import NamedTuple
 from hillsphere.base.errors import InputError
 from hillsphere.base.problems import did_you_mean
 from hillsphere.base.time import SCALES, Epoch
+from hillsphere.formats.ccsds_times import read_ccsds_time
 from hillsphere_tracking.tdm_entries import Entry, entries
 
 __all__ = [
@@ -35,7 +35,6 @@ _PASSED_OVER = re.compile(
     r"|RECEIVE_(FREQ(_[1-5])?|PHASE_CT_[1-5])|RHUMIDITY|STEC|TEMPERATURE"
     r"|TRANSMIT_(FREQ(_RATE)?|PHASE_CT)_[1-5]|TROPO_(DRY|WET)|VLBI_DELAY"
 )
-_DAY_OF_YEAR = re.compile(r"(\d{4})-(\d{3})(T.*)")
 _PARTICIPANT = re.compile(r"PARTICIPANT_([1-5])")
 
 
@@ -341,13 +340,7 @@ def _number(text: str, what: str, place: str) -> float:
 
 
 def _epoch(text: str, scale: str, place: str) -> Epoch:
-    plain = text.removesuffix("Z")
-    if match := _DAY_OF_YEAR.fullmatch(plain):
-        year, day = int(match.group(1)), int(match.group(2))
-        if not (1 <= year <= 9998 and 1 <= day <= 366):
-            raise InputError(f"{place}: {text!r} is no date")
-        plain = f"{datetime(year, 1, 1) + timedelta(days=day - 1):%Y-%m-%d}{match.group(3)}"
     try:
-        return Epoch.parse(plain, scale)
+        return read_ccsds_time(text, scale)
     except InputError as error:
         raise InputError(f"{place}: {error}") from error

@@ -4,17 +4,19 @@ References
 ----------
 .. [1] F. R. Hoots, R. L. Roehrich (1980), Models for Propagation of NORAD Element Sets, Spacetrack
    Report No. 3 (the format in its appendix).
+.. [2] Space-Track.org, Alpha-5 (documentation of element sets for numbers above 99999).
 """
 
 from __future__ import annotations
 
 import re
+from calendar import isleap
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from hillsphere.errors import InputError
 
-__all__ = ["Tle", "read_tles"]
+__all__ = ["FIRST_YEAR", "Tle", "alpha5", "catalogue_number", "full_year", "read_tles"]
 
 _LENGTH = 69
 """Characters of a line of an element set, the checksum in the last column [1]_."""
@@ -36,6 +38,12 @@ _NUMBERS = {
 _POWERS = {"second derivative": (44, 52), "drag term": (53, 61)}
 _NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)\s*")
 _POWER = re.compile(r"\s*[+-]?\d{1,5}[+-]\d\s*")
+_CATALOGUE = re.compile(r" *\d{1,5}|[A-HJ-NP-Z]\d{4}")
+"""Catalogue number, five columns: digits, or from 100000 on "Alpha-5", a letter without I and O in
+place of the first two digits [2]_."""
+_LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ"
+FIRST_YEAR = 57
+"""Two-digit years from 57 on belong to the 20th century: the first satellite flew in 1957."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +56,14 @@ class Tle:
         Name of the satellite; its catalogue number if the set has no title line.
     line1, line2 : str
         The two lines, 69 characters each, with correct checksums.
+    place : str
+        File and line of line 1.
     """
 
     name: str
     line1: str
     line2: str
+    place: str = field(default="", compare=False)
 
 
 def read_tles(text: str, where: str = "TLE") -> tuple[Tle, ...]:
@@ -74,8 +85,9 @@ def read_tles(text: str, where: str = "TLE") -> tuple[Tle, ...]:
     ------
     InputError
         If a line is missing or truncated, its checksum is wrong, a number is malformed, or the two
-        lines belong to different satellites; the message has a line for each fault, which names
-        the line of the file.
+        lines belong to different satellites, the epoch is no day of its year, the inclination is
+        beyond 180°, or the elements are of another theory than SGP4; the message has a line for
+        each fault, which names the line of the file.
     """
     lines = [
         (number, line.rstrip())
@@ -118,7 +130,7 @@ def read_tles(text: str, where: str = "TLE") -> tuple[Tle, ...]:
         # After a line 1 without its line 2 the next set is read from where it begins.
         at += line2.startswith("2 ") or not torn
         if not torn:
-            sets.append(Tle(title or line[2:7].strip(), line, line2))
+            sets.append(Tle(title or line[2:7].strip(), line, line2, f"{where}:{number}"))
         faults += torn
         title = ""
     if title:
@@ -163,3 +175,56 @@ def _faults(kind: str, line: str, where: str) -> Iterator[str]:
             f"{where}: the checksum in column {_LENGTH} is {line[-1]!r}, but the line adds up to "
             f"{total}: a character is missing or changed; fetch the set again"
         )
+        return
+    yield from _wrong_values(kind, line, where)
+
+
+def _wrong_values(kind: str, line: str, where: str) -> Iterator[str]:
+    """Yield a fault for each number that the format can hold and an element set cannot have."""
+    if not _CATALOGUE.fullmatch(line[2:7]):
+        yield (
+            f"{where}: columns 3 to 7 must be a catalogue number, five digits or a letter (not I "
+            f"or O) and four digits, got {line[2:7]!r}"
+        )
+    if kind == "2":
+        if not 0.0 <= float(line[8:16]) <= 180.0:
+            yield (
+                f"{where}: columns 9 to 16 (inclination) must be between 0 and 180 degrees, got "
+                f"{line[8:16].strip()}"
+            )
+        return
+    if line[62] not in " 02":
+        # Type 4 is SGP4-XP, whose elements SGP4 would fly kilometres away from their orbit.
+        yield (
+            f"{where}: column 63 (ephemeris type) must be blank, 0 or 2 for elements that SGP4 can "
+            f"propagate, got {line[62]!r}"
+        )
+    year = full_year(line[18:20])
+    days = 366 if isleap(year) else 365
+    if not 1.0 <= float(line[20:32]) < days + 1:
+        yield (
+            f"{where}: columns 21 to 32 (epoch day) must be from 1 up to {days} for the year "
+            f"{year}, got {line[20:32].strip()}"
+        )
+
+
+def full_year(digits: str) -> int:
+    """Return the year from 1957 to 2056 that two digits mean."""
+    year = int(digits)
+    return year + (1900 if year >= FIRST_YEAR else 2000)
+
+
+def catalogue_number(columns: str) -> int:
+    """Return the number in five columns of an element set: ``"25544"``, ``"T0001"`` = 270001."""
+    columns = columns.strip()
+    if columns[0].isdigit():
+        return int(columns)
+    return 10_000 * (10 + _LETTERS.index(columns[0])) + int(columns[1:])
+
+
+def alpha5(number: int) -> str | None:
+    """Return the five columns of a catalogue number, None above 339999, the largest one."""
+    if number < 100_000:
+        return f"{number:05d}"
+    first, rest = divmod(number, 10_000)
+    return f"{_LETTERS[first - 10]}{rest:04d}" if first < 10 + len(_LETTERS) else None

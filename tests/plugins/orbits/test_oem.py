@@ -111,3 +111,33 @@ def test_a_line_of_states_that_is_cut_short_is_named() -> None:
     lines[-1] = lines[-1].rsplit(" ", 1)[0]
     with pytest.raises(InputError, match=f"line {len(lines)}"):
         read_oem("\n".join(lines))
+
+
+BY_DAY = """CCSDS_OEM_VERS = 2.0
+META_START
+OBJECT_NAME = PROBE
+OBJECT_ID = 2026-001A
+CENTER_NAME = MARS
+REF_FRAME = ICRF
+TIME_SYSTEM = TDB
+START_TIME = 2028-366T00:00:00
+STOP_TIME = 2028-366T00:01:00
+META_STOP
+2028-366T00:00:00.5 9376 -1.5 0.25 0.001 2.138 -0.5
+2028-366T00:01:00.5Z 9375 128.25 -29.75 -0.041 2.1375 -0.5
+"""
+
+
+def test_times_by_the_day_of_the_year() -> None:
+    (segment,) = read_oem(BY_DAY)
+    assert segment.epoch.isot(segment.t_s, 1) == ["2028-12-31T00:00:00.5", "2028-12-31T00:01:00.5"]
+
+
+@pytest.mark.parametrize("day", ["2026-000", "2026-366", "2028-367"])
+def test_days_that_the_year_does_not_have(day: str) -> None:
+    with pytest.raises(InputError, match=f"line 11: the year {day[:4]} has the days 001 to"):
+        read_oem(BY_DAY.replace("2028-366T00:00:00.5", f"{day}T00:00:00.5"))
+
+
+def test_a_byte_order_mark_is_passed_over() -> None:
+    assert read_oem("\ufeff" + BY_DAY)[0].object_name == "PROBE"

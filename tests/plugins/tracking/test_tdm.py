@@ -132,7 +132,7 @@ def test_records_come_as_soon_as_their_line_is_there() -> None:
         ("325T09:00:01.5 90", "325T09:00:01.6 90", "f.tdm:21: ANGLE_1 has no ANGLE_2"),
         ("325T09:00:01.5 -0", "325T09:00:01.6 -0", "f.tdm:22: ANGLE_2 has no ANGLE_1"),
         ("ANGLE_2 = 2026-325T09:00:01.5 90\n", "", "f.tdm:21: ANGLE_1 has no ANGLE_2"),
-        ("2026-325T", "2026-400T", "f.tdm:21: '2026-400T09:00:01.5' is no date"),
+        ("2026-325T", "2026-400T", "f.tdm:21: the year 2026 has the days 001 to 365"),
         ("2026-11-21T09:00:00.000Z 35", "today 35", "f.tdm:17: expected a time"),
         ("RANGE_UNITS = km", "RANGE_UNITS = s", "f.tdm:19: RANGE_UNITS = s cannot be read"),
         ("TIME_SYSTEM = UTC", "TIME_SYSTEM = GPS", "f.tdm:14: TIME_SYSTEM 'GPS' cannot be read"),
@@ -248,3 +248,14 @@ def test_damage_is_told_or_harmless(start: int, length: int, put: str, xml: bool
         for part in found:
             assert np.isfinite(part.azimuth_rad).all()
             assert (np.abs(part.elevation_rad) <= np.pi / 2).all()
+
+
+@pytest.mark.parametrize("day", ["2026-000", "2026-366", "2028-367"])
+def test_days_that_the_year_does_not_have(day: str) -> None:
+    with pytest.raises(InputError, match=f"f.tdm:21: the year {day[:4]} has the days 001 to"):
+        read_tdm(KVN.replace("2026-325T", f"{day}T"), "f.tdm")
+
+
+def test_the_last_day_of_a_leap_year() -> None:
+    text = KVN.replace("2026-11-21T", "2028-12-31T").replace("2026-325T", "2028-366T")
+    assert read_tdm(text, "f.tdm")

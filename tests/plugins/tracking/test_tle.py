@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hillsphere.errors import InputError
+from hillsphere_tracking.satellites import orbits_of
 from hillsphere_tracking.tle import read_tles
 
 ONE = "1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991"
@@ -78,3 +79,53 @@ def test_a_changed_digit_never_passes(at: int, character: str) -> None:
 def test_any_text_is_read_or_refused(text: str) -> None:
     with suppress(InputError):
         assert read_tles(text)
+
+
+def _dated(columns: str) -> str:
+    return _tallied(ONE[:18] + columns + ONE[32:])
+
+
+@pytest.mark.parametrize("columns", ["19001.00000000", "19365.99999999", "20366.99999999",
+                                     "00366.00000000", "57  1.5       "])  # fmt: skip
+def test_days_of_their_year(columns: str) -> None:
+    assert read_tles(f"{_dated(columns)}\n{TWO}")
+
+
+@pytest.mark.parametrize(
+    ("columns", "year", "days"),
+    [("19000.50000000", 2019, 365), ("19366.00000000", 2019, 365), ("20367.00000000", 2020, 366),
+     ("19000.99999999", 2019, 365), ("58366.10000000", 1958, 365), ("19-12.00000000", 2019, 365)],
+)  # fmt: skip
+def test_days_that_the_year_does_not_have(columns: str, year: int, days: int) -> None:
+    """SGP4's own reader takes them for days of the years before and after."""
+    match = rf"x:1: columns 21 to 32 \(epoch day\) must be from 1 up to {days} for the year {year}"
+    with pytest.raises(InputError, match=match):
+        read_tles(f"{_dated(columns)}\n{TWO}", "x")
+
+
+@pytest.mark.parametrize("value", ["180.0001", " -0.0001", "251.6439"])
+def test_inclinations_beyond_a_half_turn(value: str) -> None:
+    with pytest.raises(InputError, match=r"x:2: columns 9 to 16 \(inclination\) must be between"):
+        read_tles(f"{ONE}\n{_tallied(TWO.replace(' 51.6439', value))}", "x")
+    assert read_tles(f"{ONE}\n{_tallied(TWO.replace(' 51.6439', '180.0000'))}")
+
+
+@pytest.mark.parametrize("kind", "1345")
+def test_other_theories_are_refused(kind: str) -> None:
+    with pytest.raises(
+        InputError, match=r"x:1: column 63 \(ephemeris type\) must be blank, 0 or 2"
+    ):
+        read_tles(f"{_tallied(ONE[:62] + kind + ONE[63:])}\n{TWO}", "x")
+
+
+@pytest.mark.parametrize("number", ["I0001", "O0001", "a0001", "AA001", "2554 ", "     "])
+def test_catalogue_numbers_that_are_none(number: str) -> None:
+    lines = [_tallied(line[:2] + number + line[7:]) for line in (ONE, TWO)]
+    with pytest.raises(InputError, match="x:1: columns 3 to 7 must be a catalogue number"):
+        read_tles("\n".join(lines), "x")
+
+
+def test_the_orbit_of_a_catalogue_number_with_a_letter() -> None:
+    lines = [_tallied(f"{line[:2]}T0001{line[7:]}") for line in (ONE, TWO)]
+    (orbit,) = orbits_of("\n".join(lines), "x")
+    assert orbit.catalogue_number == "270001"
