@@ -35,6 +35,7 @@ function themed(layout, [ink, soft, grid]) {
   const made = structuredClone(layout);
   made.font = { color: ink, size: 12, family: "system-ui, sans-serif" };
   made.paper_bgcolor = made.plot_bgcolor = "rgba(0,0,0,0)";
+  made.modebar = { bgcolor: "rgba(0,0,0,0)", color: soft, activecolor: ink };
   const axis = { gridcolor: grid, linecolor: soft, zeroline: false, showline: true, ticks: "outside", tickcolor: soft };
   for (const [key, value] of Object.entries(made)) {
     if (/^[xy]axis\d*$/.test(key)) made[key] = { ...axis, ...value };
