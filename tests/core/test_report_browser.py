@@ -122,6 +122,26 @@ def test_dark_lines_are_lightened_on_a_dark_page(tmp_path: Path) -> None:
         assert told == []
 
 
+@pytest.mark.parametrize("width", [390, 1280])
+def test_the_buttons_of_a_figure_cover_no_legend(tmp_path: Path, width: int) -> None:
+    curves = [Curve([0, 1], [0, k], f"a curve of a long name {k}") for k in range(4)]
+    chart = Chart("C", [Panel(Axis("x"), Axis("y"), curves)])
+    figures = {"c": ShownFigure(chart, plotly_figure(chart))}
+    write_page(tmp_path, StageResult("one", "make", figures=figures, own_figures={"c": "c"}))
+    with open_page(tmp_path, width) as (page, told):
+        plot = page.locator("#figure-c .plot")
+        plot.locator(".main-svg").first.wait_for()
+        buttons = plot.locator(".modebar-btn")
+        if width == 390:
+            assert buttons.count() == 0
+            return
+        plot.hover()
+        buttons.first.wait_for()
+        legend = plot.locator(".legend").bounding_box()
+        assert buttons.first.bounding_box()["y"] > legend["y"] + legend["height"]
+        assert told == []
+
+
 @pytest.mark.parametrize("scripts", [True, False])
 def test_a_telephone_shows_question_and_answer_first(tmp_path: Path, scripts: bool) -> None:
     sections = tuple(SectionSpec(title=f"Section of a name {n}") for n in range(8))

@@ -82,6 +82,8 @@ async function draw(box) {
   const height = isNarrow ? given.narrow.height : given.height;
   box.style.height = `${height}px`;
   const options = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d"] };
+  // A telephone shows the buttons always, and has no room for them; two taps restore a view.
+  if (box.clientWidth < NARROW_PX) options.displayModeBar = false;
   try {
     await library.newPlot(box, given.data, themed(given.layout, pageColours()), options);
   } catch {
