@@ -319,7 +319,7 @@ def test_verdict_names_what_failed() -> None:
     [(0.0123, "0.012 s"), (59.4, "59 s"), (61, "1 min 1 s"), (3 * 3600 + 120, "3 h 2 min")],
 )
 def test_durations(seconds: float, shown: str) -> None:
-    assert f"2026-11-21 · {shown}" in page(seconds=seconds)[1].text
+    assert f"2026-11-21 · computed in {shown}" in page(seconds=seconds)[1].text
 
 
 def test_how_to_run_it_again() -> None:

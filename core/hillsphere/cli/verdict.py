@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,16 +9,15 @@ from typing import Any
 from hillsphere.cli.exit_codes import ExitCode
 from hillsphere.cli.output import number, write, write_table
 from hillsphere.interfaces.outcomes import CLAIM_STATES, FAILING_STATES, REQUIREMENT_STATES
+from hillsphere.show.outcomes import format_margin
 
-__all__ = ["exit_code", "format_margin", "show_verdict"]
+__all__ = ["exit_code", "show_verdict"]
 
 _MOST_ROWS = 15
 """Most rows of requirements, claims or sentences: with headings the verdict then fits into the 25
 lines of a terminal."""
 _LONGEST_TEXT = 46
 """Longest text of a cell, in characters: five columns then fit into a wide terminal."""
-_DECADE = 10.0
-"""Ratio of limit and value from which a margin is given in decades instead of percent."""
 
 
 def show_verdict(summary: Mapping[str, Any], report: Path, *, verbose: bool) -> None:
@@ -70,21 +68,6 @@ def exit_code(summary: Mapping[str, Any]) -> ExitCode:
         return ExitCode.INTERRUPTED if state == "interrupted" else ExitCode.FAILED
     states = {row["state"] for row in summary.get("requirements", ())}
     return ExitCode.SUCCESS if states.isdisjoint(FAILING_STATES) else ExitCode.NOT_MET
-
-
-def format_margin(row: Mapping[str, Any]) -> str:
-    """Return the distance of a value from its limit: ``"3 decades"``, ``"12 %"``."""
-    # An infinite margin is a text in summary.json.
-    if isinstance(row["margin"], str | None) or row["asked"][:1] not in ("≤", "<", "≥", ">"):
-        return ""
-    margin, value, limit = float(row["margin"]), float(row["value"]), float(row["limit"])
-    smaller, larger = sorted((abs(value), abs(limit)))
-    if margin > 0.0 and smaller > 0.0 and value * limit > 0.0 and larger / smaller >= _DECADE:
-        decades = math.floor(math.log10(larger / smaller))
-        return f"{decades} decade{'s' * (decades != 1)}"
-    if limit == 0:
-        return f"{margin:.3g} {row['unit']}".strip().replace("-", "−")
-    return f"{100.0 * margin / abs(limit):.3g} %".replace("-", "−")
 
 
 def _rows(summary: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:

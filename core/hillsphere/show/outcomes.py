@@ -26,7 +26,7 @@ from hillsphere.show.presentation import Cell, Column, Printed, Table
 from hillsphere.show.reference import PAPER_SUFFIX, ReferenceTable, computed_columns
 from hillsphere.spec.units import UNITS
 
-__all__ = ["Comparison", "NotDerivable", "Statement", "Value", "format_value"]
+__all__ = ["Comparison", "NotDerivable", "Statement", "Value", "format_margin", "format_value"]
 
 _Plain: TypeAlias = float | int | bool | str
 _RELATIONS: Mapping[str, Callable[[Any, Any], bool]] = {
@@ -36,6 +36,8 @@ _RELATIONS: Mapping[str, Callable[[Any, Any], bool]] = {
 _SIGNS = {"<=": "≤", "<": "<", ">=": "≥", ">": ">", "==": "", "!=": "not"}
 _SHOWN_DEVIATIONS = 3
 """Number of deviating cells that a comparison names; the table shows all."""
+_DECADE = 10.0
+"""Ratio of limit and value from which a margin is given in decades instead of percent."""
 _DIGITS, _MOST_DIGITS = 4, 15
 """Significant digits of a shown result, and the most that a double keeps of a decimal number."""
 _CONVERSION_ERROR = 4e-16
@@ -301,6 +303,34 @@ class NotDerivable:
         """Return the stated reason; no result is read."""
         spec = self.spec
         return Judgement("not derivable", spec.text, reason=spec.reason, source=spec.source)
+
+
+def format_margin(row: Mapping[str, Any]) -> str:
+    """Return the distance of a value from its limit: ``"3 decades"``, ``"12 %"``.
+
+    Parameters
+    ----------
+    row : mapping
+        Fields of a `hillsphere.interfaces.outcomes.Judgement`.
+
+    Returns
+    -------
+    str
+        Empty without a limit or a finite margin.
+    """
+    # An infinite margin is a text in summary.json.
+    if isinstance(row["margin"], str | None) or row["asked"][:1] not in ("≤", "<", "≥", ">"):
+        return ""
+    margin, value, limit = float(row["margin"]), float(row["value"]), float(row["limit"])
+    if not math.isfinite(margin):
+        return ""
+    smaller, larger = sorted((abs(value), abs(limit)))
+    if margin > 0.0 and smaller > 0.0 and value * limit > 0.0 and larger / smaller >= _DECADE:
+        decades = math.floor(math.log10(larger / smaller))
+        return f"{decades} decade{'s' * (decades != 1)}"
+    if limit == 0:
+        return f"{margin:.3g} {row['unit']}".strip().replace("-", "−")
+    return f"{100.0 * margin / abs(limit):.3g} %".replace("-", "−")
 
 
 def format_value(value: _Plain | None, unit: str, *, apart_from: _Plain | None = None) -> str:

@@ -37,6 +37,8 @@ __all__ = ["content_policy", "render"]
 _STATES = {"failed": "failed", "interrupted": "was interrupted", "not run": "was not run"}
 _WITHOUT_SCRIPTS = ".plot { display: none; } .plot ~ .picture, .hint { display: block; }"
 """Style that shows the pictures where no script draws the plots."""
+_NOT_EVALUATED = "not evaluated"
+"""What stands in a sentence for a value that the run does not have."""
 _DEFAULT_NUMBERS = 4
 """Large numbers on the first screen: one row at 1280 pixels."""
 _COMPRESSION = 4
@@ -123,7 +125,7 @@ class _Page:
 
     def head(self) -> str:
         report, spec = self.report, self.report.spec
-        profile = f", changed by its profile {escape(report.profile)}" if report.profile else ""
+        profile = f" with its profile {escape(report.profile)}, not whole" if report.profile else ""
         faults = "".join(
             f"<p class=differs>Stage {escape(s.stage)} {_STATES[s.state]}"
             f"{': ' + escape(s.message) if s.message else '.'}</p>"
@@ -134,15 +136,16 @@ class _Page:
         description = f"<p>{escape(report.description)}</p>" if report.description else ""
         return (
             f'<header id="answer"><p class=soft>Mission {escape(report.mission)}{profile} · '
-            f"{escape(report.started[:10])} · {_duration(report.seconds)}</p>"
+            f"{escape(report.started[:10])} · computed in {_duration(report.seconds)}</p>"
             f"<h1>{escape(spec.question or report.title or report.mission)}</h1>"
             f"<p class=lead>{answer}</p>{faults}{description}</header>"
         )
 
     def fill(self, text: str) -> str:
         """Return escaped text with the values of its placeholders."""
+        # What a profile drops has no value; a dash in a sentence would look like a fault.
         return PLACEHOLDER.sub(
-            lambda match: f"<b>{escape(self.values.get(match[1], '–'))}</b>",
+            lambda match: f"<b>{escape(self.values.get(match[1], _NOT_EVALUATED))}</b>",
             escape(text, quote=False),
         )
 

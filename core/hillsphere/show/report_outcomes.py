@@ -11,7 +11,7 @@ from typing import Any
 from hillsphere.interfaces.outcomes import CLAIM_STATES, REQUIREMENT_STATES, Judgement
 from hillsphere.show.cells import render_cell
 from hillsphere.show.html_tables import heading_text
-from hillsphere.show.outcomes import format_value
+from hillsphere.show.outcomes import format_margin, format_value
 from hillsphere.show.presentation import Column, Metric
 
 __all__ = ["metric_card", "metric_table", "outcome_card", "outcome_table", "plain_value"]
@@ -20,8 +20,9 @@ _FIRST_OUTCOMES = 6
 """Requirements, and claims, on the first screen; the others are folded."""
 
 
-_UNIT = re.compile(r"(?<=\d) (?=%|(?!to\b)[^\W\d])")
-"""The space between a number and its unit, not that before the other end of an interval."""
+_UNIT = re.compile(r"(?<=\d) (?=%|(?!to\b)[^\W\d])|(?<=[≤≥<>]) ")
+"""The space between a number and its unit, not that before the other end of an interval, and that
+after a relation."""
 
 _WORDS = {"requirement": "asked", "claim": "published"}
 """What the value is called with which a result is compared."""
@@ -58,7 +59,7 @@ def outcome_table(what: str, outcomes: Mapping[str, Judgement]) -> str:
     head = (
         f"<thead><tr><th scope=col class=text>{what}</th>"
         f"<th scope=col class=text>{_WORDS[what]}</th>"
-        "<th scope=col class=text>got</th><th scope=col>state</th></tr></thead>"
+        "<th scope=col class=text>got</th><th scope=col>state, margin</th></tr></thead>"
     )
     table = f'<table class="outcomes {what}s">{head}<tbody>'
     first, rest = ordered[:_FIRST_OUTCOMES], ordered[_FIRST_OUTCOMES:]
@@ -79,9 +80,15 @@ def _outcome_rows(outcomes: Iterable[Judgement]) -> str:
         f"{f' <span class=soft>{escape(one.source)}</span>' if one.source else ''}"
         f"{f'<br><span class=soft>{escape(one.reason)}</span>' if one.reason else ''}</th>"
         f"<td class=text>{_unbroken(one.asked)}</td><td class=text>{_unbroken(one.got)}</td>"
-        f"<td>{_badge(one.state)}</td></tr>"
+        f"<td>{_badge(one.state)}{_room(one)}</td></tr>"
         for one in outcomes
     )
+
+
+def _room(one: Judgement) -> str:
+    """Return how far a value is from its limit, for a cell."""
+    margin = format_margin(vars(one))
+    return f"<br><span class=soft>{_unbroken(margin)}</span>" if margin else ""
 
 
 def _unbroken(text: str) -> str:
