@@ -18,13 +18,15 @@ _IGNORED = ("vn", "vt", "vp", "o", "g", "s", "usemtl", "mtllib")
 
 
 def read_obj(path: str | Path) -> tuple[Array, Integers]:
-    """Read a mesh of triangles.
+    """Read a mesh of triangles, or of triangles and quadrangles.
 
     Parameters
     ----------
     path : str or Path
         The file. As the format allows, faces may give texture and normal with each vertex
-        (``1/2/3``), and count vertices from the end by negative numbers.
+        (``1/2/3``), and count vertices from the end by negative numbers. A face of four corners is
+        split from its first corner to its third; where the four do not lie in a plane, the other
+        diagonal would give another body.
 
     Returns
     -------
@@ -36,8 +38,8 @@ def read_obj(path: str | Path) -> tuple[Array, Integers]:
     Raises
     ------
     InputError
-        If there is an unknown keyword, a malformed number, or a face that is not a triangle or
-        refers to a missing vertex. The message names file and line.
+        If there is an unknown keyword, a malformed number, or a face that has not three or four
+        corners or refers to a missing vertex. The message names file and line.
     """
     lines = LineReader(Path(path))
     vertices: list[tuple[float, ...]] = []
@@ -52,7 +54,10 @@ def read_obj(path: str | Path) -> tuple[Array, Integers]:
                 raise lines.fault(f"a vertex has three coordinates, got {len(words) - 1}")
             vertices.append(tuple(lines.real(w, "coordinate") for w in words[1:4]))
         elif words[0] == "f":
-            faces.append(_face(lines, words[1:], len(vertices)))
+            corners = _face(lines, words[1:], len(vertices))
+            faces.append(corners[:3])
+            if len(corners) == 4:
+                faces.append((corners[0], *corners[2:]))
         elif words[0] not in _IGNORED:
             raise lines.fault(
                 f"expected 'v x y z' or 'f i j k', got {words[0][:20]!r}: is this an OBJ file?"
@@ -64,8 +69,10 @@ def read_obj(path: str | Path) -> tuple[Array, Integers]:
 
 
 def _face(lines: LineReader, words: Sequence[str], known: int) -> tuple[int, ...]:
-    if len(words) != 3:
-        raise lines.fault(f"faces must be triangles, got {len(words)} corners; triangulate it")
+    if len(words) not in (3, 4):
+        raise lines.fault(
+            f"faces must be triangles or quadrangles, got {len(words)} corners; triangulate it"
+        )
     vertices = []
     for word in words:
         text = word.partition("/")[0]
