@@ -25,7 +25,15 @@ FACES = [
 
 
 @pytest.mark.parametrize(
-    "name", ["one-count.plt", "two-counts.plt", "two-counts-mixed.plt", "from-zero.plt", "rows.tab"]
+    "name",
+    [
+        "one-count.plt",
+        "two-counts.plt",
+        "two-counts-mixed.plt",
+        "from-zero.plt",
+        "rows.tab",
+        "rows-from-zero.tab",
+    ],
 )
 def test_an_octahedron(name: str) -> None:
     vertices, faces = read_shape(DATA / name)
@@ -75,6 +83,8 @@ def test_quadrangles_are_split() -> None:
         ("bad-columns.plt", ":7: expected vertices of 3, got 2"),
         ("bad-nan.plt", ":7: coordinate: expected a finite number, got 'nan'"),
         ("bad-counts.plt", ":1: expected the number of vertices, or those of vertices and plates"),
+        ("bad-rows-zero.tab", ":14: a face names vertex 6, but with a vertex 0 they end at 5"),
+        ("bad-rows-relative.tab", ": faces name vertex 0 and count others from the end"),
         ("bad-open.plt", ": the mesh is not closed"),
     ],
 )
@@ -112,7 +122,7 @@ def test_sources_of_a_shape(keys: dict[str, Any], message: str) -> None:
 
 
 SEEDS = ("one-count.plt", "two-counts.plt", "two-counts-mixed.plt", "from-zero.plt", "rows.tab",
-         "quads.obj")  # fmt: skip
+         "rows-from-zero.tab", "quads.obj")  # fmt: skip
 NUMERIC = st.from_regex(rb"[0-9 .,+e\n-]{0,8}", fullmatch=True)
 
 

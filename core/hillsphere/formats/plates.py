@@ -26,7 +26,8 @@ def read_shape(path: str | Path) -> tuple[Array, Integers]:
     ----------
     path : str or Path
         The file. One whose name ends with ``.obj`` is read by `read_obj`. In other files the first
-        word decides: a number begins a plate model (`read_plates`).
+        word decides: a number begins a plate model (`read_plates`), other rows are those of an OBJ
+        file, whose vertices may be counted from 0.
 
     Returns
     -------
@@ -45,7 +46,7 @@ def read_shape(path: str | Path) -> tuple[Array, Integers]:
     for line in LineReader(Path(path)):
         words = line.partition("#")[0].split()
         if words:
-            return read_plates(path) if words[0][0] in "+-.0123456789" else read_obj(path)
+            return read_plates(path) if words[0][0] in "+-.0123456789" else read_obj(path, True)
     return read_plates(path)  # empty: tells what is expected
 
 
