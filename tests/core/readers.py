@@ -20,6 +20,7 @@ from hillsphere.base.orientation import OrientationTable
 from hillsphere.base.paths import missions_directory
 from hillsphere.formats.obj import read_obj
 from hillsphere.formats.oem import OemSegment, read_oem, write_oem
+from hillsphere.formats.plates import read_plates, read_shape
 from hillsphere.formats.shape_harmonics import read_shape_harmonics
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
@@ -30,6 +31,8 @@ from hillsphere.time import Epoch
 from hillsphere.uncertainty.samples import read_columns
 from hillsphere_controllers.stages.linear_models.systems import system_from_file
 from hillsphere_estimators.navigation_comparison.stage import read_published_errors
+from hillsphere_gravity.coefficient_rows import read_coefficient_rows
+from hillsphere_gravity.cof import read_cof
 from hillsphere_gravity.icgem import read_icgem
 from hillsphere_gravity.shadr import read_shadr
 from hillsphere_tracking.live.feed import ReplayFeed
@@ -122,6 +125,11 @@ SHADR = """ 1.11000000E+01, 7.08750000E-04, 1.0E-08,   3,   3,   1, 0.0, 0.0
     2,    2, 2.276E-02,-2.02E-04, 2.0E-04, 3.0E-04
     3,    1,-3.09E-03, 1.81E-03, 0.0, 0.0
 """
+_FILES = Path(__file__).parents[1] / "data"
+PLATES = (_FILES / "shapes" / "one-count.plt").read_text("utf-8")
+COF = (_FILES / "gravity" / "small.cof").read_text("utf-8")
+ROWS = (_FILES / "gravity" / "rows.txt").read_text("utf-8")
+TERMS = (_FILES / "gravity" / "time-1.gfc").read_text("utf-8")
 OCTAHEDRON = """o body
 v 10 0 0
 v -9 0 0
@@ -323,6 +331,13 @@ READERS = (
            lambda path: create("gravity", "harmonics", file=str(path)),
            ("hillsphere_gravity.harmonics",)),
     Reader("obj", "mesh.obj", _text(OCTAHEDRON), read_obj, (FORMATS + "obj",)),
+    Reader("plates", "mesh.plt", _text(PLATES), read_plates, (FORMATS + "plates",)),
+    Reader("shape", "mesh.tab", _text(PLATES), read_shape, (FORMATS + "plates",)),
+    Reader("cof", "field.cof", _text(COF), read_cof, ("hillsphere_gravity.cof",)),
+    Reader("rows", "field.txt", _text(ROWS), read_coefficient_rows,
+           ("hillsphere_gravity.coefficient_rows",)),
+    Reader("time_variable", "field.gfc", _text(TERMS),
+           lambda path: read_icgem(path, "2014-01-01"), ("hillsphere_gravity.icgem_terms",)),
     Reader("polyhedron", "mesh.obj", _text(OCTAHEDRON),
            lambda path: create("shape", "polyhedron", file=str(path), length_unit="km"),
            ("hillsphere.model.shapes.polyhedron",)),

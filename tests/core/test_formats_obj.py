@@ -40,7 +40,7 @@ def test_a_tetrahedron(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("f 2 3 4", "f 2 3 4 1", r":13: faces must be triangles, got 4 corners"),
+        ("f 2 3 4", "f 2 3 4 1 2", r":13: faces must be triangles or quadrangles, got 5"),
         ("f 2 3 4", "f 2 3 5", r":13: a face names vertex 5, but only 4 precede it"),
         ("f 2 3 4", "f 0 3 4", r"names vertex 0"),
         ("f -4 -1 -2", "f -5 -1 -2", r"names vertex -5"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
@@ -17,6 +17,8 @@ __all__ = ["Coefficient", "CoefficientTable", "LineReader"]
 # Each character can belong to one part only: of a long row of digits nothing is tried twice.
 _REAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?", re.ASCII)
 _INTEGER = re.compile(r"[0-9]{1,6}")
+_BYTE_ORDER_MARK = "ï»¿"
+"""The mark of UTF-8, which editors of Windows write, as it reads in Latin-1."""
 _MOST_SHOWN = 300
 """Longest part of a line in a message, in characters; a damaged file may be one long line."""
 
@@ -84,14 +86,15 @@ class LineReader:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.number = 0
-        self._first_line: dict[tuple[int, int], int] = {}
+        self._first_line: dict[tuple[int, int, Hashable], int] = {}
         try:
             # Comments of older files are in Latin-1; every number is ASCII in either. Not
             # splitlines, which counts bytes of UTF-8 comments (0x85) as ends of line.
-            self._lines = read_text(path, "latin-1").split("\n")
+            text = read_text(path, "latin-1").removeprefix(_BYTE_ORDER_MARK)
         except OSError as error:
             reason = error.strerror or type(error).__name__
             raise InputError(f"{path}: cannot be read: {reason}") from error
+        self._lines = text.split("\n")
 
     def __iter__(self) -> Iterator[str]:
         for self.number, line in enumerate(self._lines, start=1):  # noqa: B020
@@ -124,8 +127,13 @@ class LineReader:
             raise self.fault(f"{what}: expected an integer ≥ 0, got {text!r}", line)
         return int(text)
 
-    def coefficient(self, words: list[str], max_degree: int) -> Coefficient:
-        """Read the columns n, m, C, S and, if they are there, the two standard deviations."""
+    def coefficient(
+        self, words: list[str], max_degree: int, series: Hashable = None
+    ) -> Coefficient:
+        """Read the columns n, m, C, S and, if they are there, the two standard deviations.
+
+        Each degree and order may stand once in a `series`, as a file with several of them has.
+        """
         if len(words) < 4:
             raise self.fault(f"expected degree, order, C and S, got {len(words)} columns")
         n, m = self.integer(words[0], "degree"), self.integer(words[1], "order")
@@ -133,7 +141,7 @@ class LineReader:
             raise self.fault(f"degree {n} is beyond the {max_degree} of the head")
         if m > n:
             raise self.fault(f"order m must be ≤ degree n, got n = {n}, m = {m}")
-        earlier = self._first_line.setdefault((n, m), self.number)
+        earlier = self._first_line.setdefault((n, m, series), self.number)
         if earlier != self.number:
             raise self.fault(f"degree {n}, order {m} is already given in line {earlier}")
         row = Coefficient(

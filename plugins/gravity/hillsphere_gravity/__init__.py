@@ -35,7 +35,7 @@ def hillsphere_components() -> list[Component]:
             "harmonics",
             "harmonics:Harmonics",
             "HarmonicsSpec",
-            "a spherical-harmonic series from a table, an ICGEM .gfc or a PDS SHADR file",
+            "a spherical-harmonic series from a table or a file (ICGEM, PDS SHADR, .cof)",
         ),
         _gravity(
             "polyhedron",

@@ -18,7 +18,8 @@ __all__ = ["app"]
 
 app = typer.Typer(add_completion=False, rich_markup_mode=None)
 
-_SUFFIXES = (".gfc", ".shadr", ".sha", ".tab", ".obj")
+_SUFFIXES = (".gfc", ".shadr", ".sha", ".tab", ".cof", ".obj", ".plt")
+_MESHES = (".obj", ".plt")
 _COLUMNS = ("latitude (°)", "longitude (°)", "radius (km)", "U (m²/s²)", "|g| (m/s²)",
             "g_x (m/s²)", "g_y (m/s²)", "g_z (m/s²)")  # fmt: skip
 
@@ -28,7 +29,9 @@ def gravity(
     file: Annotated[
         Path,
         typer.Argument(
-            metavar="FILE", help="Field (.gfc, .shadr, .sha, .tab) or mesh of triangles (.obj)."
+            metavar="FILE",
+            help="Field (.gfc, .shadr, .sha, .tab, .cof), or mesh of triangles (.obj, or a plate "
+            "model .plt).",
         ),
     ],
     at: Annotated[
@@ -45,6 +48,14 @@ def gravity(
     tide_system: Annotated[
         str | None,
         typer.Option(metavar="NAME", help="Tide system, of a .gfc file that does not state it."),
+    ] = None,
+    normalisation: Annotated[
+        str | None,
+        typer.Option(metavar="full|none", help="Normalisation, of a file that does not state it."),
+    ] = None,
+    epoch: Annotated[
+        str | None,
+        typer.Option(metavar="DATE", help="Date at which a time-variable .gfc file is evaluated."),
     ] = None,
     gm_km3_s2: Annotated[
         float | None,
@@ -70,15 +81,25 @@ def gravity(
     mesh = {"gm_km3_s2": gm_km3_s2, "density_g_cm3": density_g_cm3}
     if (suffix := file.suffix.lower()) not in _SUFFIXES:
         raise InputError(f"{file}: the suffix must be one of {', '.join(_SUFFIXES)}")
-    if suffix == ".obj":
+    if suffix in _MESHES:
         model = _mesh_model(file, length_unit, mesh)
     else:
-        model = _series_model(file, max_degree, tide_system, mesh)
+        keys = {"max_degree": max_degree, "tide_system": tide_system,
+                "normalisation": normalisation, "epoch": epoch}  # fmt: skip
+        model = _series_model(file, keys, mesh)
     rows = _evaluate(model, places)
+    body = _describe_body(model) if suffix in _MESHES else {}
     if json:
-        write_json({"file": str(file), "gm_m3_s2": float(model.gm_m3_s2), "points": rows})
+        write_json({"file": str(file), "gm_m3_s2": float(model.gm_m3_s2), **body, "points": rows})
         return
     write(f"{file}: GM = {number(float(model.gm_m3_s2) / 1e9)} km³/s²\n")
+    if body:
+        extent = " × ".join(number(axis / 1e3) for axis in body["extent_m"])
+        write(
+            f"{body['faces']} triangles, extent {extent} km, volume "
+            f"{number(body['volume_m3'] / 1e9)} km³, density "
+            f"{number(body['density_kg_m3'])} kg/m³\n"
+        )
     write_table([list(map(number, _cells(row))) for row in rows], header=_COLUMNS)
     radius_m = getattr(model, "reference_radius_m", None)
     inside = sum(radius_m is not None and row["radius_m"] < radius_m for row in rows)
@@ -106,21 +127,16 @@ def _place(text: str) -> tuple[float, float, float]:
     return latitude, longitude, radius
 
 
-def _series_model(
-    file: Path, max_degree: int | None, tide_system: str | None, mesh: dict[str, float | None]
-) -> Any:
+def _series_model(file: Path, given: dict[str, Any], mesh: dict[str, float | None]) -> Any:
     from hillsphere import create
 
     for key, value in mesh.items():
         if value is not None:
             raise InputError(f"--{key.replace('_', '-')} is for meshes (.obj); {file} has its own")
     keys: dict[str, Any] = {"file": str(file)}
-    if max_degree is not None:
-        keys["max_degree"] = max_degree
-    if tide_system is not None:
-        keys["tide_system"] = tide_system
-    elif file.suffix.lower() != ".gfc":
-        keys["tide_system"] = "unknown"  # a SHADR file states none, and the field is the same
+    keys |= {key: value for key, value in given.items() if value is not None}
+    if "tide_system" not in keys and file.suffix.lower() != ".gfc":
+        keys["tide_system"] = "unknown"  # such a file states none, and the field is the same
     return create("gravity", "harmonics", **keys)
 
 
@@ -132,6 +148,20 @@ def _mesh_model(file: Path, length_unit: str, mesh: dict[str, float | None]) -> 
         raise InputError(f"{file}: a mesh needs either --gm-km3-s2 or --density-g-cm3")
     shape = create("shape", "polyhedron", file=str(file), length_unit=length_unit)
     return create("gravity", "polyhedron", shape=shape, **given)
+
+
+def _describe_body(model: Any) -> dict[str, Any]:
+    """Return by what a wrong unit, or a mesh of another body, is noticed."""
+    from hillsphere_gravity.ellipsoid import CODATA_2018_G
+
+    low, high = model.mesh.vertices.min(axis=0), model.mesh.vertices.max(axis=0)
+    volume = model.mesh.volume_m3
+    return {
+        "faces": len(model.mesh.faces),
+        "extent_m": [float(length) for length in high - low],
+        "volume_m3": volume,
+        "density_kg_m3": float(model.gm_m3_s2) / (CODATA_2018_G * volume),
+    }
 
 
 def _evaluate(model: Any, places: list[tuple[float, float, float]]) -> list[dict[str, Any]]:

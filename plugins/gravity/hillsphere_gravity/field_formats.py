@@ -13,11 +13,13 @@ from pathlib import Path
 from hillsphere.errors import InputError
 from hillsphere.formats.coefficients import CoefficientTable
 from hillsphere.formats.specs import FileFormatSpec
+from hillsphere_gravity.coefficient_rows import split_columns
 from hillsphere_gravity.icgem import read_icgem
 from hillsphere_gravity.shadr import read_shadr
 
 __all__ = ["Icgem", "Shadr"]
 
+_BYTE_ORDER_MARK = "ï»¿"
 _NORMS = {"full": "fully_normalized", "none": "unnormalized"}
 
 
@@ -38,6 +40,7 @@ class Icgem:
 
     def recognises(self, beginning: str) -> bool:
         """Return whether a line ends the head, or the head has the keys of the format."""
+        beginning = beginning.removeprefix(_BYTE_ORDER_MARK)
         first = [line.split(maxsplit=1)[0] for line in beginning.split("\n") if line.split()]
         return "end_of_head" in first or {"product_type", "max_degree"} <= set(first)
 
@@ -91,10 +94,16 @@ class Shadr:
         self.spec = spec
 
     def recognises(self, beginning: str) -> bool:
-        """Return whether the first line is a header of eight numbers, separated by commas."""
+        """Return whether the first line is a header of eight numbers.
+
+        Rows of other formats may have eight numbers between blanks, but hardly the three integers.
+        """
+        beginning = beginning.removeprefix(_BYTE_ORDER_MARK)
         lines = [line for line in beginning.split("\n") if line.strip()]
-        words = lines[0].strip().rstrip(" ,").split(",") if lines else []
-        return len(words) == 8 and all(map(_is_number, words))
+        words = split_columns(lines[0].strip()) if lines else []
+        if len(words) != 8 or not all(map(_is_number, words)):
+            return False
+        return "," in lines[0] or (words[3].isdigit() and words[4].isdigit() and words[5] in "01")
 
     def read(self, path: Path) -> tuple[CoefficientTable, tuple[str, ...]]:
         """Read a field; see `hillsphere_gravity.shadr.read_shadr`."""

@@ -21,13 +21,14 @@ from hillsphere.symbolic import (
     variables,
 )
 from hillsphere.symbolic import sqrt as symbolic_sqrt
+from hillsphere_gravity.coefficient_rows import read_coefficient_rows
+from hillsphere_gravity.cof import read_cof
 from hillsphere_gravity.icgem import read_icgem
 from hillsphere_gravity.shadr import read_shadr
 from hillsphere_gravity.specs import HarmonicsSpec, file_format_of
 
 __all__ = ["Harmonics", "normalisation_factor"]
 
-_READERS = {"icgem": read_icgem, "shadr": read_shadr}
 _PLAIN = variables("harmonics:x", "harmonics:y", "harmonics:z")
 
 
@@ -165,7 +166,7 @@ def normalisation_factor(n: int, m: int) -> float:
 def _table(spec: HarmonicsSpec) -> CoefficientTable:
     """Return the coefficients of the Spec, or of a file completed by the Spec, as one table."""
     if spec.file is not None:
-        return _merge_with_file(spec, _READERS[file_format_of(spec)](spec.file))
+        return _merge_with_file(spec, _read_file(spec, spec.file))
     gm, radius = spec.gm_m3_s2, spec.reference_radius_m
     if gm is None or radius is None:
         raise InputError("coefficients need gm_m3_s2 and reference_radius_m")
@@ -177,6 +178,29 @@ def _table(spec: HarmonicsSpec) -> CoefficientTable:
         normalisation=spec.normalisation,
         tide_system=spec.tide_system,
         rows=tuple(Coefficient(row.n, row.m, row.c, row.s) for row in spec.coefficients),
+    )
+
+
+def _read_file(spec: HarmonicsSpec, file: str) -> CoefficientTable:
+    format_ = file_format_of(spec)
+    if format_ == "icgem":
+        return read_icgem(file, spec.epoch)
+    if format_ == "shadr":
+        return read_shadr(file)
+    if format_ == "cof":
+        return read_cof(file)
+    if spec.gm_m3_s2 is None or spec.reference_radius_m is None:
+        key = "gm_m3_s2" if spec.gm_m3_s2 is None else "reference_radius_m"
+        raise InputError(f"{file} does not state {key}; give it beside file")
+    rows = read_coefficient_rows(file)
+    return CoefficientTable(
+        name="",
+        gm_m3_s2=spec.gm_m3_s2,
+        reference_radius_m=spec.reference_radius_m,
+        max_degree=max(row.n for row in rows),
+        normalisation=None,
+        tide_system=None,
+        rows=rows,
     )
 
 

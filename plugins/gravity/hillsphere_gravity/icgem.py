@@ -1,4 +1,4 @@
-"""Static gravity fields in the format of ICGEM (.gfc) [1]_.
+"""Gravity fields in the format of ICGEM (.gfc) [1]_, static or evaluated at an epoch.
 
 References
 ----------
@@ -7,6 +7,7 @@ References
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,29 +15,41 @@ from typing import Literal
 
 from hillsphere.base.errors import InputError
 from hillsphere.formats.coefficients import Coefficient, CoefficientTable, LineReader
+from hillsphere_gravity.icgem_terms import (
+    TIME_VARIABLE,
+    Term,
+    evaluate_terms,
+    julian_date,
+    read_term,
+)
 
 __all__ = ["read_icgem"]
 
 _KEYS = (
-    "product_type", "modelname", "earth_gravity_constant", "gravity_constant", "radius",
+    "format", "product_type", "modelname", "earth_gravity_constant", "gravity_constant", "radius",
     "max_degree", "norm", "tide_system", "errors",
 )  # fmt: skip
+_FORMATS = ("icgem1.0", "icgem2.0")
 _NORMALISATIONS: dict[str, Literal["full", "none"]] = {
     "fully_normalized": "full",
     "unnormalized": "none",
 }
 _TIDE_SYSTEMS = ("tide_free", "zero_tide", "mean_tide", "unknown")
-_ERROR_COLUMNS = {"no": 0, "calibrated": 2, "formal": 2, "calibrated_and_formal": 4}
-_TIME_VARIABLE = ("gfct", "trnd", "dot", "acos", "asin")
+_ERROR_COLUMNS = {"no": 0, "none": 0, "calibrated": 2, "formal": 2, "calibrated_and_formal": 4}
+_KEYWORD = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}", re.ASCII)
+_MOST_KEYS_SHOWN = 8
 
 
-def read_icgem(path: str | Path) -> CoefficientTable:
-    """Read a static gravity field.
+def read_icgem(path: str | Path, epoch: str | None = None) -> CoefficientTable:
+    """Read a gravity field.
 
     Parameters
     ----------
     path : str or Path
         The file; its ``product_type`` must be ``gravity_field``.
+    epoch : str, optional
+        Date and time, ``"2020-01-01T00:00:00"``, at which time-variable terms (``gfct``, ``trnd``
+        or ``dot``, ``acos``, ``asin``) are evaluated, see `evaluate_terms`.
 
     Returns
     -------
@@ -47,12 +60,14 @@ def read_icgem(path: str | Path) -> CoefficientTable:
     Raises
     ------
     InputError
-        Names file and line: a head that lacks a key, a time-variable row (``gfct``, ``trnd``,
-        ``dot``, ``acos``, ``asin``), a malformed or doubled row, a missing degree.
+        Names file and line: a head that lacks a key, an unknown version, time-variable terms
+        without `epoch` or `epoch` without such terms, a malformed or doubled row, a missing degree.
     """
     lines = LineReader(Path(path))
+    epoch_jd = None if epoch is None else julian_date(epoch)
     text = iter(lines)
     head = _read_head(lines, text)
+    version = head.choice("format", _FORMATS) or "icgem1.0"
     product = head.word("product_type")
     if product != "gravity_field":
         raise lines.fault(
@@ -63,27 +78,42 @@ def read_icgem(path: str | Path) -> CoefficientTable:
     radius = head.positive("radius")
     max_degree = head.integer("max_degree")
     norm = head.choice("norm", tuple(_NORMALISATIONS))
-    tide = head.choice("tide_system", _TIDE_SYSTEMS)
-    errors = head.choice("errors", tuple(_ERROR_COLUMNS)) or "no"
+    tide = head.tide_system()
+    errors = head.choice("errors", tuple(_ERROR_COLUMNS))
+    sigmas = None if errors is None else _ERROR_COLUMNS[errors]
 
     rows: list[Coefficient] = []
+    terms: list[Term] = []
     for line in text:
         words = line.split()
         if not words:
             continue
-        if words[0] in _TIME_VARIABLE:
-            raise lines.fault(
-                f"{words[0]!r} is a time-variable term; only static fields (rows 'gfc') are read: "
-                "evaluate the model at your epoch first"
-            )
+        if words[0] in TIME_VARIABLE:
+            if epoch_jd is None:
+                raise lines.fault(
+                    f"{words[0]!r} is a time-variable term; give the key epoch, the date at which "
+                    "the field is evaluated"
+                )
+            terms.append(read_term(lines, words, max_degree, sigmas, version == "icgem2.0"))
+            continue
         if words[0] != "gfc":
             raise lines.fault(f"expected a row 'gfc', got {words[0]!r}")
-        columns = 4 + _ERROR_COLUMNS[errors]
-        if len(words) - 1 != columns:
+        if sigmas is None:
+            # A head that does not say is decided by its first row.
+            if len(words) - 1 not in (4, 6, 8):
+                raise lines.fault(f"expected 4, 6 or 8 columns after 'gfc', got {len(words) - 1}")
+            sigmas = len(words) - 5
+        if len(words) - 1 != 4 + sigmas:
             raise lines.fault(
-                f"expected {columns} columns after 'gfc' (errors: {errors}), got {len(words) - 1}"
+                f"expected {4 + sigmas} columns after 'gfc' (errors: {errors or 'not stated'}), "
+                f"got {len(words) - 1}"
             )
         rows.append(lines.coefficient(words[1:], max_degree))
+    if epoch_jd is not None:
+        if not terms:
+            raise lines.fault("no time-variable term; leave the key epoch out", line=0)
+        static = frozenset((row.n, row.m) for row in rows)
+        rows.extend(evaluate_terms(lines, terms, epoch_jd, static))
     lines.check_degrees(rows, max_degree)
     return CoefficientTable(
         name=head.words.get("modelname") or Path(path).stem,
@@ -93,27 +123,37 @@ def read_icgem(path: str | Path) -> CoefficientTable:
         normalisation=None if norm is None else _NORMALISATIONS[norm],
         tide_system=tide,
         rows=tuple(rows),
-        passed_over=tuple(_list_passed_over(head, errors)),
+        passed_over=tuple(_list_passed_over(head, errors, sigmas or 0, epoch)),
     )
 
 
-def _list_passed_over(head: _Head, errors: str) -> Iterator[str]:
+def _list_passed_over(
+    head: _Head, errors: str | None, sigmas: int, epoch: str | None
+) -> Iterator[str]:
     """Return what a head states, or announces for the rows, that a table does not hold."""
-    if _ERROR_COLUMNS[errors]:
-        yield f"kind of the standard deviations ({errors})"
-    if errors == "calibrated_and_formal":
+    if sigmas:
+        yield f"kind of the standard deviations ({errors or 'not stated'})"
+    if sigmas == 4:
         yield "second pair of standard deviations (formal)"
+    if epoch is not None:
+        yield f"change with time (evaluated at {epoch})"
+    if head.others:
+        shown = ", ".join(head.others[:_MOST_KEYS_SHOWN])
+        more = len(head.others) - _MOST_KEYS_SHOWN
+        yield f"unknown keys of the head ({shown}{f' and {more} more' if more > 0 else ''})"
     if head.has_comments:
         yield "comments or further keys before the coefficients"
 
 
 @dataclass(frozen=True)
 class _Head:
-    """Keys of the head, their first words and lines."""
+    """Keys of the head, their first words, all words and lines, and other keys."""
 
     lines: LineReader
     words: dict[str, str]
     numbers: dict[str, int]
+    phrases: dict[str, str]
+    others: tuple[str, ...] = ()
     has_comments: bool = False
 
     def line(self, key: str) -> int:
@@ -132,6 +172,20 @@ class _Head:
             )
         return word
 
+    def tide_system(self) -> str | None:
+        """Return the tide system, which is written with a low line, a hyphen, a blank or none."""
+        if "tide_system" not in self.words:
+            return None
+        phrase = self.phrases["tide_system"].lower().replace("-", " ").replace("_", " ").split()
+        for system in _TIDE_SYSTEMS:
+            parts = system.split("_")
+            if phrase[: len(parts)] == parts or phrase[:1] == ["".join(parts)]:
+                return system
+        raise self.lines.fault(
+            f"tide_system: expected {' | '.join(_TIDE_SYSTEMS)}, got {self.words['tide_system']!r}",
+            self.line("tide_system"),
+        )
+
     def positive(self, key: str) -> float:
         word = self.word(key)
         return self.lines.positive(word, key, self.line(key))
@@ -142,9 +196,10 @@ class _Head:
 
 
 def _read_head(lines: LineReader, text: Iterator[str]) -> _Head:
-    head = _Head(lines, {}, {})
+    head = _Head(lines, {}, {}, {})
     repeated: InputError | None = None
-    others = False
+    comments = False
+    others: dict[str, None] = {}
     for line in text:
         words = line.split()
         if not words:
@@ -152,14 +207,14 @@ def _read_head(lines: LineReader, text: Iterator[str]) -> _Head:
         key = words[0]
         if key == "begin_of_head":
             # What stands before is free text, whose lines may well begin with a key.
-            others |= bool(head.words)
-            head.words.clear()
-            head.numbers.clear()
+            comments |= bool(head.words or others)
+            for part in (head.words, head.numbers, head.phrases, others):
+                part.clear()
             repeated = None
         elif key == "end_of_head":
             if repeated is not None:
                 raise repeated
-            return replace(head, has_comments=others)
+            return replace(head, others=tuple(others), has_comments=comments)
         elif key in _KEYS and len(words) > 1:
             if key in head.words:
                 # Not raised yet: all of this may still turn out to be free text.
@@ -167,7 +222,10 @@ def _read_head(lines: LineReader, text: Iterator[str]) -> _Head:
                 continue
             head.words[key] = words[1]
             head.numbers[key] = lines.number
-            others |= len(words) > 2
+            head.phrases[key] = " ".join(words[1:])
+            comments |= len(words) > 2 and key != "tide_system"
+        elif len(words) == 2 and _KEYWORD.fullmatch(key):
+            others[key] = None
         else:
-            others = True
+            comments = True
     raise lines.fault("no line 'end_of_head': is this an ICGEM file?", line=0)

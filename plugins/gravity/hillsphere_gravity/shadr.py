@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Literal
 
 from hillsphere.formats.coefficients import Coefficient, CoefficientTable, LineReader
+from hillsphere_gravity.coefficient_rows import split_columns
 
 __all__ = ["read_shadr"]
 
@@ -19,6 +20,9 @@ _HEAD = (
     "reference radius, GM, its uncertainty, degree, order, normalisation state, reference "
     "longitude, reference latitude"
 )
+_LEAST, _MOST = 4, 8
+"""Columns of the header. What is left out at its end is taken as not stated: the order is then the
+degree, the reference longitude and latitude 0."""
 _NORMALISATIONS: dict[int, Literal["full", "none"]] = {0: "none", 1: "full"}
 
 
@@ -28,14 +32,15 @@ def read_shadr(path: str | Path) -> CoefficientTable:
     Parameters
     ----------
     path : str or Path
-        The table file (without its detached label): one header row of eight columns, then rows of
-        degree, order, C, S and perhaps their standard deviations, separated by commas. Radius in
-        km, GM in km³/s².
+        The table file (without its detached label): one header row of eight columns, or fewer
+        where the last ones are left out, then rows of degree, order, C, S and perhaps their
+        standard deviations, separated by commas or blanks. Radius in km, GM in km³/s².
 
     Returns
     -------
     CoefficientTable
-        SI. A SHADR table does not state its tide system. An uncertainty of GM is in `passed_over`.
+        SI. A SHADR table does not state its tide system, and one of less than six columns in its
+        header not its normalisation. An uncertainty of GM is in `passed_over`.
 
     Raises
     ------
@@ -49,15 +54,16 @@ def read_shadr(path: str | Path) -> CoefficientTable:
     rows: list[Coefficient] = []
     radius_km = gm_km3_s2 = uncertainty = 0.0
     max_degree = max_order = 0
+    normalisation: Literal["full", "none"] | None = None
     for line in lines:
         if not line.strip():
             continue
-        words = [word.strip() for word in line.rstrip(" ,").split(",")]
+        words = split_columns(line)
         if header:
             if len(words) not in (4, 6):
                 raise lines.fault(
-                    "expected degree, order, C, S and perhaps two uncertainties, separated by "
-                    f"commas; got {len(words)} columns"
+                    "expected degree, order, C, S and perhaps two uncertainties; got "
+                    f"{len(words)} columns"
                 )
             row = lines.coefficient(words, max_degree)
             if row.m > max_order:
@@ -65,8 +71,11 @@ def read_shadr(path: str | Path) -> CoefficientTable:
             rows.append(row)
             continue
         header = words
-        if len(words) != 8:
-            raise lines.fault(f"expected a header of 8 columns ({_HEAD}), got {len(words)}")
+        if not _LEAST <= len(words) <= _MOST:
+            raise lines.fault(
+                f"expected a header of {_MOST} columns ({_HEAD}), of which the last may be left "
+                f"out, but not the first {_LEAST}; got {len(words)}"
+            )
         radius_km = lines.positive(words[0], "reference radius")
         gm_km3_s2 = lines.positive(words[1], "GM")
         uncertainty = lines.real(words[2], "uncertainty of GM")
@@ -75,11 +84,14 @@ def read_shadr(path: str | Path) -> CoefficientTable:
             raise lines.fault(
                 "constant 1 with uncertainty 0 marks a topography, not a gravity field"
             )
-        max_degree, max_order = lines.integer(words[3], "degree"), lines.integer(words[4], "order")
-        state = lines.integer(words[5], "normalisation state")
-        if state not in _NORMALISATIONS:
-            raise lines.fault(f"normalisation state must be 0 (none) or 1 (full), got {state}")
-        for name, word in zip(("longitude", "latitude"), words[6:], strict=True):
+        max_degree = lines.integer(words[3], "degree")
+        max_order = lines.integer(words[4], "order") if len(words) > 4 else max_degree
+        if len(words) > 5:
+            state = lines.integer(words[5], "normalisation state")
+            if state not in _NORMALISATIONS:
+                raise lines.fault(f"normalisation state must be 0 (none) or 1 (full), got {state}")
+            normalisation = _NORMALISATIONS[state]
+        for name, word in zip(("longitude", "latitude"), words[6:], strict=False):
             if lines.real(word, f"reference {name}") != 0.0:
                 raise lines.fault(
                     f"reference {name} must be 0, got {word}; turn the model with a sum"
@@ -92,7 +104,7 @@ def read_shadr(path: str | Path) -> CoefficientTable:
         gm_m3_s2=gm_km3_s2 * 1e9,
         reference_radius_m=radius_km * 1e3,
         max_degree=max_degree,
-        normalisation=_NORMALISATIONS[state],
+        normalisation=normalisation,
         tide_system=None,
         rows=tuple(rows),
         passed_over=(f"uncertainty of GM ({header[2]} km³/s²)",) if uncertainty else (),

@@ -33,13 +33,14 @@ __all__ = [
 
 Normalisation = Literal["full", "none"]
 TideSystem = Literal["tide_free", "zero_tide", "mean_tide", "none", "unknown"]
-FileFormat = Literal["icgem", "shadr"]
+FileFormat = Literal["icgem", "shadr", "cof", "table"]
 
 _SUFFIXES: dict[str, FileFormat] = {
     ".gfc": "icgem",
     ".shadr": "shadr",
     ".sha": "shadr",
     ".tab": "shadr",
+    ".cof": "cof",
 }
 
 
@@ -205,9 +206,20 @@ class HarmonicsSpec(Spec):
         "rows {n, m, c, s} in any order; a coefficient that is not listed is zero, C00 one",
         default=(),
     )
-    file: DataPath | None = data_path("ICGEM .gfc or PDS SHADR file", default=None)
+    file: DataPath | None = data_path(
+        "ICGEM .gfc, PDS SHADR or GMAT .cof file, or a table of rows n m C S", default=None
+    )
     file_format: FileFormat | None = option(
-        "format of the file; left out: by its suffix (.gfc; .shadr, .sha, .tab)", default=None
+        "format of the file; left out: by its suffix (.gfc: 'icgem'; .shadr, .sha, .tab: 'shadr'; "
+        ".cof: 'cof'). 'table': rows of degree, order, C, S and perhaps two standard deviations, "
+        "without a head, as EGM2008's",
+        default=None,
+    )
+    epoch: str | None = option(
+        "date and time at which the time-variable terms of an ICGEM file are evaluated, such as "
+        "'2020-01-01T00:00:00'; the field stays that of this epoch. For such files only",
+        default=None,
+        max_length=40,
     )
     max_degree: int | None = option("use degrees up to this", default=None, ge=0)
     max_order: int | None = option("use orders up to this", default=None, ge=0)
@@ -222,6 +234,8 @@ class HarmonicsSpec(Spec):
     def _one_source(self) -> Self:
         if self.coefficients and self.file is not None:
             raise rule("file", "coefficients and file both give the series; keep one")
+        if self.epoch is not None and (self.file is None or file_format_of(self) != "icgem"):
+            raise rule("epoch", "goes with an ICGEM file that changes with time; remove it")
         if self.file is not None:
             file_format_of(self)
         elif not self.coefficients:
@@ -271,7 +285,7 @@ def file_format_of(spec: HarmonicsSpec) -> FileFormat:
     Returns
     -------
     str
-        ``"icgem"`` or ``"shadr"``.
+        ``"icgem"``, ``"shadr"``, ``"cof"`` or ``"table"``.
 
     Raises
     ------
@@ -284,7 +298,7 @@ def file_format_of(spec: HarmonicsSpec) -> FileFormat:
     if suffix not in _SUFFIXES:
         raise rule(
             "file", f"cannot tell the format from the suffix {suffix!r}; give file_format "
-            "= 'icgem' or 'shadr'"
+            "= 'icgem', 'shadr', 'cof' or 'table'"
         )  # fmt: skip
     return _SUFFIXES[suffix]
 

@@ -98,3 +98,31 @@ def test_files_that_cannot_be_used(tmp_path: Path, capsys: pytest.CaptureFixture
     for name in ("absent.gfc", "cube.obj", "field.unknown"):
         assert run(["gravity", str(tmp_path / name), "--at", "0,0,20"]) == 2
         assert name in capsys.readouterr().err
+
+
+def test_extent_volume_and_density_of_a_mesh(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A cube of 2 km: a wrong unit shows in the volume, or with GM in the density."""
+    path = tmp_path / "cube.obj"
+    path.write_text(CUBE)
+    words = ["gravity", str(path), "--at", "0,0,20", "--density-g-cm3", "2"]
+    assert run([*words, "--json"]) == 0
+    shown = json.loads(capsys.readouterr().out)
+    assert shown["faces"] == 12
+    assert shown["extent_m"] == [2000.0, 2000.0, 2000.0]
+    assert shown["volume_m3"] == pytest.approx(8e9, rel=1e-14)
+    assert shown["density_kg_m3"] == pytest.approx(2000.0, rel=1e-14)
+    assert run(words) == 0
+    assert "12 triangles, extent 2 × 2 × 2 km, volume 8 km³, density 2000 kg/m³" in (
+        capsys.readouterr().out
+    )
+
+
+def test_field_at_an_epoch(capsys: pytest.CaptureFixture[str]) -> None:
+    path = Path(__file__).parents[2] / "data" / "gravity" / "time-1.gfc"
+    words = ["gravity", str(path), "--at", "0,0,7000"]
+    assert run(words) == 2
+    assert "give the key epoch" in capsys.readouterr().err
+    assert run([*words, "--epoch", "2014-01-01"]) == 0
+    assert f"{path}: GM = 400000 km³/s²" in capsys.readouterr().out

@@ -8,7 +8,7 @@ import numpy as np
 
 from hillsphere.base.arrays import Array, Integers
 from hillsphere.base.errors import InputError
-from hillsphere.formats.obj import read_obj
+from hillsphere.formats.plates import read_plate_files, read_shape
 from hillsphere.model.shapes.mesh import Mesh
 from hillsphere.model.shapes.mesh_distance import surface_distances
 from hillsphere.model.shapes.rays import RayTable
@@ -142,7 +142,7 @@ class PolyhedronShape(MeshSurface):
     Parameters
     ----------
     spec : PolyhedronShapeSpec
-        Its vertices and faces, or the file that holds them.
+        Its vertices and faces, or the file or the two files that hold them.
 
     Raises
     ------
@@ -152,11 +152,14 @@ class PolyhedronShape(MeshSurface):
 
     def __init__(self, spec: PolyhedronShapeSpec) -> None:
         if spec.file is not None:
-            vertices, faces = read_obj(spec.file)
+            vertices, faces = read_shape(spec.file)
+        elif spec.vertices_file is not None and spec.plates_file is not None:
+            vertices, faces = read_plate_files(spec.vertices_file, spec.plates_file)
         else:
             vertices = np.array(spec.vertices, dtype=float).reshape(-1, 3)
             faces = np.array(spec.faces, dtype=np.int64).reshape(-1, 3) - 1
         try:
             super().__init__(Mesh(METRES[spec.length_unit] * vertices, faces))
         except InputError as error:
-            raise InputError(f"{spec.file or 'vertices and faces'}: {error}") from error
+            source = spec.file or spec.plates_file or "vertices and faces"
+            raise InputError(f"{source}: {error}") from error

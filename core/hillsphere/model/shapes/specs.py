@@ -112,9 +112,29 @@ class PolyhedronShapeSpec(Spec):
         "triangles: numbers of three vertices, counted from 1, anticlockwise as seen from outside",
         default=(),
     )
-    file: DataPath | None = data_path("Wavefront OBJ file with both, instead", default=None)
+    file: DataPath | None = data_path(
+        "instead of vertices and faces: file with both, Wavefront OBJ (rows v and f) or a plate "
+        "model (counts, vertices, plates)",
+        default=None,
+    )
+    vertices_file: DataPath | None = data_path(
+        "instead of file: table of the vertices alone, beside plates_file", default=None
+    )
+    plates_file: DataPath | None = data_path(
+        "table of the plates, of which each names three rows of vertices_file", default=None
+    )
 
     @model_validator(mode="after")
     def _source(self) -> Self:
-        _one_source(self.file, bool(self.vertices or self.faces), "vertices")
+        pair = (self.vertices_file, self.plates_file)
+        if pair == (None, None):
+            _one_source(self.file, bool(self.vertices or self.faces), "vertices")
+        elif None in pair:
+            missing = "plates_file" if self.plates_file is None else "vertices_file"
+            raise rule(missing, "vertices_file and plates_file belong together; give both")
+        elif self.file is not None or self.vertices or self.faces:
+            raise rule(
+                "vertices_file", "two sources of the shape; keep either file, vertices and faces, "
+                "or vertices_file and plates_file"
+            )  # fmt: skip
         return self
