@@ -289,6 +289,8 @@ class _XmlMessage:
                 within = f"<{parent}>" if parent else "an orbit ephemeris message"
                 raise InputError(f"{place}: {within} has no element {name[:60]!r}{hint}")
             self._container(place, name, attributes)
+        elif parent in _LEAVES and name in (*_CHILDREN, *_LEAVES):
+            raise InputError(f"{place}: <{parent}> has no element {name!r}; close <{parent}> first")
         elif parent not in (*_CHILDREN, *_LEAVES):
             raise InputError(
                 f"{parent_place}: {parent[:60]!r} must hold a value, not further elements"

@@ -316,10 +316,12 @@ def _check_word(
 
 
 def _text(entry: Entry) -> None:
-    # A value becomes a line of other files: a line feed in it could bring further keywords.
-    if not entry.value.isprintable():
+    # A value becomes a line of other files: a line feed in it could bring further keywords. A sign
+    # of equality is that of a second keyword on the line.
+    if "=" in entry.value or not entry.value.isprintable():
         raise InputError(
-            f"{entry.place}: {entry.key} must be printable text, got {entry.value[:40]!r}"
+            f"{entry.place}: {entry.key} must be printable text without '=', got "
+            f"{entry.value[:40]!r}"
         )
 
 
