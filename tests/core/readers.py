@@ -241,7 +241,8 @@ def _oem(path: Path) -> None:
         t_s=np.arange(12.0) * 600.0,
         x=np.concatenate([rng.normal(0, 9e6, (3, 12)), rng.normal(0, 2e3, (3, 12))]),
     )
-    path.write_text(write_oem([segment]), "utf-8")
+    encoding = "xml" if path.suffix == ".xml" else "kvn"
+    path.write_text(write_oem([segment], encoding=encoding), "utf-8")
 
 
 def _orientation(path: Path) -> None:
@@ -349,7 +350,10 @@ READERS = (
     Reader("grid", "grid.txt", _text(GRID),
            lambda path: create("shape", "grid", file=str(path), length_unit="km"),
            ("hillsphere.model.shapes.grid",)),
-    Reader("oem", "flight.oem", _oem, _of_text(read_oem), (FORMATS + "oem",), of_text=True),
+    Reader("oem", "flight.oem", _oem, _of_text(read_oem),
+           (FORMATS + "oem", FORMATS + "oem_encodings", FORMATS + "oem_reading"), of_text=True),
+    Reader("oem_xml", "flight.xml", _oem, _of_text(read_oem), (FORMATS + "ccsds_xml",),
+           of_text=True),
     Reader("tdm", "pass.tdm", _text(TDM), _of_text(read_tdm),
            (FORMATS + "tdm", FORMATS + "tdm_records", FORMATS + "tdm_entries"), of_text=True),
     Reader("tdm_xml", "pass.xml", _text(TDM_XML), _of_text(read_tdm), (FORMATS + "tdm_entries",),
@@ -377,6 +381,9 @@ READERS = (
     Reader("format_omm", "orbit.omm", _text(OMM), lambda path: create("format", "omm").read(path),
            ("hillsphere_tracking.element_formats",)),
     Reader("format_oem", "flight.oem", _oem, lambda path: create("format", "oem").read(path),
+           ("hillsphere_orbits.ephemeris.state_formats",)),
+    Reader("format_oem_xml", "flight.xml", _oem,
+           lambda path: create("format", "oem_xml").read(path),
            ("hillsphere_orbits.ephemeris.state_formats",)),
     Reader("memory", "stations.json", _memory, read_memory, ("hillsphere_tracking.memory",)),
     Reader("pass_log", "pass.csv", _pass_log, read_pass_log,

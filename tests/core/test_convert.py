@@ -388,19 +388,34 @@ def test_a_table_of_unlike_segments_is_refused(
     assert "not kept: limits of the 2 segments" in convert(tmp_path, "b.oem", "b.csv")[1]
 
 
-def test_what_readers_of_ephemerides_pass_over_is_said(tmp_path: Path) -> None:
-    text = OEM.replace("META_STOP", "USEABLE_START_TIME = 2026-01-01T00:00:00\nMETA_STOP")
-    text = text.replace("00:00:00.000000 9376", "00:00:00.123456789 9376")
-    lines = text.splitlines()
-    lines[-1] += " 0.1 0.2 0.3"
-    lines += ["COMMENT why", "COVARIANCE_START", "EPOCH = 2026-01-01T00:01:00", "COVARIANCE_STOP"]
-    (tmp_path / "a.oem").write_text("\ufeff" + "\n".join(lines), "utf-8")
+def test_what_a_table_of_states_cannot_hold_is_said(tmp_path: Path) -> None:
+    text = OEM.replace(
+        "STOP_TIME = 2026-01-01T00:01:00\n",
+        "USEABLE_START_TIME = 2026-01-01T00:00:00\nSTOP_TIME = 2026-01-01T00:02:00\n"
+        "INTERPOLATION = LAGRANGE\nINTERPOLATION_DEGREE = 1\n",
+    )
+    text = text.replace("00:00:00.000000 9376", "00:00:00.0000000001 9376")
+    text = re.sub(r"(?m)^2026.*", r"\g<0> 0.1 0.2 0.3", text)
+    text += "COMMENT why\nCOVARIANCE_START\nEPOCH = 2026-01-01T00:01:00\n"
+    text += "1\n0 1\n0 0 1\n0 0 0 1\n0 0 0 0 1\n0 0 0 0 0 1\nCOVARIANCE_STOP\n"
+    (tmp_path / "a.oem").write_text("\ufeff" + text, "utf-8")
     code, out, _ = convert(tmp_path, "a.oem", "a.csv", "--json")
     assert code == 0
-    assert json.loads(out)["not_kept"][:5] == [
-        "comments", "covariances", "accelerations", "digits of the times below 1 µs",
-        "USEABLE_START_TIME",
+    lost = json.loads(out)["not_kept"]
+    assert lost[:2] == ["comments", "digits of the times below 1 ns"]
+    assert lost[3:] == [
+        "accelerations", "covariances", "useable span",
+        "START_TIME and STOP_TIME, which differ from the first and last state",
+        "recommended interpolation",
     ]  # fmt: skip
+    code, out, _ = convert(tmp_path, "a.oem", "a.xml", "--json")
+    assert (code, json.loads(out)["not_kept"]) == (0, lost[:2])
+    assert convert(tmp_path, "a.xml", "b.oem")[0] == 0  # told from its content
+    once = (tmp_path / "b.oem").read_text("utf-8")
+    assert convert(tmp_path, "b.oem", "c.xml")[0] == 0
+    assert convert(tmp_path, "c.xml", "d.oem")[0] == 0
+    again = (tmp_path / "d.oem").read_text("utf-8")
+    assert re.sub("CREATION.*", "", once) == re.sub("CREATION.*", "", again)
 
 
 GFC = """free words

@@ -293,7 +293,8 @@ def test_new_plugins_run_in_a_mission(installed: tuple[Path, Path]) -> None:
 def test_new_format_converts_ephemerides(installed: tuple[Path, Path]) -> None:
     python, folder = installed
     (folder / "one.oem").write_text(
-        "CCSDS_OEM_VERS = 2.0\nMETA_START\nOBJECT_NAME = CRAFT\nOBJECT_ID = 1\n"
+        "CCSDS_OEM_VERS = 2.0\nCREATION_DATE = 2026-11-21T00:00:00\nORIGINATOR = TEST\n"
+        "META_START\nOBJECT_NAME = CRAFT\nOBJECT_ID = 1\n"
         "CENTER_NAME = MARS\nREF_FRAME = ICRF\nTIME_SYSTEM = TDB\n"
         "START_TIME = 2026-11-21T00:00:00\nSTOP_TIME = 2026-11-21T00:00:00\nMETA_STOP\n"
         "2026-11-21T00:00:00.000000 9000.5 0.0 0.0 0.0 2.125 0.0\n"

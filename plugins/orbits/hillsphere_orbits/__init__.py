@@ -154,6 +154,13 @@ def hillsphere_components() -> list[Component]:
         ),
         Component(
             "format",
+            "oem_xml",
+            "hillsphere_orbits.ephemeris.state_formats:OemXml",
+            "hillsphere.formats.specs:FileFormatSpec",
+            "a CCSDS Orbit Ephemeris Message in XML (.xml)",
+        ),
+        Component(
+            "format",
             "states_csv",
             "hillsphere_orbits.ephemeris.state_formats:StatesCsv",
             "hillsphere.formats.specs:FileFormatSpec",

@@ -16,22 +16,14 @@ import csv
 import json
 import re
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple, NoReturn
-from xml.parsers import expat
+from typing import Any, NoReturn
 
 from hillsphere.base.problems import did_you_mean
 from hillsphere.errors import InputError
+from hillsphere.formats.ccsds_entries import Entry
+from hillsphere.formats.ccsds_xml import walk_xml
 
 __all__ = ["COVARIANCE", "Entry", "encoding_of", "kvn_messages"]
-
-
-class Entry(NamedTuple):
-    """One keyword of a message, with its value, its unit ("" if none is given) and its place."""
-
-    place: str
-    key: str
-    value: str
-    unit: str = ""
 
 
 _AXES = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
@@ -120,8 +112,7 @@ def kvn_messages(text: str, where: str) -> Messages:
 
 
 def _xml_messages(text: str, where: str) -> Messages:
-    start, above = _start_of(text)
-    return iter(_XmlMessages(where, above).read(start))
+    return iter(_XmlMessages().read(text, where))
 
 
 def _start_of(text: str) -> tuple[str, int]:
@@ -133,42 +124,21 @@ def _start_of(text: str) -> tuple[str, int]:
 class _XmlMessages:
     """Collector of the leaves of each message in XML."""
 
-    def __init__(self, where: str, above: int) -> None:
-        self._where, self._above = where, above
+    def __init__(self) -> None:
         self._messages: list[tuple[str, list[Entry]]] = []
         self._within = False
-        self._text = ""
         self._key, self._unit, self._place = "", "", ""
-        # The text is decoded already, whatever encoding it declares.
-        self._parser = parser = expat.ParserCreate("utf-8")
-        parser.StartElementHandler = self._start
-        parser.EndElementHandler = self._end
-        parser.CharacterDataHandler = self._characters
-        parser.StartDoctypeDeclHandler = self._doctype
 
-    def read(self, text: str) -> list[tuple[str, list[Entry]]]:
+    def read(self, text: str, where: str) -> list[tuple[str, list[Entry]]]:
         """Return the place and the entries of each message."""
-        try:
-            self._parser.Parse(text.encode("utf-8", "surrogatepass"), True)
-        except expat.ExpatError as error:
-            raise InputError(
-                f"{self._where}:{error.lineno + self._above}: not well-formed XML: "
-                f"{expat.errors.messages[error.code]}"
-            ) from error
+        walk_xml(text, where, self._start, self._end)
         return self._messages
 
-    def _doctype(self, *_: object) -> None:
-        # Entities could make a small file huge; no message of this standard needs them.
-        raise InputError(f"{self._where}: an orbit message must not contain a DOCTYPE; remove it")
-
-    def _start(self, name: str, attributes: dict[str, str]) -> None:
-        name = name.rpartition(":")[2]  # schemas may give elements a prefix
-        place = f"{self._where}:{self._parser.CurrentLineNumber + self._above}"
+    def _start(self, place: str, name: str, attributes: dict[str, str]) -> None:
         if self._key:  # so far it looked like a keyword
             raise InputError(
                 f"{self._place}: {self._key[:60]!r} must hold a value, not further elements"
             )
-        self._text = ""
         if name == "omm":
             self._messages.append((place, []))
             self._within = True
@@ -177,15 +147,12 @@ class _XmlMessages:
             if name == "USER_DEFINED":
                 self._key = f"USER_DEFINED_{attributes.get('parameter', '')}"
 
-    def _characters(self, text: str) -> None:
-        self._text += text
-
-    def _end(self, name: str) -> None:
+    def _end(self, name: str, text: str) -> None:
         if self._key:
-            entry = Entry(self._place, self._key, self._text.strip(), self._unit)
+            entry = Entry(self._place, self._key, text, self._unit)
             self._messages[-1][1].append(_check_keyword(entry))
         self._key = ""
-        if name.rpartition(":")[2] == "omm":
+        if name == "omm":
             self._within = False
 
 

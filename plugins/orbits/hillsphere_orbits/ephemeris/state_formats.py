@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from hillsphere.base.errors import InputError
@@ -10,7 +11,7 @@ from hillsphere.base.regular_files import read_text
 from hillsphere.formats.oem import OemSegment, read_oem, states_csv, write_oem
 from hillsphere.formats.specs import FileFormatSpec
 
-__all__ = ["OemFile", "StatesCsv"]
+__all__ = ["OemFile", "OemXml", "StatesCsv"]
 
 
 class OemFile:
@@ -23,29 +24,45 @@ class OemFile:
     """
 
     content = "ephemeris"
-    suffixes = (".oem",)
+    suffixes: tuple[str, ...] = (".oem",)
+    encoding = "kvn"
 
     def __init__(self, spec: FileFormatSpec) -> None:
         self.spec = spec
 
     def recognises(self, beginning: str) -> bool:
         """Return whether the text says that it is such a message."""
-        return "CCSDS_OEM_VERS" in beginning
+        return "CCSDS_OEM_VERS" in beginning and not _is_xml(beginning)
 
     def read(self, path: Path) -> tuple[list[OemSegment], tuple[str, ...]]:
         """Read a message; see `hillsphere.formats.oem.read_oem`."""
         try:
-            segments = read_oem(read_text(path))
+            segments = read_oem(read_text(path), str(path))
         except (OSError, UnicodeDecodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
             raise InputError(f"{path}: cannot be read: {reason or error}") from error
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from error
         return segments, tuple(dict.fromkeys(what for one in segments for what in one.passed_over))
 
     def write(self, content: Sequence[OemSegment]) -> tuple[str, tuple[str, ...]]:
-        """Return a message; positions to 1 µm, velocities to 1 nm/s, times to 1 µs."""
-        return write_oem(content), ()
+        """Return the message, which holds all fields of an `OemSegment`."""
+        return write_oem(content, encoding=self.encoding), ()
+
+
+class OemXml(OemFile):
+    """CCSDS Orbit Ephemeris Messages as XML; km and km/s.
+
+    Parameters
+    ----------
+    spec : FileFormatSpec
+        Without parameters.
+    """
+
+    suffixes = (".xml",)
+    encoding = "xml"
+
+    def recognises(self, beginning: str) -> bool:
+        """Return whether the beginning of an XML file has the element of such a message."""
+        return _is_xml(beginning) and bool(re.search(r"<(\w+:)?oem\b", beginning))
 
 
 class StatesCsv:
@@ -104,7 +121,27 @@ class StatesCsv:
         ]
         if len(content) > 1:
             lost.append(f"limits of the {len(content)} segments")
+        lost += [what for what, is_held in _HELD_IN_OEM.items() if any(map(is_held, content))]
         return states_csv(content), tuple(lost)
+
+
+_HELD_IN_OEM: dict[str, Callable[[OemSegment], object]] = {
+    "comments": lambda one: one.comment,
+    "accelerations": lambda one: one.accelerations_m_s2 is not None,
+    "covariances": lambda one: one.covariances,
+    "useable span": lambda one: (one.useable_start_s, one.useable_stop_s) != (None, None),
+    "START_TIME and STOP_TIME, which differ from the first and last state": lambda one: (
+        one.start_s not in (None, one.t_s[0]) or one.stop_s not in (None, one.t_s[-1])
+    ),
+    "recommended interpolation": lambda one: one.interpolation,
+    "epoch of the frame": lambda one: one.ref_frame_epoch,
+}
+"""What a segment may hold for which a table has no column."""
+
+
+def _is_xml(beginning: str) -> bool:
+    # the beginning of a file is decoded as Latin-1, in which a byte order mark is three letters
+    return beginning.lstrip("\ufeff\u00ef\u00bb\u00bf \t\r\n").startswith("<")
 
 
 def _references(segment: OemSegment) -> tuple[str, ...]:

@@ -1,0 +1,102 @@
+"""Entries of CCSDS messages: keywords in their order, and numbers in other units of length.
+
+References
+----------
+.. [1] CCSDS 502.0-B-3, Orbit Data Messages, Blue Book, 2023, section 7 (syntax).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from decimal import Decimal
+from math import inf, isfinite
+from typing import NamedTuple
+
+from hillsphere.base.errors import InputError
+from hillsphere.base.problems import did_you_mean
+
+__all__ = ["Entry", "order_entries", "read_scaled", "write_scaled"]
+
+_REAL = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+))(?:[eE]([+-]?\d{1,4}))?", re.ASCII)
+
+
+class Entry(NamedTuple):
+    """One keyword of a message, with its value, its unit ("" if none is given) and its place."""
+
+    place: str
+    key: str
+    value: str
+    unit: str = ""
+
+
+def order_entries(
+    entries: Sequence[Entry],
+    known: Sequence[str],
+    required: Sequence[str],
+    what: str,
+    end: str,
+) -> dict[str, Entry]:
+    """Return the entries of a block by keyword, if they are those that it may have, in order.
+
+    Parameters
+    ----------
+    entries : sequence of Entry
+        As they stand in the message.
+    known : sequence of str
+        Keywords of the block, in the order that the standard prescribes.
+    required : sequence of str
+        Those that the block must have.
+    what : str
+        Name of the block, used in error messages.
+    end : str
+        Where the block ends: the place of what is missing.
+
+    Returns
+    -------
+    dict of str to Entry
+        In the order of the message.
+
+    Raises
+    ------
+    InputError
+        If a keyword is unknown, doubled, out of order, missing or without value.
+    """
+    rank = {key: number for number, key in enumerate(known)}
+    ordered: dict[str, Entry] = {}
+    last = ""
+    for entry in entries:
+        place, key = entry.place, entry.key
+        if key not in rank:
+            hint = did_you_mean(key, known, otherwise="keywords")
+            raise InputError(f"{place}: {what} has no keyword {key[:60]!r}{hint}")
+        if key in ordered:
+            raise InputError(f"{place}: {key} occurs twice in {what}; keep one")
+        if last and rank[key] < rank[last]:
+            raise InputError(f"{place}: {key} must stand before {last} in {what}")
+        if not entry.value:
+            raise InputError(f"{place}: {key} has no value; expected one after it")
+        ordered[key] = entry
+        last = key
+    if missing := [key for key in required if key not in ordered]:
+        raise InputError(f"{end}: {what} lacks {', '.join(missing)}, which it must have")
+    return ordered
+
+
+def read_scaled(text: str, power: int) -> float:
+    """Return a number times a power of ten, rounded once; infinity if it is no finite number.
+
+    A product ``1e3 * float(text)`` would be rounded twice, and the digits of a message would not
+    come back.
+    """
+    match = _REAL.fullmatch(text)
+    value = float(f"{match[1]}e{int(match[2] or 0) + power}") if match else inf
+    return value if isfinite(value) else inf
+
+
+def write_scaled(value: float, power: int) -> str:
+    """Return the shortest text that `read_scaled` turns into a number."""
+    shifted = Decimal(repr(float(value))).scaleb(-power)
+    # 'f' keeps common magnitudes without an exponent, as most readers of messages expect
+    plain = shifted.is_zero() or -7 <= shifted.adjusted() <= 15
+    return f"{shifted:f}" if plain else f"{shifted:e}"

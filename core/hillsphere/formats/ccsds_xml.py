@@ -1,0 +1,72 @@
+"""XML of CCSDS messages: a walk over its elements that expands no entity.
+
+References
+----------
+.. [1] CCSDS 505.0-B-3, XML Specification for Navigation Data Messages, Blue Book, 2023.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from xml.parsers import expat
+
+from hillsphere.base.errors import InputError
+
+__all__ = ["walk_xml"]
+
+
+def walk_xml(
+    text: str,
+    where: str,
+    start: Callable[[str, str, dict[str, str]], object],
+    end: Callable[[str, str], object],
+) -> None:
+    """Walk over the elements of a text, whatever encoding it declares.
+
+    Parameters
+    ----------
+    text : str
+        The decoded text, perhaps with a byte order mark and empty lines above it.
+    where : str
+        Name of the file, used in places and error messages.
+    start : callable
+        Called at each start tag with its place (``"file:line"``), name and attributes.
+    end : callable
+        Called at each end tag with its name and the text directly within the element, stripped.
+        Prefixes of names, which schemas may give, are left out.
+
+    Raises
+    ------
+    InputError
+        If the text is not well-formed or has a DOCTYPE; the message names the line.
+    """
+    body = text.lstrip("\ufeff \t\r\n")
+    above = text[: len(text) - len(body)].count("\n")
+    parser = expat.ParserCreate("utf-8")
+    within: list[list[str]] = [[]]
+
+    def place() -> str:
+        return f"{where}:{parser.CurrentLineNumber + above}"
+
+    def at_start(name: str, attributes: dict[str, str]) -> None:
+        within.append([])
+        start(place(), name.rpartition(":")[2], attributes)
+
+    def at_end(name: str) -> None:
+        end(name.rpartition(":")[2], "".join(within.pop()).strip())
+
+    def refuse(*_: object) -> None:
+        # Entities could make a small file huge; no message of these standards needs them.
+        raise InputError(f"{place()}: an orbit message must not contain a DOCTYPE; remove it")
+
+    parser.StartElementHandler = at_start
+    parser.EndElementHandler = at_end
+    parser.CharacterDataHandler = lambda piece: within[-1].append(piece)
+    parser.StartDoctypeDeclHandler = refuse
+    try:
+        parser.Parse(body.encode("utf-8", "surrogatepass"), True)
+    except expat.ExpatError as error:
+        raise InputError(
+            f"{where}:{error.lineno + above}: not well-formed XML: "
+            f"{expat.errors.messages[error.code]}"
+        ) from error

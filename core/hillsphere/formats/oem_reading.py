@@ -1,0 +1,360 @@
+"""Orbit Ephemeris Messages from their blocks: keywords, times, numbers and covariances checked.
+
+References
+----------
+.. [1] CCSDS 502.0-B-3, Orbit Data Messages, Blue Book, 2023, section 5 (OEM).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+
+from hillsphere.base.arrays import Array
+from hillsphere.base.errors import InputError
+from hillsphere.base.problems import did_you_mean
+from hillsphere.base.time import SCALES, Epoch
+from hillsphere.formats.ccsds_entries import Entry, order_entries, read_scaled
+from hillsphere.formats.ccsds_times import read_ccsds_time
+from hillsphere.formats.oem_encodings import (
+    ACCELERATION,
+    COVARIANCE,
+    STATE,
+    Block,
+    Message,
+    SegmentBlocks,
+)
+from hillsphere.formats.oem_segments import (
+    COVARIANCE_FRAMES,
+    FRAMES,
+    INTERPOLATIONS,
+    OemCovariance,
+    OemSegment,
+    is_covariance_frame,
+    is_frame,
+    least_eigenvalue,
+    states_needed,
+)
+
+__all__ = ["HEADER", "METADATA", "UNITS", "VERSIONS", "segments_of"]
+
+VERSIONS = ("1.0", "2.0", "3.0")
+"""Versions of the message that are read."""
+HEADER = ("CLASSIFICATION", "CREATION_DATE", "ORIGINATOR", "MESSAGE_ID")
+"""Keywords of the header, in order."""
+METADATA = (
+    "OBJECT_NAME", "OBJECT_ID", "CENTER_NAME", "REF_FRAME", "REF_FRAME_EPOCH", "TIME_SYSTEM",
+    "START_TIME", "USEABLE_START_TIME", "USEABLE_STOP_TIME", "STOP_TIME", "INTERPOLATION",
+    "INTERPOLATION_DEGREE",
+)  # fmt: skip
+"""Keywords of the metadata, in order."""
+_MANDATORY = (
+    "OBJECT_NAME", "OBJECT_ID", "CENTER_NAME", "REF_FRAME", "TIME_SYSTEM", "START_TIME", "STOP_TIME"
+)  # fmt: skip
+_OTHER_SCALES = ("GMST", "GPS", "MET", "MRT", "SCLK", "TCB", "TCG", "UT1")
+"""Time systems of the standard that `Epoch` does not have."""
+_TRIANGLE = tuple(key for row in COVARIANCE for key in row)
+UNITS = {
+    **dict.fromkeys(STATE[:3], "km"), **dict.fromkeys(STATE[3:], "km/s"),
+    **dict.fromkeys(ACCELERATION, "km/s**2"),
+    **{key: f"km**2{('', '/s', '/s**2')[key.count('_DOT')]}" for key in _TRIANGLE},
+}  # fmt: skip
+"""The unit of each number."""
+_DIGITS = re.compile(r"\.(\d*?)0*Z?")
+_NEEDS_EPOCH = re.compile(r"TEMEOFEPOCH|(MOE|TOE)_.*")
+
+
+def segments_of(message: Message) -> list[OemSegment]:
+    """Return the segments of a message.
+
+    Raises
+    ------
+    InputError
+        Naming the line and the keyword, at the first fault.
+    """
+    version = message.version
+    if version.value not in VERSIONS:
+        raise InputError(
+            f"{version.place}: CCSDS_OEM_VERS: version {version.value[:40]!r} is not read; "
+            f"expected {', '.join(VERSIONS)}"
+        )
+    header = order_entries(
+        message.header.entries, HEADER, HEADER[1:3], "the header", message.header.end
+    )
+    for entry in header.values():
+        _text(entry)
+    _time(header["CREATION_DATE"], "UTC")
+    unheld: list[str] = [key for key in ("CLASSIFICATION", "MESSAGE_ID") if key in header]
+    if message.comments:
+        unheld.insert(0, "comments")
+    return [_Reading.of(blocks).segment(blocks, unheld) for blocks in message.segments]
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """Metadata of a segment, and the epoch from which its times count."""
+
+    meta: Mapping[str, Entry]
+    epoch: Epoch
+    base: Epoch
+    span: Mapping[str, float]
+
+    @classmethod
+    def of(cls, blocks: SegmentBlocks) -> _Reading:
+        metadata = blocks.metadata
+        meta = order_entries(metadata.entries, METADATA, _MANDATORY, "the metadata", metadata.end)
+        for entry in meta.values():
+            _text(entry)
+        _check_word(meta["REF_FRAME"], is_frame, FRAMES, "reference frame")
+        system = meta["TIME_SYSTEM"]
+        if system.value.upper() in _OTHER_SCALES:
+            raise InputError(
+                f"{system.place}: TIME_SYSTEM: the framework has no time system "
+                f"{system.value!r}; known: {', '.join(SCALES)}"
+            )
+        _check_word(system, SCALES.__contains__, SCALES, "time system")
+        scale = system.value.upper()
+        frame, frame_epoch = meta["REF_FRAME"], meta.get("REF_FRAME_EPOCH")
+        if frame_epoch is None and _NEEDS_EPOCH.fullmatch(frame.value.upper()):
+            raise InputError(
+                f"{frame.place}: REF_FRAME: {frame.value} needs a REF_FRAME_EPOCH after it"
+            )
+        if not blocks.states:
+            raise InputError(
+                f"{metadata.end}: the segment has no states; expected a time and 6 or 9 numbers"
+            )
+        times = {key: _time(entry, scale) for key, entry in meta.items() if key.endswith("_TIME")}
+        first = blocks.states[0]
+        epoch = _time(_first(first, "EPOCH"), scale)
+        base = epoch.to("TAI") if scale == "UTC" else epoch
+        span = {key: time.seconds_since(base) for key, time in times.items()}
+        _check_span(meta, span)
+        return cls(meta, epoch, base, span)
+
+    @property
+    def scale(self) -> str:
+        return self.epoch.scale
+
+    def segment(self, blocks: SegmentBlocks, unheld: Sequence[str]) -> OemSegment:
+        """Return the segment."""
+        t_s, rows = self._states(blocks.states)
+        covariances = self._covariances(blocks.covariances)
+        method, degree = self._interpolation(t_s.size)
+        extras = list(unheld)
+        if blocks.other_comments or len(blocks.comments) > 1:
+            extras.insert(0, "comments")
+        printed = [entry.value for block in (*blocks.states, *blocks.covariances)
+                   for entry in block.entries[:1]]  # fmt: skip
+        printed += [entry.value for key, entry in self.meta.items() if key.endswith("_TIME")]
+        digits = max(map(_decimals, printed))
+        if digits > 9:
+            extras.append("digits of the times below 1 ns")
+        meta, span = self.meta, self.span
+        frame_epoch = meta.get("REF_FRAME_EPOCH")
+        comment = blocks.comments[0] if len(blocks.comments) == 1 else ""
+        return OemSegment(
+            object_name=meta["OBJECT_NAME"].value,
+            object_id=meta["OBJECT_ID"].value,
+            center_name=meta["CENTER_NAME"].value,
+            ref_frame=meta["REF_FRAME"].value.upper(),
+            epoch=self.epoch,
+            t_s=t_s,
+            x=rows[:6],
+            comment=comment if comment.isprintable() else "",
+            passed_over=tuple(dict.fromkeys(extras)),
+            accelerations_m_s2=rows[6:] if rows.shape[0] == 9 else None,
+            covariances=covariances,
+            start_s=span["START_TIME"],
+            stop_s=span["STOP_TIME"],
+            useable_start_s=span.get("USEABLE_START_TIME"),
+            useable_stop_s=span.get("USEABLE_STOP_TIME"),
+            interpolation=method,
+            interpolation_degree=degree,
+            ref_frame_epoch=frame_epoch and _time(frame_epoch, self.scale),
+            time_digits=min(max(digits, 6), 9),
+        )
+
+    def _states(self, blocks: Sequence[Block]) -> tuple[Array, Array]:
+        """Return times (K,) and components (6 or 9, K)."""
+        times: list[float] = []
+        rows: list[list[float]] = []
+        width = len(blocks[0].entries)
+        for block in blocks:
+            entries = order_entries(
+                block.entries, ("EPOCH", *STATE, *ACCELERATION), ("EPOCH", *STATE), "a state",
+                block.end,
+            )  # fmt: skip
+            if len(entries) not in (7, 10):
+                raise InputError(
+                    f"{block.place}: a state has all of {', '.join(ACCELERATION)} or none"
+                )
+            if len(entries) != width:
+                raise InputError(
+                    f"{block.place}: expected {width - 1} numbers as in the first state of the "
+                    f"segment ({blocks[0].place}), got {len(entries) - 1}"
+                )
+            times.append(self._instant(entries["EPOCH"], times, "state"))
+            rows.append([_number(entry, 3) for key, entry in entries.items() if key != "EPOCH"])
+        return np.array(times), np.array(rows).T
+
+    def _instant(self, entry: Entry, before: Sequence[float], what: str) -> float:
+        """Return a time that follows those before it, within the span of the segment."""
+        instant = _time(entry, self.scale).seconds_since(self.base)
+        if before and instant <= before[-1]:
+            fault = "is that of" if instant == before[-1] else "is before that of"
+            raise InputError(
+                f"{entry.place}: EPOCH {entry.value} {fault} the {what} above; expected times in "
+                "rising order"
+            )
+        if not self.span["START_TIME"] <= instant <= self.span["STOP_TIME"]:
+            raise InputError(
+                f"{entry.place}: EPOCH {entry.value} is not between START_TIME "
+                f"({self.meta['START_TIME'].value}) and STOP_TIME ({self.meta['STOP_TIME'].value})"
+            )
+        return instant
+
+    def _covariances(self, blocks: Sequence[Block]) -> tuple[OemCovariance, ...]:
+        times: list[float] = []
+        covariances = []
+        for block in blocks:
+            entries = order_entries(
+                block.entries, ("EPOCH", "COV_REF_FRAME", *_TRIANGLE), ("EPOCH", *_TRIANGLE),
+                "a covariance", block.end,
+            )  # fmt: skip
+            times.append(self._instant(entries["EPOCH"], times, "covariance"))
+            frame = entries.get("COV_REF_FRAME")
+            if frame is not None:
+                _check_word(
+                    frame, is_covariance_frame, (*COVARIANCE_FRAMES, *FRAMES), "covariance frame"
+                )
+            lower = np.zeros((6, 6))
+            lower[np.tril_indices(6)] = [_number(entries[key], 6) for key in _TRIANGLE]
+            matrix = np.asarray(lower + np.tril(lower, -1).T)
+            _check_definite(matrix, [entries[key] for key in _TRIANGLE])
+            name = frame.value.upper() if frame else ""
+            covariances.append(OemCovariance(times[-1], matrix, name))
+        return tuple(covariances)
+
+    def _interpolation(self, states: int) -> tuple[str, int | None]:
+        method, degree = self.meta.get("INTERPOLATION"), self.meta.get("INTERPOLATION_DEGREE")
+        if method is None:
+            if degree is not None:
+                raise InputError(
+                    f"{degree.place}: INTERPOLATION_DEGREE needs INTERPOLATION before it: "
+                    f"{', '.join(INTERPOLATIONS)}"
+                )
+            return "", None
+        _check_word(method, INTERPOLATIONS.__contains__, INTERPOLATIONS, "method")
+        name = method.value.upper()
+        if degree is None:
+            if name != "PROPAGATE":
+                raise InputError(
+                    f"{method.place}: INTERPOLATION needs an INTERPOLATION_DEGREE after it"
+                )
+            return name, None
+        if not re.fullmatch(r"0*[1-9]\d{0,3}", degree.value, re.ASCII):
+            raise InputError(
+                f"{degree.place}: INTERPOLATION_DEGREE must be a whole number above 0, got "
+                f"{degree.value[:40]!r}"
+            )
+        value = int(degree.value)
+        if name != "PROPAGATE" and (needed := states_needed(name, value)) > states:
+            raise InputError(
+                f"{degree.place}: INTERPOLATION_DEGREE {value} ({name}) needs {needed} states, the "
+                f"segment has {states}"
+            )
+        return name, value
+
+
+def _check_span(meta: Mapping[str, Entry], span: Mapping[str, float]) -> None:
+    """Check that the useable span lies within the whole one."""
+    last = "START_TIME"
+    for key in METADATA:
+        if key not in span:
+            continue
+        if span[key] < span[last]:
+            entry = meta[key]
+            raise InputError(
+                f"{entry.place}: {key} {entry.value} is before {last} ({meta[last].value}); "
+                "expected START_TIME ≤ USEABLE_START_TIME ≤ USEABLE_STOP_TIME ≤ STOP_TIME"
+            )
+        last = key
+
+
+def _check_definite(matrix: Array, entries: Sequence[Entry]) -> None:
+    """Refuse a matrix that no rounding of its digits turns into a covariance.
+
+    A number of p digits is rounded by at most 5e-p of itself, by which an eigenvalue of the 6 × 6
+    matrix of correlations, whose elements do not exceed 1, moves by at most 6 times as much. The
+    number with most digits tells p, since trailing zeros may be left out.
+    """
+    for number, key in enumerate(STATE):
+        if matrix[number, number] < 0.0:
+            entry = entries[_TRIANGLE.index(f"C{key}_{key}")]
+            raise InputError(
+                f"{entry.place}: {entry.key} must be a variance of at least 0, got {entry.value}"
+            )
+    digits = max(len(re.sub(r"[eE].*|\D", "", entry.value).strip("0")) for entry in entries)
+    tolerance = min(max(30.0 * 10.0**-digits, 1e-12), 1e-3)
+    if (least := least_eigenvalue(matrix)) < -tolerance:
+        raise InputError(
+            f"{entries[0].place}: {entries[0].key}: the covariance that begins here must be "
+            f"positive semidefinite; its correlations have the eigenvalue {least:.3g}"
+        )
+
+
+def _check_word(
+    entry: Entry, is_known: Callable[[str], bool], words: Iterable[str], what: str
+) -> None:
+    if not is_known(entry.value.upper()):
+        hint = did_you_mean(entry.value.upper(), words, otherwise="known")
+        raise InputError(f"{entry.place}: {entry.key}: no {what} {entry.value[:60]!r}{hint}")
+
+
+def _text(entry: Entry) -> None:
+    # A value becomes a line of other files: a line feed in it could bring further keywords. A sign
+    # of equality is that of a second keyword on the line.
+    if "=" in entry.value or not entry.value.isprintable():
+        raise InputError(
+            f"{entry.place}: {entry.key} must be printable text without '=', got "
+            f"{entry.value[:40]!r}"
+        )
+
+
+def _time(entry: Entry, scale: str) -> Epoch:
+    try:
+        return read_ccsds_time(entry.value, scale)
+    except InputError as error:
+        raise InputError(f"{entry.place}: {entry.key}: {error}") from error
+
+
+def _first(block: Block, key: str) -> Entry:
+    for entry in block.entries:
+        if entry.key == key:
+            return entry
+    raise InputError(f"{block.end}: a state lacks {key}, which it must have")
+
+
+def _decimals(time: str) -> int:
+    """Return the number of decimals of a time, without zeros at its end."""
+    match = _DIGITS.fullmatch(time[time.find(".") :]) if "." in time else None
+    return len(match[1]) if match else 0
+
+
+def _number(entry: Entry, power: int) -> float:
+    """Read a number of kilometres to some power of ten metres."""
+    unit = UNITS[entry.key]
+    if entry.unit and entry.unit.lower() != unit:
+        raise InputError(
+            f"{entry.place}: {entry.key} must be in {unit}, got the unit {entry.unit[:40]!r}"
+        )
+    value = read_scaled(entry.value, power)
+    if not isfinite(value):
+        raise InputError(
+            f"{entry.place}: {entry.key} must be a finite number, got {entry.value[:40]!r}"
+        )
+    return value
