@@ -120,8 +120,8 @@ def read_plate_files(vertices: str | Path, plates: str | Path) -> tuple[Array, I
         See `read_plates`.
     """
     first, second = LineReader(Path(vertices)), LineReader(Path(plates))
-    coordinates = _vertices(first, _counted(first, "vertices"))
-    return coordinates, _plates(second, _counted(second, "plates"), len(coordinates))
+    coordinates = _vertices(first, _read_counted(first, "vertices"))
+    return coordinates, _plates(second, _read_counted(second, "plates"), len(coordinates))
 
 
 def _rows(lines: LineReader) -> _Rows:
@@ -149,7 +149,7 @@ def _take(lines: LineReader, rows: _Rows, count: int, what: str) -> tuple[_Rows,
     return rows[:count], rows[count:]
 
 
-def _counted(lines: LineReader, what: str) -> _Rows:
+def _read_counted(lines: LineReader, what: str) -> _Rows:
     """Return the rows of a file of one kind, after a count in its first line."""
     rows = _rows(lines)
     if rows and len(rows[0][1]) == 1:

@@ -38,6 +38,7 @@ _TIDE_SYSTEMS = ("tide_free", "zero_tide", "mean_tide", "unknown")
 _ERROR_COLUMNS = {"no": 0, "none": 0, "calibrated": 2, "formal": 2, "calibrated_and_formal": 4}
 _KEYWORD = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}", re.ASCII)
 _MOST_KEYS_SHOWN = 8
+"""Unknown keys that a message lists: as many as fit into two lines."""
 
 
 def read_icgem(path: str | Path, epoch: str | None = None) -> CoefficientTable:
