@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator
 from typing import Literal
 
 import pytest
 
 from hillsphere.errors import InputError
-from hillsphere.plugins import Component, Registry, hookimpl
+from hillsphere.plugins import Component, Registry, default_registry, hookimpl
 from hillsphere.spec import (
     DataPath,
     Ref,
@@ -20,6 +22,24 @@ from hillsphere.spec import (
     quantity,
     reference,
 )
+
+
+def forget_plugin_files() -> None:
+    """Leave this process as one that has not loaded a plugin file yet."""
+    module = sys.modules.get("hillsphere.plugins.plugin_files")
+    if module is None or not module._loaded:
+        return
+    for name in list(module._loaded):
+        sys.modules.pop(name, None)
+    module._loaded.clear()
+    default_registry.cache_clear()
+
+
+@pytest.fixture(autouse=True)
+def without_plugin_files() -> Iterator[None]:
+    """Unload plugin files after a test: they would be in registry, keys and records of the next."""
+    yield
+    forget_plugin_files()
 
 
 class BallSpec(Spec):

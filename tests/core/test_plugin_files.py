@@ -13,6 +13,7 @@ from io import StringIO
 from pathlib import Path
 
 import pytest
+from tests.core.conftest import forget_plugin_files
 from tests.core.wave_missions import WAVES, waves_mission
 
 from hillsphere.base.errors import PluginError
@@ -31,20 +32,11 @@ def place(tmp_path: Path) -> Iterator[Path]:
     default_registry.cache_clear()
     with chdir(tmp_path):
         yield tmp_path
-    forget()
-
-
-def forget() -> None:
-    """Leave this process as one that has not loaded a file yet."""
-    for file in plugin_files.plugin_files():
-        del sys.modules[file.module]
-    plugin_files._loaded.clear()
-    default_registry.cache_clear()
 
 
 def hillsphere(*arguments: str) -> tuple[int, str]:
     """Run a command as in a process of its own; return its exit code and all that it wrote."""
-    forget()
+    forget_plugin_files()
     out = StringIO()
     with redirect_stdout(out), redirect_stderr(out):
         code = run(list(arguments))
@@ -132,7 +124,7 @@ def test_a_worker_executes_the_source_of_its_process(place: Path) -> None:
     with pytest.raises(PluginError, match="has changed since it was loaded"):
         add_plugin_file("waves.py")
     sent = pickle.loads(pickle.dumps(plugin_files.plugin_files()))
-    forget()
+    forget_plugin_files()
     plugin_files.load_plugin_files(sent)
     assert plugin_files.plugin_files() == (file,)
     assert "waves.py" in {record.plugin for record in default_registry()}
