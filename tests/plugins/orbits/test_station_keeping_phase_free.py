@@ -110,6 +110,7 @@ def held() -> StationKeepingFlown:
     return hold(strategies=["target_point", "phase_free_target_point", "phase_free_lqr"])
 
 
+@pytest.mark.slow
 def test_one_correction_a_day_holds_the_low_orbits_for_thirty_days() -> None:
     """All of 32 flights on QSO-La, Lb and Lc, at about 0.45, 0.34 and 0.24 m/s.
 
