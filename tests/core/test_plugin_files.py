@@ -193,18 +193,25 @@ def test_all_files_of_a_process_are_in_all_keys(place: Path) -> None:
     assert all(keys[0][name] != keys[1][name] for name in keys[0])
 
 
-def test_a_module_beside_a_file_is_refused(place: Path) -> None:
-    (place / "helper_beside.py").write_text("X = 1\n", "utf-8")
+@pytest.mark.parametrize("module", ["helper_beside.py", "helper_beside/__init__.py"])
+def test_a_module_beside_a_file_is_refused(place: Path, module: str) -> None:
+    (place / module).parent.mkdir(exist_ok=True)
+    (place / module).write_text("X = 1\n", "utf-8")
+    sys.modules.pop("this", None)
     head = "import os, sys; sys.path.insert(0, os.path.dirname(__file__)); import helper_beside\n"
-    (place / "waves.py").write_text(head + SOURCE.replace("from __future__", "# "), "utf-8")
+    (place / "waves.py").write_text(
+        f"{head}import this\n" + SOURCE.replace("from __future__", "# "), "utf-8"
+    )
     found = list(sys.path)
     try:
-        code, told = hillsphere("plugins", "--plugin", "waves.py")
+        for _ in range(2):
+            code, told = hillsphere("plugins", "--plugin", "waves.py")
+            assert code == 2
+            assert "imports 'helper_beside' from beside it" in told
+            assert "helper_beside" not in sys.modules
     finally:
         sys.path[:] = found
-    assert code == 2
-    assert "imports 'helper_beside' from beside it" in told
-    assert "helper_beside" not in sys.modules
+    assert "this" in sys.modules  # modules from elsewhere stay
 
 
 def test_a_file_is_executed_as_by_python(place: Path) -> None:

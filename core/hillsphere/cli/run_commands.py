@@ -201,13 +201,8 @@ def figures(
     """
     from hillsphere.runs.run_figures import draw_figures
 
-    paths = draw_figures(
-        run,
-        name,
-        mission=mission,
-        allow_path=allow_path,
-        registry=registry_of(strict_plugins, plugin, run),
-    )
+    registry = registry_of(strict_plugins, plugin, run)
+    paths = draw_figures(run, name, mission=mission, allow_path=allow_path, registry=registry)
     for path in paths:
         write(str(path))
     if not paths:

@@ -198,16 +198,23 @@ def _execute(file: PluginFile) -> None:
 
 def _check_imports(file: PluginFile, modules: set[str]) -> None:
     """Refuse modules beside the file: the stages' keys would not see them change."""
-    beside = Path(file.path).parent
-    for name in sorted(modules):
-        place = getattr(sys.modules.get(name), "__file__", None)
-        if place and name != file.module and Path(place).parent == beside:
-            for other in modules:
-                sys.modules.pop(other, None)
-            raise PluginError(
-                f"{file.path}: it imports {name!r} from beside it, which no key of a stage would "
-                "know: put all into one file, or make a package (hillsphere new plugin)"
-            )
+    found = [name for name in sorted(modules - {file.module}) if _is_beside(name, file)]
+    # The next file that imports them is to be refused too; all other modules stay.
+    for name in found:
+        del sys.modules[name]
+    if found:
+        raise PluginError(
+            f"{file.path}: it imports {found[0]!r} from beside it, which no key of a stage would "
+            "know: put all into one file, or make a package (hillsphere new plugin)"
+        )
+
+
+def _is_beside(name: str, file: PluginFile) -> bool:
+    """Return whether a module, or the package that it is in, stands in the folder of a file."""
+    top = sys.modules.get(name.partition(".")[0])
+    place = Path(getattr(top, "__file__", None) or os.sep)
+    folder = Path(file.path).parent
+    return place.parent == folder or (place.name == "__init__.py" and place.parent.parent == folder)
 
 
 def _place(path: str, error: BaseException) -> str:
