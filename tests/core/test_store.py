@@ -166,12 +166,18 @@ def test_the_digest_of_a_product_is_that_of_its_file(tmp_path: Path) -> None:
     assert digest == sha256((run.path / "cases" / "a.npz").read_bytes()).hexdigest()
 
 
-def test_not_a_number_and_infinity_differ_in_a_comparison() -> None:
-    def run(value: float) -> RunSummary:
-        manifest: dict[str, Any] = {"mission": {}, "versions": {}, "platform": {}, "stages": {}}
-        metrics = {"margin": {"value": value, "unit": "dB"}}
-        return RunSummary(Path("run"), manifest, plain_json({"metrics": metrics, "tables": {}}))
+def run_with(**metrics: float) -> RunSummary:
+    manifest: dict[str, Any] = {"mission": {}, "versions": {}, "platform": {}, "stages": {}}
+    shown = {name: {"value": value, "unit": "dB"} for name, value in metrics.items()}
+    return RunSummary(Path("run"), manifest, plain_json({"metrics": shown, "tables": {}}))
 
-    values = (math.nan, math.inf, -math.inf, 1.0)
-    equal = [[not compare_runs(run(a), run(b)).results for b in values] for a in values]
+
+def test_not_a_number_and_infinity_differ_in_a_comparison() -> None:
+    runs = [run_with(margin=value) for value in (math.nan, math.inf, -math.inf, 1.0)]
+    equal = [[not compare_runs(a, b).results for b in runs] for a in runs]
     assert equal == np.eye(4, dtype=bool).tolist()
+
+
+def test_what_one_run_lacks_is_compared_too() -> None:
+    found = compare_runs(run_with(a=1.0, b=1.0), run_with(a=1.0, c=1.0, d=1.0))
+    assert (len(found.results), found.compared) == (3, 4)

@@ -57,7 +57,7 @@ class RunComparison:
     results : sequence of Difference
         Changed results.
     compared : int
-        Number of values that both runs have.
+        Number of values that either run has.
     """
 
     configuration: Sequence[str]
@@ -93,8 +93,7 @@ def compare_runs(
         If the runs share no metric and no table, so that there is nothing to compare.
     """
     pairs = list(_pairs(first.summary, second.summary))
-    shared = [pair for pair in pairs if pair[2] is not _MISSING and pair[3] is not _MISSING]
-    if not shared:
+    if not any(pair[2] is not _MISSING and pair[3] is not _MISSING for pair in pairs):
         raise InputError(
             f"{str(first.path)!r} (mission {first.mission}) and {str(second.path)!r} (mission "
             f"{second.mission}) share no metric and no table"
@@ -104,7 +103,7 @@ def compare_runs(
         for where, name, a, b, digits in pairs
         if not _are_equal(a, b, tolerance, digits)
     ]
-    return RunComparison(differences(first.manifest, second.manifest), unequal, len(shared))
+    return RunComparison(differences(first.manifest, second.manifest), unequal, len(pairs))
 
 
 _MISSING = object()
