@@ -66,6 +66,7 @@ def batch_least_squares(
     measurements: Sequence[MeasurementSet],
     controls: Sequence[Array] | None = None,
     *,
+    start: Array | None = None,
     iterations: int = 30,
     tolerance_sigmas: float = 1e-6,
 ) -> Fit:
@@ -81,6 +82,8 @@ def batch_least_squares(
         At K times, in order.
     controls : sequence of ndarray, shape (p, N), optional
         K: before each time.
+    start : ndarray, shape (n, N), optional
+        States from which the iteration starts; the mean of the prior by default.
     iterations : int
         Steps at most.
     tolerance_sigmas : float
@@ -94,7 +97,8 @@ def batch_least_squares(
     Raises
     ------
     InputError
-        If there is not one control for each time, or the prior covariance is singular.
+        If there is not one control for each time, the start has another shape than the prior, or
+        the prior covariance is singular.
     """
     cases = len(prior.t_s)
     if controls is None:
@@ -105,7 +109,8 @@ def batch_least_squares(
             f"{len(controls)}"
         )
     known = information_root(prior)
-    now, moving = prior, np.ones(cases, dtype=bool)
+    now = prior if start is None else Belief(start, prior.root, prior.t_s)
+    moving = np.ones(cases, dtype=bool)
     count = np.zeros(cases, dtype=np.int64)
     squares = _squares(model, prior, known, now.x, measurements, controls)
     for _ in range(iterations):

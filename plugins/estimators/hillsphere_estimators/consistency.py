@@ -20,8 +20,9 @@ from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, Innovation
 from hillsphere.interfaces import Array
 from hillsphere_estimators.convergence import regular_root
+from hillsphere_estimators.verdict import verdict
 
-__all__ = ["MeanNis", "chi_square_band", "mean_nis", "nees"]
+__all__ = ["MeanNis", "chi_square_band", "mean_nis", "nees", "verdict"]
 
 
 def nees(belief: Belief, truth: Array, states: ArrayLike | None = None) -> Array:

@@ -60,6 +60,7 @@ def link(
     t_to_s: Array,
     control: Array,
     rule: SigmaRule | None = None,
+    about: Array | None = None,
 ) -> Link:
     """Predict a belief and return the smoother gain with it.
 
@@ -74,7 +75,9 @@ def link(
     control : ndarray, shape (p, N)
         Controls.
     rule : SigmaRule, optional
-        Sigma points; without it the motion is linearised at the mean.
+        Sigma points; without it the motion is linearised.
+    about : ndarray, shape (n, N), optional
+        States about which it is linearised; the mean by default.
 
     Returns
     -------
@@ -89,7 +92,10 @@ def link(
     noise = model.process_noise(belief.x, belief.t_s, t_to_s, control)
     before = np.swapaxes(belief.root, 1, 2)
     if rule is None:
-        x, phi = transition(model, belief, t_to_s, control)
+        at = belief if about is None else Belief(about, belief.root, belief.t_s)
+        x, phi = transition(model, at, t_to_s, control)
+        if about is not None:
+            x = x + (phi @ (belief.x - about).T[:, :, None])[:, :, 0].T
         odd, even = before @ np.swapaxes(phi, 1, 2), np.zeros((len(phi), 0, len(x)))
     else:
         images = transform_motion(rule, model, belief, t_to_s, control)

@@ -1,0 +1,475 @@
+r"""A filter's beliefs compared with a fit of the whole arc of measurements.
+
+Let x_s, P_s be mean and covariance of the states at a time given all measurements, and x_f, P_f
+those of the filter. The error of x_s is not correlated with anything that the measurements give,
+so that the expected NEES of the filter, given the measurements, is
+
+.. math:: E[(x_f - x)^T P_f^{-1} (x_f - x)] =
+          (x_f - x_s)^T P_f^{-1} (x_f - x_s) + \mathrm{tr}(P_f^{-1} P_s).
+
+It needs no true states and is on average the number of states for a consistent filter. For an
+optimal filter it is the test of Hausman [1]_, by which x_f − x_s has the covariance P_f − P_s.
+
+The fit is the maximum a posteriori trajectory: without process noise by `batch_least_squares`,
+with process noise by the iterated Kalman smoother [2]_. A filter and a smoother linearised about
+the trajectory give P_s, the innovations of the model without the filter's own linearisation, and
+the likelihood of the measurements. The fit starts from several states. If it ends in several
+solutions, each counts with its likelihood; where two are about equally likely the measurements do
+not decide between them, and a filter that has decided has a large expected NEES.
+
+References
+----------
+.. [1] Hausman (1978), Specification tests in econometrics, Econometrica 46(6).
+.. [2] Bell (1994), The iterated Kalman smoother as a Gauss–Newton method, SIAM J. Optimization 4(3).
+.. [3] Friedland (1969), Treatment of bias in recursive filtering, IEEE Trans. Automatic Control
+   14(4).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.errors import InputError
+from hillsphere.estimation import Belief, Innovation, MeasurementSet
+from hillsphere.interfaces import Array, EstimationModel, Integers
+from hillsphere_estimators.batch_least_squares import batch_least_squares
+from hillsphere_estimators.convergence import regular_root
+from hillsphere_estimators.gauss_newton import linearise_measurements
+from hillsphere_estimators.innovations import WhitenedInnovation, refer_to_prior, usable
+from hillsphere_estimators.smoother import Link, link, smooth
+from hillsphere_estimators.unscented import linear_update
+
+__all__ = ["Refit", "refit"]
+
+_ITERATIONS = 30
+"""Iterations of a fit at most. Gauss and Newton's converges in four to ten where it does; one that
+needs more than thirty is reported as not settled."""
+_FULL_STEPS = 10
+"""Iterations of the smoother with full steps. What has not settled then mostly oscillates between
+two trajectories, which half steps end."""
+_SETTLED_SIGMAS = 1e-3
+"""Step, in standard deviations, below which a trajectory has settled. The expected NEES then moves
+by less than its square times the number of states, which no test resolves."""
+_SAME_SIGMAS = 0.5
+"""Distance of two solutions, in standard deviations, below which they are the same. Solutions of
+the same minimum differ by the tolerance, other minima by many standard deviations."""
+
+
+@dataclass(frozen=True)
+class Refit:
+    """Fit of the whole arc for N cases, and the beliefs of a filter in its light.
+
+    Parameters
+    ----------
+    expected : ndarray, shape (K, N)
+        Expected NEES of the filter's belief after each set of measurements, given all of them; NaN
+        where no fit has settled.
+    innovations : list of Innovation
+        K: of the filter linearised about the fitted trajectory.
+    squares : ndarray, shape (N,)
+        Sum of their NIS, which is that of the fit's residuals with those of the prior; χ²
+        distributed with as many degrees of freedom as rows, if the model is right.
+    rows : ndarray of int, shape (N,)
+        Rows of measurements that were used.
+    settled : ndarray of bool, shape (N,)
+        Whether a fit has settled.
+    solutions : ndarray of int, shape (N,)
+        Number of solutions whose weight is at least `LEAST_WEIGHT`.
+    weight : ndarray, shape (N,)
+        Weight of the most probable solution, 1 if it is the only one.
+    belief : Belief
+        The most probable solution after the last set of measurements.
+    score : ndarray, shape (N, m)
+        Gradient of the log-likelihood by constant errors of the m rows, in units of their noise.
+    information : ndarray, shape (N, m, m)
+        Its covariance if there are no such errors (`_Bias`).
+    """
+
+    expected: Array
+    innovations: list[Innovation]
+    squares: Array
+    rows: Integers
+    settled: NDArray[np.bool_]
+    solutions: Integers
+    weight: Array
+    belief: Belief
+    score: Array
+    information: Array
+
+
+LEAST_WEIGHT = 0.01
+"""Weight above which another solution is reported: rarer ones than one in a hundred hardly change
+what a normal distribution says of its own centre."""
+
+
+@dataclass(frozen=True)
+class _Pass:
+    """Filter and smoother about one trajectory: K smoothed beliefs, innovations, log-likelihood,
+    and the effect of constant errors of the measurements."""
+
+    smoothed: list[Belief]
+    innovations: list[Innovation]
+    likelihood: Array
+    bias: _Bias
+
+
+class _Bias:
+    r"""Score of constant errors of m rows, from the innovations of a linear filter.
+
+    A constant error b of the measurements, in units of their noise, adds B b to the innovation and
+    D b to the estimate. With the gain K, D' = Φ D, B = 1 − H D' and D = D' + K B before and after
+    each update; the score Σ Bᵀ S⁻¹ ν has the covariance Σ Bᵀ S⁻¹ B [3]_.
+    """
+
+    def __init__(self, cases: int, n: int, m: int) -> None:
+        self.effect = np.zeros((cases, n, m))
+        self.score, self.information = np.zeros((cases, m)), np.zeros((cases, m, m))
+
+    def move(self, tie: Link, before: Belief) -> None:
+        """Move the effect with the motion; Φᵀ = P⁻¹ C P', from the smoother gain C."""
+        back = np.linalg.solve(before.root, tie.gain @ tie.predicted.covariance)
+        phi = np.swapaxes(np.linalg.solve(np.swapaxes(before.root, 1, 2), back), 1, 2)
+        self.effect = phi @ self.effect
+
+    def add(self, belief: Belief, expected: WhitenedInnovation, covariance: Array) -> None:
+        """Take an update into account; the innovation is that of the prior."""
+        slopes = np.linalg.solve(np.swapaxes(belief.root, 1, 2), expected.linear)
+        own = np.eye(covariance.shape[1]) * expected.used.T[:, :, None]
+        seen = own - np.swapaxes(slopes, 1, 2) @ self.effect
+        solved = np.linalg.solve(
+            covariance, np.concatenate([expected.residual[:, :, None], seen], axis=2)
+        )
+        self.score += (np.swapaxes(seen, 1, 2) @ solved[:, :, :1])[:, :, 0]
+        self.information += np.swapaxes(seen, 1, 2) @ solved[:, :, 1:]
+        self.effect = self.effect + belief.root @ expected.linear @ solved[:, :, 1:]
+
+
+def refit(
+    model: EstimationModel,
+    prior: Belief,
+    measurements: Sequence[MeasurementSet],
+    after: Sequence[Belief],
+    controls: Sequence[Array],
+    *,
+    many_starts: bool = True,
+) -> Refit:
+    """Fit the whole arc and return the filter's expected NEES.
+
+    Parameters
+    ----------
+    model : EstimationModel
+        Motion and measurements.
+    prior : Belief
+        Before the first set of measurements, at its time or before.
+    measurements : sequence of MeasurementSet
+        K sets, in order, with the rows that count as present.
+    after : sequence of Belief
+        K: the filter's, after each set.
+    controls : sequence of ndarray, shape (p, N)
+        K: before each set. The first is not used if the prior is of the time of the first set.
+    many_starts : bool
+        Whether the fit also starts from the prior's mean and from points of the prior, besides the
+        trajectory smoothed from the filter's beliefs. Where everything is linear there is one
+        solution.
+
+    Returns
+    -------
+    Refit
+        Of N cases.
+
+    Raises
+    ------
+    InputError
+        If a covariance is singular, so that there is neither a fit nor a NEES.
+    """
+    roots = [regular_root(belief) for belief in after]
+    regular_root(prior)
+    steps = _steps(prior, measurements)
+    noiseless = _is_noiseless(model, prior, measurements, controls, after)
+    starts = [_smooth_filter(model, after, measurements, controls)]
+    if many_starts:
+        starts += _further_starts(model, prior, measurements, controls, steps)
+    fits: list[tuple[_Pass, NDArray[np.bool_]]] = []
+    for start in starts:
+        if noiseless:
+            found, settled = _fit_start(model, prior, measurements, controls, steps, start)
+        else:
+            found, settled = _fit_trajectory(model, prior, measurements, controls, steps, start)
+        fits.append((found, settled))
+    weights = _weigh(fits)
+    expected = np.zeros((len(after), len(prior.t_s)))
+    for (found, _), weight in zip(fits, weights, strict=True):
+        own = np.array([
+            _expected_nees(belief, root, fit)
+            for belief, root, fit in zip(after, roots, found.smoothed, strict=True)
+        ])  # fmt: skip
+        expected += np.where(weight > 0.0, weight * np.where(np.isfinite(own), own, np.inf), 0.0)
+    settled = weights.sum(axis=0) > 0.0
+    best = np.argmax(weights, axis=0)
+    innovations = [
+        _choose_innovation([fit.innovations[k] for fit, _ in fits], best)
+        for k in range(len(measurements))
+    ]
+    last = [fit.smoothed[-1] for fit, _ in fits]
+    case = np.arange(len(best))
+    belief = Belief(
+        np.stack([b.x for b in last])[best, :, case].T,
+        np.stack([b.root for b in last])[best, case],
+        last[0].t_s,
+    )
+    rows = np.sum([innovation.dof for innovation in innovations], axis=0)
+    return Refit(
+        np.where(settled, expected, np.nan),
+        innovations,
+        np.sum([innovation.nis for innovation in innovations], axis=0),
+        np.asarray(rows, dtype=np.int64),
+        settled,
+        np.sum(weights >= LEAST_WEIGHT, axis=0),
+        weights.max(axis=0),
+        belief,
+        np.stack([fit.bias.score for fit, _ in fits])[best, case],
+        np.stack([fit.bias.information for fit, _ in fits])[best, case],
+    )
+
+
+class _AtRest:
+    """A model whose motion over no time is none; discrete models move at each call."""
+
+    def __init__(self, model: EstimationModel) -> None:
+        self._model = model
+        self.observe = model.observe
+        self.process_noise = model.process_noise
+
+    def advance(self, x: Array, t0_s: Array, t1_s: Array, control: Array, case: Integers) -> Array:
+        if np.array_equal(t0_s, t1_s):
+            return x
+        return self._model.advance(x, t0_s, t1_s, control, case)
+
+
+def _steps(prior: Belief, measurements: Sequence[MeasurementSet]) -> bool:
+    """Return whether there is motion between the prior and the first set of measurements."""
+    return not np.array_equal(prior.t_s, measurements[0].t_s)
+
+
+def _is_noiseless(
+    model: EstimationModel,
+    prior: Belief,
+    measurements: Sequence[MeasurementSet],
+    controls: Sequence[Array],
+    after: Sequence[Belief],
+) -> bool:
+    """Return whether no process noise acts between any two sets of measurements."""
+    earlier = [prior, *after[:-1]]
+    moved = range(0 if _steps(prior, measurements) else 1, len(measurements))
+    return not any(
+        model.process_noise(
+            earlier[k].x, earlier[k].t_s, measurements[k].t_s, controls[k]
+        ).any()
+        for k in moved
+    )  # fmt: skip
+
+
+def _smooth_filter(
+    model: EstimationModel,
+    after: Sequence[Belief],
+    measurements: Sequence[MeasurementSet],
+    controls: Sequence[Array],
+) -> list[Array]:
+    """Return the means of the smoother behind the filter, (n, N) at each of K times."""
+    links = [
+        link(model, belief, measured.t_s, control)
+        for belief, measured, control in zip(after, measurements[1:], controls[1:], strict=False)
+    ]
+    return [belief.x for belief in smooth(after, links)]
+
+
+def _propagate(
+    model: EstimationModel,
+    x: Array,
+    t_s: Array,
+    measurements: Sequence[MeasurementSet],
+    controls: Sequence[Array],
+) -> list[Array]:
+    """Return the states (n, N) at the times of K sets that follow from x at t_s without noise."""
+    path, case, still = [], np.arange(x.shape[1]), _AtRest(model)
+    for measured, control in zip(measurements, controls, strict=True):
+        x = still.advance(x, t_s, measured.t_s, control, case)
+        t_s = measured.t_s
+        path.append(x)
+    return path
+
+
+def _further_starts(
+    model: EstimationModel,
+    prior: Belief,
+    measurements: Sequence[MeasurementSet],
+    controls: Sequence[Array],
+    steps: bool,
+) -> list[list[Array]]:
+    """Return trajectories from the prior: of its mean, and of four of its 2n sigma points.
+
+    They are the one that fits best and the opposite one, and both ends of the axis along which the
+    fit is worst: the prior is widest there beside what the measurements tell, and another solution
+    lies on the other side of the mean, if there is one.
+    """
+    n = len(prior.x)
+    mean = _propagate(model, prior.x, prior.t_s, measurements, controls)
+    sides = np.sqrt(n) * np.concatenate([np.eye(n), -np.eye(n)])
+    paths, costs = [], []
+    for side in sides:
+        x = prior.x + (prior.root @ side).T
+        path = _propagate(model, x, prior.t_s, measurements, controls)
+        paths.append(np.stack(path))
+        costs.append(_misfit(model, path, measurements))
+    cost = np.where(np.isfinite(costs), costs, np.inf)
+    first = np.argmin(cost, axis=0)
+    worst = np.argmax(cost[:n] + cost[n:], axis=0)
+    every, case = np.stack(paths), np.arange(len(prior.t_s))
+    chosen = (first, (first + n) % (2 * n), worst, worst + n)
+    return [mean, *(list(np.moveaxis(every[own, :, :, case], 0, -1)) for own in chosen)]
+
+
+def _misfit(
+    model: EstimationModel, path: Sequence[Array], measurements: Sequence[MeasurementSet]
+) -> Array:
+    """Return the sum of squares (N,) of the residuals along a trajectory, in units of the noise."""
+    total = np.zeros(path[0].shape[1])
+    for x, measured in zip(path, measurements, strict=True):
+        layout, used = usable(measured)
+        z = layout.fitting(model.observe(x, measured.t_s, np.arange(x.shape[1])))
+        off = layout.difference(np.where(used, measured.values, z), z)
+        total = total + np.sum(
+            np.where(used, off / np.where(used, measured.sigma, 1.0), 0.0) ** 2, axis=0
+        )
+    return total
+
+
+def _fit_start(
+    model: EstimationModel,
+    prior: Belief,
+    measurements: Sequence[MeasurementSet],
+    controls: Sequence[Array],
+    steps: bool,
+    start: list[Array],
+) -> tuple[_Pass, NDArray[np.bool_]]:
+    """Return the least-squares trajectory without process noise, and which cases have settled."""
+    still, first = _AtRest(model), start[0]
+    if steps:  # the trajectory begins at the first set: its states at the prior's time
+        case = np.arange(first.shape[1])
+        first = model.advance(first, measurements[0].t_s, prior.t_s, controls[0], case)
+    best = batch_least_squares(
+        still, prior, measurements, controls, start=first, iterations=_ITERATIONS,
+        tolerance_sigmas=_SETTLED_SIGMAS,
+    )  # fmt: skip
+    path = _propagate(model, best.belief.x, prior.t_s, measurements, controls)
+    return _pass_about(
+        model, prior, measurements, controls, steps, path, best.belief.x
+    ), best.settled
+
+
+def _fit_trajectory(
+    model: EstimationModel,
+    prior: Belief,
+    measurements: Sequence[MeasurementSet],
+    controls: Sequence[Array],
+    steps: bool,
+    path: list[Array],
+) -> tuple[_Pass, NDArray[np.bool_]]:
+    """Return the most probable trajectory with process noise, and which cases have settled."""
+    origin = prior.x
+    for count in range(_ITERATIONS):
+        found = _pass_about(model, prior, measurements, controls, steps, path, origin)
+        far = np.max([
+            np.linalg.norm(np.linalg.solve(b.root, (b.x - x).T[:, :, None])[:, :, 0], axis=1)
+            for b, x in zip(found.smoothed, path, strict=True)
+        ], axis=0)  # fmt: skip
+        settled = far <= _SETTLED_SIGMAS
+        if settled.all():
+            break
+        share = 1.0 if count < _FULL_STEPS else 0.5
+        path = [
+            np.where(settled | ~np.isfinite(far), x, x + share * (b.x - x))
+            for b, x in zip(found.smoothed, path, strict=True)
+        ]
+    return found, settled
+
+
+def _pass_about(
+    model: EstimationModel,
+    prior: Belief,
+    measurements: Sequence[MeasurementSet],
+    controls: Sequence[Array],
+    steps: bool,
+    path: list[Array],
+    origin: Array,
+) -> _Pass:
+    """Filter and smooth with motion and measurements linearised about a trajectory.
+
+    `origin` (n, N) is the state at the time of the prior, if that is before the first set.
+    """
+    filtered, links, innovations = [], [], []
+    likelihood = np.zeros(len(prior.t_s))
+    belief = prior
+    bias = _Bias(*prior.x.shape[::-1], len(measurements[0].values))
+    for k, (measured, control, x) in enumerate(zip(measurements, controls, path, strict=True)):
+        if k:
+            links.append(link(model, filtered[-1], measured.t_s, control, about=path[k - 1]))
+            bias.move(links[-1], filtered[-1])
+            belief = links[-1].predicted
+        elif steps:
+            belief = link(model, prior, measured.t_s, control, about=origin).predicted
+        layout, used = usable(measured)
+        # the derivatives by differences take their steps from the belief
+        at = linearise_measurements(
+            model, Belief(x, belief.root, measured.t_s), layout, measured, used
+        )
+        expected = refer_to_prior(belief, x, at)
+        covariance = expected.covariance()
+        residual = expected.residual[:, :, None]
+        nis = np.sum(residual * np.linalg.solve(covariance, residual), axis=(1, 2))
+        likelihood = likelihood - 0.5 * (nis + np.linalg.slogdet(covariance)[1])
+        innovations.append(Innovation(expected.residual.T, covariance, used, nis))
+        bias.add(belief, expected, covariance)
+        filtered.append(linear_update(belief, expected, 1.0, None))
+    return _Pass(smooth(filtered, links), innovations, likelihood, bias)
+
+
+def _weigh(fits: list[tuple[_Pass, NDArray[np.bool_]]]) -> Array:
+    """Return the weights (S, N) of S fits: their likelihoods, without those met before.
+
+    The likelihood of a linearised filter is that of its solution's neighbourhood (Laplace).
+    """
+    likelihood = np.array([np.where(ok, fit.likelihood, -np.inf) for fit, ok in fits])
+    likelihood = np.where(np.isfinite(likelihood), likelihood, -np.inf)
+    for later in range(1, len(fits)):
+        for earlier in range(later):
+            same = (likelihood[earlier] > -np.inf) & (likelihood[later] > -np.inf)
+            for end in (0, -1):
+                one, other = fits[earlier][0].smoothed[end], fits[later][0].smoothed[end]
+                off = np.linalg.solve(one.root, (other.x - one.x).T[:, :, None])
+                same &= np.linalg.norm(off[:, :, 0], axis=1) < _SAME_SIGMAS
+            likelihood[later] = np.where(same, -np.inf, likelihood[later])
+    top = likelihood.max(axis=0)
+    weight = np.exp(likelihood - np.where(np.isfinite(top), top, 0.0))
+    return np.asarray(weight / np.maximum(weight.sum(axis=0), 1e-300))
+
+
+def _expected_nees(belief: Belief, root: Array, fit: Belief) -> Array:
+    """Return (x_f − x_s)ᵀ P_f⁻¹ (x_f − x_s) + tr(P_f⁻¹ P_s), (N,)."""
+    off = np.concatenate([(fit.x - belief.x).T[:, :, None], fit.root], axis=2)
+    return np.asarray(np.sum(np.linalg.solve(root, off) ** 2, axis=(1, 2)))
+
+
+def _choose_innovation(each: list[Innovation], best: Integers) -> Innovation:
+    """Return the innovation of the fit with the number `best` (N,), case by case."""
+    case = np.arange(len(best))
+    return Innovation(
+        np.stack([one.residual for one in each])[best, :, case].T,
+        np.stack([one.covariance for one in each])[best, case],
+        each[0].used,
+        np.stack([one.nis for one in each])[best, case],
+    )
