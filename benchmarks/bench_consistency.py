@@ -304,7 +304,8 @@ def worlds() -> dict[str, World]:
         "univariate growth": World(
             lambda x, t, dt: 0.5 * x + 25.0 * x / (1.0 + x**2) + 8.0 * np.cos(1.2 * t),
             lambda x, t: x**2 / 20.0, a(np.sqrt(10.0))[:, None], a(1.0), a(0.1), a(1.4),
-            _channels("z"), 30, settings={"nominal": {}, "linear sensor": {"show": lambda x, t: x.copy()}},
+            _channels("z"), 30,
+            settings={"nominal": {}, "linear sensor": {"show": lambda x, t: x.copy()}},
         ),
         "bearings only": World(
             _straight, _bearing, none((4, 0)), a(2e-3), a(7e3, 7e3, -3.0, -2.0),
@@ -474,7 +475,9 @@ def score(names: tuple[str, ...] = (), *, show: bool = False) -> Score:
                 f"{' / '.join(names_of_run):58} nees {values[-1].mean() / n:9.3g} "
                 f"{values.mean() / n:9.3g} {'over' if over else 'ok':5} nis {int(nis)} "
                 f"{judged.answer:24} "
-                + " ".join(f"{c.value:.3g}/{c.high:.3g}" if not c.reason else "-" for c in judged.checks.values())
+                + " ".join(
+                    f"{c.name} {c.value:.3g}" for c in judged.checks.values() if c.above or c.below
+                )
                 + f" {mark}", flush=True,
             )  # fmt: skip
     return total

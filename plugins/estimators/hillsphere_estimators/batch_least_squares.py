@@ -83,7 +83,7 @@ def batch_least_squares(
     controls : sequence of ndarray, shape (p, N), optional
         K: before each time.
     start : ndarray, shape (n, N), optional
-        States from which the iteration starts; the mean of the prior by default.
+        States at which the iteration begins; the prior means by default.
     iterations : int
         Steps at most.
     tolerance_sigmas : float
@@ -97,8 +97,7 @@ def batch_least_squares(
     Raises
     ------
     InputError
-        If there is not one control for each time, the start has another shape than the prior, or
-        the prior covariance is singular.
+        If there is not one control for each time, or the prior covariance is singular.
     """
     cases = len(prior.t_s)
     if controls is None:

@@ -1,4 +1,4 @@
-r"""Curvature of motion and measurements over a belief: is a linear model good enough there?
+r"""Curvature of motion and measurements over a belief, and the first update that is too curved.
 
 A filter treats a function h as linear over the spread of a belief with the mean x̄ and the root S.
 What it leaves out is the remainder
@@ -23,6 +23,7 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -30,13 +31,32 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 
-from hillsphere.estimation import Belief, MeasurementSet
+from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
+from hillsphere_estimators.checks import Check
+from hillsphere_estimators.differences import Layout
 from hillsphere_estimators.innovations import usable
 from hillsphere_estimators.linearisation import predict_measurement, sensitivity, transition
 from hillsphere_estimators.roots import lower_root
+from hillsphere_estimators.smoother import link
 
-__all__ = ["MotionCurvature", "UpdateCurvature", "motion_curvature", "update_curvature"]
+__all__ = [
+    "CURVED",
+    "MotionCurvature",
+    "NonlinearUpdate",
+    "UpdateCurvature",
+    "curvature_checks",
+    "curved_cases",
+    "first_nonlinear",
+    "measure_curvatures",
+    "motion_curvature",
+    "update_curvature",
+]
+
+CURVED = 0.5
+"""Root mean square remainder, in standard deviations of the noise, above which an update counts as
+curved: the variance of the noise that a linear update assumes is then too small by a quarter. For
+motion the unit is the predicted standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -195,7 +215,9 @@ def motion_curvature(
     return MotionCurvature(rms, np.linalg.norm(white.mean(axis=2), axis=1))
 
 
-def _remainders(model: EstimationModel, belief: Belief, layout) -> tuple[Array, Array, Array]:  # type: ignore[no-untyped-def]
+def _remainders(
+    model: EstimationModel, belief: Belief, layout: Layout
+) -> tuple[Array, Array, Array]:
     """Return derivatives (N, m, n), remainders ρ (m, 4n, N) at the points, and H S (N, m, n)."""
     n, cases = belief.x.shape
     z, slopes = sensitivity(model, belief, layout)
@@ -226,3 +248,160 @@ def _directions(n: int) -> Array:
     points = np.sqrt(n) * np.concatenate([half, -half], axis=1)
     points.flags.writeable = False
     return points
+
+
+@dataclass(frozen=True)
+class NonlinearUpdate:
+    """The first update, or the first motion, that is too curved for a linear filter.
+
+    Parameters
+    ----------
+    index : int
+        Its set of measurements, from 0.
+    time_s : float
+        Its time, s, in the first case to which it happens.
+    channel : str
+        Name of the measured channel with the largest curvature; "motion" for the motion that ends
+        at this time.
+    row : int
+        Row of the measurements; −1 for motion.
+    size : float
+        Largest root mean square remainder over the belief before it, in standard deviations of the
+        noise; for motion of the predicted belief.
+    ratio : float
+        Variance of the innovation by sigma points over that by linearisation; 1 for motion.
+    shift : float
+        Mean of the remainder, in standard deviations of the innovation or of the predicted belief.
+    cases : int
+        Number of cases that are as curved at this update.
+    """
+
+    index: int
+    time_s: float
+    channel: str
+    row: int
+    size: float
+    ratio: float
+    shift: float
+    cases: int
+
+    def __str__(self) -> str:
+        if self.row < 0:
+            return (
+                f"the motion to t = {self.time_s:g} s departs from its linearisation by "
+                f"{self.size:.3g} standard deviations of the predicted states (limit {CURVED:g})"
+            )
+        return (
+            f"the update at t = {self.time_s:g} s with {self.channel}: curvature over the belief "
+            f"is {self.size:.3g} standard deviations of the noise (limit {CURVED:g})"
+        )
+
+
+def measure_curvatures(
+    model: EstimationModel,
+    prior: Belief,
+    measurements: Sequence[MeasurementSet],
+    after: Sequence[Belief],
+    innovations: Sequence[Innovation],
+    controls: Sequence[Array],
+    before: Sequence[Belief] | None,
+) -> tuple[list[UpdateCurvature], Array]:
+    """Measure the curvature of each update of a run, and of the motion to it.
+
+    Parameters
+    ----------
+    model : EstimationModel
+        The filter's model.
+    prior : Belief
+        N cases before the first set of measurements, at its time or before.
+    measurements : sequence of MeasurementSet
+        K sets.
+    after : sequence of Belief
+        K: the filter's beliefs after each.
+    innovations : sequence of Innovation
+        K: their rows `used` count.
+    controls : sequence of ndarray, shape (p, N)
+        K: before each set.
+    before : sequence of Belief, optional
+        K: the beliefs before each set; predicted by linearisation by default.
+
+    Returns
+    -------
+    updates : list of UpdateCurvature
+        K of them.
+    motions : ndarray, shape (K, N)
+        Root mean square remainders of the motion, 0 without motion.
+    """
+    curves, motions = [], []
+    for k, measured in enumerate(measurements):
+        start = prior if not k else after[k - 1]
+        moves = bool(k) or not np.array_equal(prior.t_s, measured.t_s)
+        if before is not None:
+            at = before[k]
+        else:
+            at = link(model, start, measured.t_s, controls[k]).predicted if moves else prior
+        curves.append(update_curvature(model, at, after[k], measured, innovations[k].used))
+        motions.append(
+            motion_curvature(model, start, measured.t_s, controls[k]).rms
+            if moves
+            else np.zeros(len(prior.t_s))
+        )
+    return curves, np.array(motions)
+
+
+def curved_cases(curves: Sequence[UpdateCurvature], motions: Array) -> NDArray[np.bool_]:
+    """Return the cases (N,) in which an update or the motion is curved."""
+    sizes = np.array([curve.prior.max(axis=0, initial=0.0) for curve in curves])
+    return np.asarray(((sizes > CURVED) | (motions > CURVED)).any(axis=0))
+
+
+def first_nonlinear(
+    curves: Sequence[UpdateCurvature], motions: Array, measurements: Sequence[MeasurementSet]
+) -> NonlinearUpdate | None:
+    """Return the first motion or update that is curved in any case, None if there is none."""
+    for k, (curve, measured) in enumerate(zip(curves, measurements, strict=True)):
+        far = motions[k] > CURVED
+        if far.any():
+            case = int(np.nanargmax(motions[k]))
+            return NonlinearUpdate(
+                k, float(measured.t_s[case]), "motion", -1, float(motions[k, case]), 1.0, np.nan,
+                int(far.sum()),
+            )  # fmt: skip
+        bent = curve.prior > CURVED
+        if bent.any():
+            row, case = np.unravel_index(int(np.nanargmax(curve.prior)), curve.prior.shape)
+            names = [
+                channel.name
+                for block in measured.blocks
+                for channel in block
+                for _ in range(channel.rows)
+            ]
+            return NonlinearUpdate(
+                k, float(measured.t_s[case]), names[row], int(row), float(curve.prior[row, case]),
+                float(curve.ratio[row, case]), float(curve.shift[row, case]),
+                int(bent.any(axis=0).sum()),
+            )  # fmt: skip
+    return None
+
+
+def curvature_checks(curves: Sequence[UpdateCurvature], motions: Array) -> dict[str, Check]:
+    """Return the largest curvatures over the run, by name, with the limit `CURVED`."""
+
+    def largest(name: str) -> Array:
+        each = [getattr(curve, name).max(axis=0, initial=0.0) for curve in curves]
+        return np.asarray(np.max(each, axis=0))
+
+    over = "remainder of a measurement, in sigmas of its noise,"
+    sizes = {
+        "curvature": (f"largest {over} over the belief before", largest("prior")),
+        "path": (f"largest {over} along an update", largest("path")),
+        "posterior_curvature": (
+            f"{over} over the last belief", curves[-1].posterior.max(axis=0, initial=0.0),
+        ),
+        "motion": ("largest remainder of the motion, in predicted sigmas", motions.max(axis=0)),
+    }  # fmt: skip
+    return {
+        name: Check(name, says, float(np.nanmax(each)), 0.0, CURVED, each, np.zeros(len(each)),
+                    np.full(len(each), CURVED))
+        for name, (says, each) in sizes.items()
+    }  # fmt: skip

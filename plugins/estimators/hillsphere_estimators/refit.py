@@ -20,9 +20,8 @@ not decide between them, and a filter that has decided has a large expected NEES
 References
 ----------
 .. [1] Hausman (1978), Specification tests in econometrics, Econometrica 46(6).
-.. [2] Bell (1994), The iterated Kalman smoother as a Gauss–Newton method, SIAM J. Optimization 4(3).
-.. [3] Friedland (1969), Treatment of bias in recursive filtering, IEEE Trans. Automatic Control
-   14(4).
+.. [2] Bell (1994), The iterated Kalman smoother as a Gauss–Newton method, SIAM J. Optimization
+   4(3).
 """
 
 from __future__ import annotations
@@ -33,14 +32,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel, Integers
 from hillsphere_estimators.batch_least_squares import batch_least_squares
+from hillsphere_estimators.constant_errors import ConstantErrors
 from hillsphere_estimators.convergence import regular_root
 from hillsphere_estimators.gauss_newton import linearise_measurements
-from hillsphere_estimators.innovations import WhitenedInnovation, refer_to_prior, usable
-from hillsphere_estimators.smoother import Link, link, smooth
+from hillsphere_estimators.innovations import refer_to_prior, usable
+from hillsphere_estimators.smoother import link, smooth
 from hillsphere_estimators.unscented import linear_update
 
 __all__ = ["Refit", "refit"]
@@ -86,7 +85,7 @@ class Refit:
     score : ndarray, shape (N, m)
         Gradient of the log-likelihood by constant errors of the m rows, in units of their noise.
     information : ndarray, shape (N, m, m)
-        Its covariance if there are no such errors (`_Bias`).
+        Its covariance if there are no such errors, see `ConstantErrors`.
     """
 
     expected: Array
@@ -108,44 +107,12 @@ what a normal distribution says of its own centre."""
 
 @dataclass(frozen=True)
 class _Pass:
-    """Filter and smoother about one trajectory: K smoothed beliefs, innovations, log-likelihood,
-    and the effect of constant errors of the measurements."""
+    """Filter and smoother about one trajectory, with the score of constant errors."""
 
     smoothed: list[Belief]
     innovations: list[Innovation]
     likelihood: Array
-    bias: _Bias
-
-
-class _Bias:
-    r"""Score of constant errors of m rows, from the innovations of a linear filter.
-
-    A constant error b of the measurements, in units of their noise, adds B b to the innovation and
-    D b to the estimate. With the gain K, D' = Φ D, B = 1 − H D' and D = D' + K B before and after
-    each update; the score Σ Bᵀ S⁻¹ ν has the covariance Σ Bᵀ S⁻¹ B [3]_.
-    """
-
-    def __init__(self, cases: int, n: int, m: int) -> None:
-        self.effect = np.zeros((cases, n, m))
-        self.score, self.information = np.zeros((cases, m)), np.zeros((cases, m, m))
-
-    def move(self, tie: Link, before: Belief) -> None:
-        """Move the effect with the motion; Φᵀ = P⁻¹ C P', from the smoother gain C."""
-        back = np.linalg.solve(before.root, tie.gain @ tie.predicted.covariance)
-        phi = np.swapaxes(np.linalg.solve(np.swapaxes(before.root, 1, 2), back), 1, 2)
-        self.effect = phi @ self.effect
-
-    def add(self, belief: Belief, expected: WhitenedInnovation, covariance: Array) -> None:
-        """Take an update into account; the innovation is that of the prior."""
-        slopes = np.linalg.solve(np.swapaxes(belief.root, 1, 2), expected.linear)
-        own = np.eye(covariance.shape[1]) * expected.used.T[:, :, None]
-        seen = own - np.swapaxes(slopes, 1, 2) @ self.effect
-        solved = np.linalg.solve(
-            covariance, np.concatenate([expected.residual[:, :, None], seen], axis=2)
-        )
-        self.score += (np.swapaxes(seen, 1, 2) @ solved[:, :, :1])[:, :, 0]
-        self.information += np.swapaxes(seen, 1, 2) @ solved[:, :, 1:]
-        self.effect = self.effect + belief.root @ expected.linear @ solved[:, :, 1:]
+    bias: ConstantErrors
 
 
 def refit(
@@ -192,7 +159,7 @@ def refit(
     noiseless = _is_noiseless(model, prior, measurements, controls, after)
     starts = [_smooth_filter(model, after, measurements, controls)]
     if many_starts:
-        starts += _further_starts(model, prior, measurements, controls, steps)
+        starts += _further_starts(model, prior, measurements, controls)
     fits: list[tuple[_Pass, NDArray[np.bool_]]] = []
     for start in starts:
         if noiseless:
@@ -308,7 +275,6 @@ def _further_starts(
     prior: Belief,
     measurements: Sequence[MeasurementSet],
     controls: Sequence[Array],
-    steps: bool,
 ) -> list[list[Array]]:
     """Return trajectories from the prior: of its mean, and of four of its 2n sigma points.
 
@@ -414,7 +380,7 @@ def _pass_about(
     filtered, links, innovations = [], [], []
     likelihood = np.zeros(len(prior.t_s))
     belief = prior
-    bias = _Bias(*prior.x.shape[::-1], len(measurements[0].values))
+    bias = ConstantErrors(*prior.x.shape[::-1], len(measurements[0].values))
     for k, (measured, control, x) in enumerate(zip(measurements, controls, path, strict=True)):
         if k:
             links.append(link(model, filtered[-1], measured.t_s, control, about=path[k - 1]))

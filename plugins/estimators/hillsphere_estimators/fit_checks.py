@@ -1,0 +1,192 @@
+"""Tests of a filter's model and beliefs about a fit of the whole arc; see `refit`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from hillsphere.errors import InputError
+from hillsphere.estimation import Belief, Innovation, MeasurementSet
+from hillsphere.interfaces import Array, EstimationModel
+from hillsphere_estimators.checks import (
+    OF_FILTER,
+    Check,
+    inapplicable_check,
+    innovation_checks,
+    measured_rows,
+    most_extreme_check,
+    one_sided_check,
+)
+from hillsphere_estimators.refit import Refit, refit
+from hillsphere_estimators.specs import BatchedUnscentedSpec
+from hillsphere_estimators.unscented import BatchedUnscented
+
+__all__ = [
+    "OF_FIT",
+    "OF_SIGMA",
+    "fit_arc",
+    "fit_checks",
+    "is_explained",
+    "reference_checks",
+]
+
+OF_FIT = ("fit_nis", "fit_late_nis", "fit_slow_nis", "fit_bias", "fit_whiteness")
+OF_SIGMA = tuple(f"sigma_{name}" for name in OF_FILTER)
+"""Names of the tests of innovations: of the filter, about the fit, and of a sigma-point filter."""
+
+
+def fit_arc(
+    model: EstimationModel,
+    prior: Belief,
+    measurements: Sequence[MeasurementSet],
+    after: Sequence[Belief],
+    innovations: Sequence[Innovation],
+    controls: Sequence[Array],
+    asked: bool,
+    whole: NDArray[np.bool_],
+    curved: bool,
+) -> tuple[Refit | None, str]:
+    """Return the fit of the whole arc, or None and why there is none."""
+    if not asked:
+        return None, "it was not asked for"
+    if not whole.any():
+        return None, "no case has a finite belief"
+    # a lost case keeps the prior, so that the batch is computed as a whole
+    beliefs = [
+        Belief(
+            np.where(whole, b.x, prior.x), np.where(whole[:, None, None], b.root, prior.root), b.t_s
+        )
+        for b in after
+    ]
+    counted = [
+        replace(m, present=m.present & (i.used | ~measured_rows(m)[:, None]))
+        for m, i in zip(measurements, innovations, strict=True)
+    ]
+    try:
+        with np.errstate(all="ignore"):
+            return refit(model, prior, counted, beliefs, controls, many_starts=curved), ""
+    except InputError as error:
+        return None, str(error)
+    except np.linalg.LinAlgError:
+        return None, "a covariance is singular"
+
+
+def fit_checks(
+    arc: Refit | None, why: str, share: float, n: int, whole: NDArray[np.bool_]
+) -> dict[str, Check]:
+    """Return the tests of the model about the fit, and the expected NEES."""
+    says = {
+        "final_nees": "expected NEES at the end, per state",
+        "mean_nees": "expected NEES on average over the sets, per state",
+    }
+    if arc is not None and not (arc.settled & whole).any():
+        arc, why = None, "no fit has settled"
+    if arc is None:
+        return {name: inapplicable_check(name, "", len(whole), why) for name in (*OF_FIT, *says)}
+    good = arc.settled & whole
+    made = {c.name: c for c in _model_checks(arc, share, good, n)}
+    one = chi2.ppf(share, n) / n, chi2.isf(share, n) / n
+    many = float(n * good.sum())
+    band = float(chi2.ppf(share, many) / many), float(chi2.isf(share, many) / many)
+    for name, values in (
+        ("final_nees", arc.expected[-1]),
+        ("mean_nees", arc.expected.mean(axis=0)),
+    ):
+        each = np.where(good, values / n, np.nan)
+        made[name] = Check(
+            name, says[name], float(np.nanmean(each)), *band, each, np.full(len(each), one[0]),
+            np.full(len(each), one[1]),
+        )  # fmt: skip
+    return made
+
+
+def is_explained(
+    arc: Refit | None, checks: dict[str, Check], share: float, n: int, whole: NDArray[np.bool_]
+) -> bool:
+    """Return whether the model explains the measurements of most cases, and those perfectly.
+
+    The fit of a case may end in a wrong solution. The cases in which it does are told from a wrong
+    model by the others: without them the tests pass.
+    """
+    if arc is None or checks["fit_nis"].reason:
+        return False
+    good = arc.settled & whole
+    apart = np.any([checks[name].each_above for name in OF_FIT], axis=0)
+    rest = good & ~apart
+    if 2 * rest.sum() < len(whole):
+        return False
+    return not any(check.above for check in _model_checks(arc, share, rest, n))
+
+
+def reference_checks(
+    model: EstimationModel,
+    prior: Belief,
+    measurements: Sequence[MeasurementSet],
+    innovations: Sequence[Innovation],
+    controls: Sequence[Array],
+    share: float,
+    whole: NDArray[np.bool_],
+) -> dict[str, Check]:
+    """Return the tests of the innovations of an iterated sigma-point filter.
+
+    A model that some filter's innovations agree with is not wrong. Sigma points account for the
+    curvature of the motion, which neither an extended filter nor a pass about the fit does.
+    """
+    estimator = BatchedUnscented(BatchedUnscentedSpec(update="iterated"))
+    belief, made = prior, []
+    try:
+        with np.errstate(all="ignore"):
+            for k, (measured, own) in enumerate(zip(measurements, innovations, strict=True)):
+                if k or not np.array_equal(prior.t_s, measured.t_s):
+                    belief = estimator.predict(model, belief, measured.t_s, controls[k])
+                counted = replace(
+                    measured,
+                    present=measured.present & (own.used | ~measured_rows(measured)[:, None]),
+                )
+                belief, innovation = estimator.update(model, belief, counted)
+                made.append(innovation)
+            good = whole & np.isfinite(belief.x).all(axis=0)
+            for innovation in made:
+                good &= np.isfinite(innovation.covariance).all(axis=(1, 2))
+            checks = innovation_checks(made, share, good, True, len(prior.x), OF_SIGMA)
+    except (InputError, np.linalg.LinAlgError):
+        return {}
+    return {check.name: check for check in checks[:3]}
+
+
+def _model_checks(arc: Refit, share: float, good: NDArray[np.bool_], n: int) -> list[Check]:
+    """Return the tests of the innovations about the fit, with that of constant errors."""
+    made = innovation_checks(arc.innovations, share, good, True, n, OF_FIT)
+    made[OF_FIT.index("fit_bias")] = _bias_check("fit_bias", arc, good, share)
+    return made
+
+
+def _bias_check(name: str, arc: Refit, good: NDArray[np.bool_], share: float) -> Check:
+    """Return the test of constant errors, the same in all cases or another in each.
+
+    The score sᵀ I⁻¹ s is χ² with as many degrees of freedom as the information I has directions.
+    """
+    says = "squared score of constant errors, per row"
+
+    def squares(score: Array, information: Array) -> tuple[Array, Array]:
+        value, vector = np.linalg.eigh(information)
+        # directions without information, as those of rows that were never measured
+        there = value > 1e-9 * np.maximum(value[:, -1:], 1e-300)
+        along = np.einsum("Nji,Nj->Ni", vector, score)
+        return (
+            np.sum(np.where(there, along**2 / np.where(there, value, 1.0), 0.0), axis=1),
+            there.sum(axis=1),
+        )
+
+    score = np.where(good[:, None], arc.score, 0.0)
+    information = np.where(good[:, None, None], arc.information, 0.0)
+    each, rows = squares(score, information)
+    common, degrees = squares(score.sum(axis=0)[None], information.sum(axis=0)[None])
+    return most_extreme_check([
+        one_sided_check(name, says, float(total), float(dof), each, rows, 0.5 * share)
+        for total, dof in ((common[0], degrees[0]), (each.sum(), rows.sum()))
+    ])  # fmt: skip
