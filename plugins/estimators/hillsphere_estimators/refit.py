@@ -77,7 +77,7 @@ class Refit:
     settled : ndarray of bool, shape (N,)
         Whether a fit has settled.
     solutions : ndarray of int, shape (N,)
-        Number of solutions whose weight is at least `LEAST_WEIGHT`.
+        Number of solutions that count, see `LEAST_WEIGHT`.
     weight : ndarray, shape (N,)
         Weight of the most probable solution, 1 if it is the only one.
     belief : Belief
@@ -101,8 +101,8 @@ class Refit:
 
 
 LEAST_WEIGHT = 0.01
-"""Weight above which another solution is reported: rarer ones than one in a hundred hardly change
-what a normal distribution says of its own centre."""
+"""Weight below which another solution does not count. Of a hundred draws less than one would lie
+there, and the mean NEES that would belong to it is beyond what they could show."""
 
 
 @dataclass(frozen=True)
@@ -195,7 +195,7 @@ def refit(
         np.sum([innovation.nis for innovation in innovations], axis=0),
         np.asarray(rows, dtype=np.int64),
         settled,
-        np.sum(weights >= LEAST_WEIGHT, axis=0),
+        np.sum(weights > 0.0, axis=0),
         weights.max(axis=0),
         belief,
         np.stack([fit.bias.score for fit, _ in fits])[best, case],
@@ -421,6 +421,8 @@ def _weigh(fits: list[tuple[_Pass, NDArray[np.bool_]]]) -> Array:
             likelihood[later] = np.where(same, -np.inf, likelihood[later])
     top = likelihood.max(axis=0)
     weight = np.exp(likelihood - np.where(np.isfinite(top), top, 0.0))
+    weight = weight / np.maximum(weight.sum(axis=0), 1e-300)
+    weight = np.where(weight >= LEAST_WEIGHT, weight, 0.0)
     return np.asarray(weight / np.maximum(weight.sum(axis=0), 1e-300))
 
 
