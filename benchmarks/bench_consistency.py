@@ -20,8 +20,10 @@ and faults of the model, of which the filter knows nothing: "quiet" (its process
 of the true one), "precise" (its measurement noise is half the true one), "biased" (the measurements
 have a constant error), "coloured" (their errors are correlated from one to the next).
 
-No threshold of the verdict was fitted to these problems: they follow from its level and from the
-χ² distribution, but for the limit of curvature, which only decides between two names of an alarm.
+The limits of the verdict are those of its level and of χ² distributions. The problems were seen
+while its rules were written, and none were held back: that the mean of the first innovations does
+not count, that one of three linearisations clears the model, and that a fit with a NIS above 2 is
+no solution were learned here.
 
 References
 ----------
@@ -37,6 +39,7 @@ References
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -53,6 +56,7 @@ from hillsphere_estimators.consistency import chi_square_band, nees, verdict
 from hillsphere_estimators.verdict import Verdict
 
 Array = NDArray[np.float64]
+LONG = "HILLSPHERE_BENCHMARK_LONG"
 DRAWS, TRUE_DRAWS = 100, 400
 """Draws that the verdict sees, and draws by which a run is judged in truth."""
 ESTIMATORS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -484,13 +488,15 @@ def score(names: tuple[str, ...] = (), *, show: bool = False) -> Score:
 
 
 def figures() -> dict[str, float]:
-    """Return the figures, for benchmarks/run.py."""
-    total = score()
+    """Return the figures, for benchmarks/run.py: of two problems, with --long of all ten."""
+    long = LONG in os.environ
+    total = score(() if long else ("constant velocity", "beacons"))
+    end = "_long" if long else ""
     return {
-        "consistency_overconfident_runs": total.overconfident,
-        "consistency_detected_share": total.detected / total.overconfident,
-        "consistency_nis_detected_share": total.nis / total.overconfident,
-        "consistency_false_alarm_share": total.false / total.others,
+        f"overconfident_runs{end}": total.overconfident,
+        f"detected_share{end}": total.detected / total.overconfident,
+        f"detected_by_nis_share{end}": total.nis / total.overconfident,
+        f"false_alarm_share{end}": total.false / total.others,
     }
 
 

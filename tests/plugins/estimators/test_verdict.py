@@ -6,7 +6,10 @@ the pieces, whose values are derived, and one run of each answer.
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +21,7 @@ from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, Channel
 from hillsphere_estimators.checks import OF_FILTER, innovation_checks
-from hillsphere_estimators.consistency import nees, verdict
+from hillsphere_estimators.consistency import chi_square_band, nees, verdict
 from hillsphere_estimators.linearity import CURVED, motion_curvature, update_curvature
 from hillsphere_estimators.refit import refit
 from hillsphere_estimators.verdict import Verdict
@@ -287,3 +290,57 @@ def test_without_a_fit_the_innovations_decide_and_it_says_why() -> None:
         verdict(model, prior, [], [], [])
     with pytest.raises(InputError, match="level must lie"):
         verdict(model, prior, sets, after, innovations, level=1.0)
+
+
+WIDE = Path(__file__).parents[3] / "benchmarks" / "wide_priors.py"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("problem", "draws", "channel"),
+    [
+        ("spring_mass", 60, "range"),
+        ("bearings_only", 60, "bearing"),
+        ("low_earth_orbit", 8, "range"),
+    ],
+)
+@pytest.mark.parametrize(
+    ("type_", "keys"),
+    [
+        ("iterated_extended", {"iterations": 1}),
+        ("iterated_extended", {}),
+        ("unscented", {}),
+        ("unscented", {"update": "iterated"}),
+    ],
+)
+def test_overconfident_filters_of_wide_priors_are_told_so(
+    problem: str, draws: int, channel: str, type_: str, keys: dict[str, Any]
+) -> None:
+    """Every one that is overconfident in truth, with the first curved update and its channel."""
+    spec = spec_from_file_location("wide_priors", WIDE)
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    sys.modules["wide_priors"] = module
+    spec.loader.exec_module(module)
+    scenario = getattr(module, problem)(draws)
+    estimator, belief, none = create("estimator", type_, **keys), scenario.prior, nothing(draws)
+    before, after, innovations, errors = [], [], [], []
+    for measured, x in zip(scenario.sets, scenario.truth, strict=True):
+        if not np.array_equal(belief.t_s, measured.t_s):
+            belief = estimator.predict(scenario.model, belief, measured.t_s, none)
+        before.append(belief)
+        belief, innovation = estimator.update(scenario.model, belief, measured)
+        after.append(belief)
+        innovations.append(innovation)
+        errors.append(nees(belief, x))
+    judged = verdict(
+        scenario.model, scenario.prior, scenario.sets, after, innovations, before=before
+    )
+    high = float(chi_square_band(len(belief.x), draws)[1])
+    if errors[-1].mean() > high or np.mean(errors) > high:
+        assert judged.answer == "not linear enough here"
+    first = judged.nonlinear
+    assert first is not None
+    assert (first.channel, first.index) == (channel, 0)
+    assert first.size > 5.0
