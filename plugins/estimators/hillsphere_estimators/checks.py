@@ -153,7 +153,20 @@ def innovation_checks(
 def rejected_check(
     measurements: Sequence[MeasurementSet], innovations: Sequence[Innovation]
 ) -> Check:
-    """Return the share of the rows of the later half that a gate has rejected."""
+    """Test the share of the rows of the later half that a gate has rejected.
+
+    Parameters
+    ----------
+    measurements : sequence of MeasurementSet
+        K sets.
+    innovations : sequence of Innovation
+        K: their rows `used` were not rejected.
+
+    Returns
+    -------
+    Check
+        Above its limit if most rows were rejected.
+    """
     half = len(measurements) // 2
     sent = np.sum([np.sum(m.present, axis=0) for m in measurements[half:]], axis=0).astype(float)
     # of a direction the third row is never used: it counts as sent only where nothing was rejected
@@ -173,7 +186,24 @@ def rejected_check(
 def one_sided_check(
     name: str, says: str, value: float, degrees: float, each: Array, dof: Array, share: float
 ) -> Check:
-    """Return a test of χ² numbers that only large values fail."""
+    """Return a test of χ² numbers that only large values fail.
+
+    Parameters
+    ----------
+    name, says : str
+        Its name, and what its statistic is.
+    value, degrees : float
+        The number of all cases, and its degrees of freedom.
+    each, dof : ndarray, shape (N,)
+        The same of each case.
+    share : float
+        Probability with which a consistent filter fails.
+
+    Returns
+    -------
+    Check
+        Numbers and limits per degree of freedom.
+    """
     if not degrees:
         return inapplicable_check(name, says, len(each), "too few rows follow one another")
     some = np.maximum(dof, 1)
@@ -186,7 +216,18 @@ def one_sided_check(
 
 
 def most_extreme_check(checks: list[Check]) -> Check:
-    """Return, of all cases and of each, the check that is farthest above its limit, or below."""
+    """Return one test of several: of all cases and of each the one farthest beyond its limit.
+
+    Parameters
+    ----------
+    checks : list of Check
+        At least one, of the same name.
+
+    Returns
+    -------
+    Check
+        Values with their own limits. One above its limit comes before one below.
+    """
 
     def choose(value: Array, low: Array, high: Array) -> Integers:
         over = np.where(np.isfinite(value), value / np.maximum(high, 1e-300), -np.inf)
@@ -208,13 +249,39 @@ def most_extreme_check(checks: list[Check]) -> Check:
 
 
 def inapplicable_check(name: str, says: str, cases: int, reason: str) -> Check:
-    """Return a test of so many cases that does not apply, with the reason."""
+    """Return a test that does not apply.
+
+    Parameters
+    ----------
+    name, says : str
+        Its name, and what its statistic is.
+    cases : int
+        Number of cases.
+    reason : str
+        Why it does not apply.
+
+    Returns
+    -------
+    Check
+        Its numbers are NaN.
+    """
     none = np.full(cases, np.nan)
     return Check(name, says, np.nan, np.nan, np.nan, none, none, none, reason)
 
 
 def measured_rows(measured: MeasurementSet) -> NDArray[np.bool_]:
-    """Return which rows (m,) can be used: all but the third of a direction."""
+    """Return which rows of measurements can be used.
+
+    Parameters
+    ----------
+    measured : MeasurementSet
+        Of m rows.
+
+    Returns
+    -------
+    ndarray of bool, shape (m,)
+        True for all but the third of a direction.
+    """
     return layout_of(measured.blocks).real
 
 

@@ -50,7 +50,36 @@ def fit_arc(
     whole: NDArray[np.bool_],
     curved: bool,
 ) -> tuple[Refit | None, str]:
-    """Return the fit of the whole arc, or None and why there is none."""
+    """Fit the whole arc, if it can be fitted.
+
+    Parameters
+    ----------
+    model : EstimationModel
+        The filter's model.
+    prior : Belief
+        N cases before the first set.
+    measurements : sequence of MeasurementSet
+        K sets.
+    after : sequence of Belief
+        K: the filter's, after each set.
+    innovations : sequence of Innovation
+        K: the rows that the filter has used count.
+    controls : sequence of ndarray, shape (p, N)
+        K: before each set.
+    asked : bool
+        Whether a fit is wanted.
+    whole : ndarray of bool, shape (N,)
+        Cases whose beliefs are finite.
+    curved : bool
+        Whether the fit starts from several states.
+
+    Returns
+    -------
+    arc : Refit or None
+        The fit.
+    why : str
+        Why there is none, "" if there is one.
+    """
     if not asked:
         return None, "it was not asked for"
     if not whole.any():
@@ -78,7 +107,26 @@ def fit_arc(
 def fit_checks(
     arc: Refit | None, why: str, share: float, n: int, whole: NDArray[np.bool_]
 ) -> dict[str, Check]:
-    """Return the tests of the model about the fit, and the expected NEES."""
+    """Test the model about the fit, and the expected NEES of the filter.
+
+    Parameters
+    ----------
+    arc : Refit, optional
+        The fit.
+    why : str
+        Why there is none.
+    share : float
+        Probability with which a consistent filter fails each limit.
+    n : int
+        Number of states.
+    whole : ndarray of bool, shape (N,)
+        Cases whose beliefs are finite.
+
+    Returns
+    -------
+    dict of str to Check
+        Those of `OF_FIT`, ``final_nees`` and ``mean_nees``.
+    """
     says = {
         "final_nees": "expected NEES at the end, per state",
         "mean_nees": "expected NEES on average over the sets, per state",
@@ -111,6 +159,24 @@ def is_explained(
 
     The fit of a case may end in a wrong solution. The cases in which it does are told from a wrong
     model by the others: without them the tests pass.
+
+    Parameters
+    ----------
+    arc : Refit, optional
+        The fit.
+    checks : dict of str to Check
+        Those of `fit_checks`.
+    share : float
+        As there.
+    n : int
+        Number of states.
+    whole : ndarray of bool, shape (N,)
+        Cases whose beliefs are finite.
+
+    Returns
+    -------
+    bool
+        False without a fit.
     """
     if arc is None or checks["fit_nis"].reason:
         return False
@@ -135,6 +201,28 @@ def reference_checks(
 
     A model that some filter's innovations agree with is not wrong. Sigma points account for the
     curvature of the motion, which neither an extended filter nor a pass about the fit does.
+
+    Parameters
+    ----------
+    model : EstimationModel
+        The filter's model.
+    prior : Belief
+        N cases before the first set.
+    measurements : sequence of MeasurementSet
+        K sets.
+    innovations : sequence of Innovation
+        K: the rows that the filter has used count.
+    controls : sequence of ndarray, shape (p, N)
+        K: before each set.
+    share : float
+        Probability with which a consistent filter fails each limit.
+    whole : ndarray of bool, shape (N,)
+        Cases whose beliefs are finite.
+
+    Returns
+    -------
+    dict of str to Check
+        The first three of `OF_SIGMA`; none if that filter fails.
     """
     estimator = BatchedUnscented(BatchedUnscentedSpec(update="iterated"))
     belief, made = prior, []

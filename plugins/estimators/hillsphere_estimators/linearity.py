@@ -191,8 +191,7 @@ def motion_curvature(
     Returns
     -------
     MotionCurvature
-        Zero where the linearly predicted covariance is singular in the direction of the remainder
-        only if the remainder is zero there.
+        In units of the predicted root; a direction without variance is compared with rounding.
     """
     n, cases = belief.x.shape
     middle, phi = transition(model, belief, t_to_s, control)
@@ -350,7 +349,20 @@ def measure_curvatures(
 
 
 def curved_cases(curves: Sequence[UpdateCurvature], motions: Array) -> NDArray[np.bool_]:
-    """Return the cases (N,) in which an update or the motion is curved."""
+    """Return the cases in which an update or the motion is curved.
+
+    Parameters
+    ----------
+    curves : sequence of UpdateCurvature
+        K updates of N cases.
+    motions : ndarray, shape (K, N)
+        Root mean square remainders of the motion to each.
+
+    Returns
+    -------
+    ndarray of bool, shape (N,)
+        Whether any is beyond `CURVED`.
+    """
     sizes = np.array([curve.prior.max(axis=0, initial=0.0) for curve in curves])
     return np.asarray(((sizes > CURVED) | (motions > CURVED)).any(axis=0))
 
@@ -358,7 +370,22 @@ def curved_cases(curves: Sequence[UpdateCurvature], motions: Array) -> NDArray[n
 def first_nonlinear(
     curves: Sequence[UpdateCurvature], motions: Array, measurements: Sequence[MeasurementSet]
 ) -> NonlinearUpdate | None:
-    """Return the first motion or update that is curved in any case, None if there is none."""
+    """Return the first motion or update that is curved in any case.
+
+    Parameters
+    ----------
+    curves : sequence of UpdateCurvature
+        K updates of N cases.
+    motions : ndarray, shape (K, N)
+        Root mean square remainders of the motion to each.
+    measurements : sequence of MeasurementSet
+        K sets, for times and names of channels.
+
+    Returns
+    -------
+    NonlinearUpdate or None
+        None if no case is beyond `CURVED`.
+    """
     for k, (curve, measured) in enumerate(zip(curves, measurements, strict=True)):
         far = motions[k] > CURVED
         if far.any():
@@ -385,7 +412,20 @@ def first_nonlinear(
 
 
 def curvature_checks(curves: Sequence[UpdateCurvature], motions: Array) -> dict[str, Check]:
-    """Return the largest curvatures over the run, by name, with the limit `CURVED`."""
+    """Return the largest curvatures over a run.
+
+    Parameters
+    ----------
+    curves : sequence of UpdateCurvature
+        K updates of N cases.
+    motions : ndarray, shape (K, N)
+        Root mean square remainders of the motion to each.
+
+    Returns
+    -------
+    dict of str to Check
+        ``curvature``, ``path``, ``posterior_curvature`` and ``motion`` with the limit `CURVED`.
+    """
 
     def largest(name: str) -> Array:
         each = [getattr(curve, name).max(axis=0, initial=0.0) for curve in curves]

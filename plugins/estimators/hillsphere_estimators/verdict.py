@@ -192,6 +192,8 @@ def verdict(
     overall = _classify(
         _Flags.of(checks), nonlinear is not None, explained, bool(about.value > _POORLY_FITTED)
     )
+    if not whole.all() and overall in ("consistent", "underconfident"):
+        overall = "undecided" if nonlinear is None else "not linear enough here"
     reason = _reason(overall, checks, nonlinear, arc, int((~whole).sum()))
     return Verdict(overall, reason, answers, checks, nonlinear, arc, level)
 
