@@ -299,9 +299,9 @@ def worlds() -> dict[str, World]:
         ),
         "falling body": World(
             _kutta(_fall, 8), lambda x, t: np.hypot(1e5, x[:1] - 1e5), none((3, 0)), a(100.0),
-            a(3e5, 2e4, 1e-3), a(1e3, 2e3, 3e-4), _channels("range", unit="ft"), 40,
+            a(3e5, 2e4, 1e-3), a(1e3, 2e3, 1.5e-4), _channels("range", unit="ft"), 40,
             settings={
-                "nominal": {}, "wide": {"spread": a(1e4, 4e3, 3e-4)},
+                "nominal": {}, "wide": {"spread": a(1e4, 4e3, 2e-4)},
                 "precise": {"true_sigma": 2.0}, "biased": {"true_bias": a(500.0)},
             },
         ),

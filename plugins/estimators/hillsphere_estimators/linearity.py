@@ -396,7 +396,8 @@ def first_nonlinear(
             )  # fmt: skip
         bent = curve.prior > CURVED
         if bent.any():
-            row, case = np.unravel_index(int(np.nanargmax(curve.prior)), curve.prior.shape)
+            place = np.unravel_index(int(np.nanargmax(curve.prior)), curve.prior.shape)
+            row, case = int(place[0]), int(place[1])
             names = [
                 channel.name
                 for block in measured.blocks
@@ -404,7 +405,7 @@ def first_nonlinear(
                 for _ in range(channel.rows)
             ]
             return NonlinearUpdate(
-                k, float(measured.t_s[case]), names[row], int(row), float(curve.prior[row, case]),
+                k, float(measured.t_s[case]), names[row], row, float(curve.prior[row, case]),
                 float(curve.ratio[row, case]), float(curve.shift[row, case]),
                 int(bent.any(axis=0).sum()),
             )  # fmt: skip
