@@ -111,7 +111,7 @@ def test_two_cameras_of_a_craft_have_correlated_errors() -> None:
     off = suite.measure(x, np.zeros(count), around, constant, noise)
     own = float(suite.sigma(x, np.zeros(count), around)[0, 0])
     want = 5e-4**2 / (5e-4**2 + own**2)
-    found = np.corrcoef(off)
+    found = np.asarray(np.corrcoef(off))
     # the standard deviation of a correlation coefficient is (1 − ρ²)/√N
     for row in (0, 1):
         assert found[row, row + 2] == pytest.approx(want, abs=4.0 * (1.0 - want**2) / count**0.5)

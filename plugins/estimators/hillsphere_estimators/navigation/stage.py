@@ -335,7 +335,7 @@ class NavigationStage(FlyingStage[_Planned, Record]):
             goal=plan.goal,
             interval_s=spec.interval_s,
             log=log,
-            attitude=spec.attitude and TrueAttitude(spec.attitude, rows.vectors),
+            attitude=None if spec.attitude is None else TrueAttitude(spec.attitude, rows.vectors),
         )
         gain = np.eye(len(self.plant.controls))[:, :, None] * thrust
         flights = self._simulator(names, navigation, shaken).fly(
