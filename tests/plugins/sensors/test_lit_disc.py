@@ -132,3 +132,31 @@ def test_centroid_of_the_image(law: Law) -> None:
 def test_photometry_is_that_of_a_lit_disc() -> None:
     with pytest.raises(InputError, match="sunlit disc"):
         camera(target="points", photometry="lambert")
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_near_ellipsoid_against_a_sum_over_its_surface(law: Law) -> None:
+    """A million points at equal steps of z and by golden angles on the unit sphere, stretched."""
+    count = 1_000_000
+    z = (np.arange(count) + 0.5) * 2.0 / count - 1.0
+    turn = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
+    n = np.array([np.sqrt(1.0 - z * z) * np.cos(turn), np.sqrt(1.0 - z * z) * np.sin(turn), z])
+    place, frame, light = towards_sun(np.array([1.2]), np.array([0.2, -0.7, 0.4]), 450.0)
+    slopes, _ = disc_centroid(place, frame, AXES, light, law)
+    area = n / AXES[:, None]  # times det A: the surface's vector element
+    normal = area / np.linalg.norm(area, axis=0)
+    away = place - AXES[:, None] * n
+    distance = np.linalg.norm(away, axis=0)
+    emission = np.sum(normal * away, axis=0) / distance
+    incidence = light[:, 0] @ normal / np.linalg.norm(light)
+    seen = (emission > 0.0) & (incidence > 0.0)
+    bright = {
+        "uniform": np.ones(count),
+        "lambert": incidence,
+        "lommel_seeliger": incidence / np.where(seen, incidence + emission, 1.0),
+    }
+    # solid angle dΩ = dA cos e/d²
+    weight = seen * bright[law] * np.linalg.norm(area, axis=0) * emission / distance**2
+    u, v, ahead = frame[:, :, 0] @ -away
+    want = [np.sum(weight * one / ahead) / np.sum(weight) for one in (u, v)]
+    np.testing.assert_allclose(slopes[:, 0], want, rtol=0, atol=2e-5)
