@@ -64,7 +64,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
             "observability",
             "covariance_intersection", "bias_states", "plant_model",
         )),
-        "hillsphere_sensors.camera_image",
+        "hillsphere_sensors.camera_image", "hillsphere_sensors.lit_disc",
     ),
 }  # fmt: skip
 """Heading → modules: the faces of the core, and the modules that the guides use."""

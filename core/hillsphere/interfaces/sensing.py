@@ -60,7 +60,9 @@ class Sensor(Contract, Protocol):
     - ``takes``, tuple of str, of the sensor and of its Spec: names of the entries of the scene that
       the sensor reads with these parameters, and no others. Without one of them `observe` or
       `visible` raises a `HillsphereError` that names the entry. A mission is refused if neither
-      the plant nor the stage provides one of them (``gives`` of the plant's Spec).
+      the plant nor the stage provides one of them (``gives`` of the plant's Spec). Attitude errors,
+      ``"attitude"``, turn every sensor of a spacecraft where the scene has them; only a sensor that
+      cannot do without lists them.
     - ``noise``, mapping of str to float, of the Spec: standard deviations of the random errors, SI,
       by the keys of the mission that set them; several keys of one deviation are joined by
       ``" and "``. A mission with a filter is refused if one of them is zero, because a filter

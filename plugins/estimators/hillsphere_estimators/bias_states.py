@@ -1,7 +1,8 @@
 """Biases as additional states of a model, estimated or considered.
 
 A bias b enters by constant matrices: B b is added to the measurements, C b to the controls (an
-error of thrust, or an acceleration that is not modelled, if the plant takes it as a control).
+error of thrust, or an acceleration that is not modelled, if the plant takes it as a control), and
+T b to the attitudes of the spacecraft, which all sensors of a spacecraft share.
 Between measurements it is a first-order Gauss–Markov process of correlation time τ and constant
 standard deviation σ:
 
@@ -19,15 +20,24 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.base.contracts import Contract
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array, ConsiderModel, EstimationModel, Integers
 
 __all__ = ["BiasAugmentedModel", "BiasStates"]
+
+
+@runtime_checkable
+class _TurnedModel(Contract, Protocol):
+    def observe_turned(self, x: Array, t_s: Array, case: Integers, turns: Array) -> Array:
+        """Return the measurements (m, K) with the attitudes (3 S, K), rad."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -46,6 +56,9 @@ class BiasStates:
         C: what they add to the controls, SI.
     considered : ndarray of bool, shape (k,)
         Biases that are not estimated.
+    turned : ndarray, shape (3 S, k), optional
+        T: what they add to the attitudes of S spacecraft, rad, three components each. Left out:
+        nothing, and the scene's attitudes are those of the model.
 
     Raises
     ------
@@ -58,6 +71,7 @@ class BiasStates:
     shown: Array
     commanded: Array
     considered: NDArray[np.bool_]
+    turned: Array | None = None
 
     def __post_init__(self) -> None:
         k = len(self.sigma)
@@ -69,6 +83,8 @@ class BiasStates:
                 f"(p, {k}); got {shapes[0]}, {shapes[1]}, {np.shape(self.shown)} and "
                 f"{np.shape(self.commanded)}"
             )
+        if self.turned is not None and np.shape(self.turned)[1:] != (k,):
+            raise InputError(f"turned must be (3 S, {k}), got {np.shape(self.turned)}")
         if not ((self.sigma > 0.0).all() and (self.time_s > 0.0).all()):
             raise InputError("standard deviations and correlation times of biases must be positive")
 
@@ -133,7 +149,14 @@ class BiasAugmentedModel:
     def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
         """Return the measurements (m, N) of perfect sensors plus B b."""
         own, bias = self._split(x)
-        return np.asarray(self._model.observe(own, t_s, case) + self.biases.shown @ bias)
+        turned = self.biases.turned
+        if turned is None:
+            perfect = self._model.observe(own, t_s, case)
+        elif isinstance(self._model, _TurnedModel):
+            perfect = self._model.observe_turned(own, t_s, case, turned @ bias)
+        else:
+            raise InputError(f"a {type(self._model).__name__} has no attitude that could be turned")
+        return np.asarray(perfect + self.biases.shown @ bias)
 
     def _split(self, x: Array) -> tuple[Array, Array]:
         """Return the n states and the k biases of x (n + k, N)."""

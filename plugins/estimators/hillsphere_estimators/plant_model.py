@@ -194,12 +194,29 @@ class PlantModel:
 
     def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
         """Return perfect measurements; see `hillsphere.interfaces.EstimationModel`."""
+        return self.suite.observe(x, t_s, self._scene_of(case))
+
+    def observe_turned(self, x: Array, t_s: Array, case: Integers, turns: Array) -> Array:
+        """Return perfect measurements (m, K) with the attitudes of S spacecraft.
+
+        Parameters
+        ----------
+        x, t_s, case
+            As of `observe`.
+        turns : ndarray, shape (3 S, K)
+            Rotation vectors from the commanded attitudes, rad, see
+            `hillsphere_sensors.spacecraft.SpacecraftSensor`.
+        """
+        attitude = turns.reshape(-1, 3, turns.shape[1])
+        return self.suite.observe(x, t_s, self._scene_of(case) | {"attitude": attitude})
+
+    def _scene_of(self, case: Integers) -> dict[str, Array]:
+        """Return the scene of columns of these cases (K,)."""
         # mode "clip" leaves out the check of the index, which takes as long as the rest
-        own = {
+        return {
             name: value if value.shape[-1] == 1 else value.take(case, axis=-1, mode="clip")
             for name, value in self._scene.items()
         }
-        return self.suite.observe(x, t_s, own)
 
     def _system_inputs(self, x: Array, control: Array) -> tuple[Array, Array]:
         """Return states and run-time parameters of the compiled system, plant or closed loop."""

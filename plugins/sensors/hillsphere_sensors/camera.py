@@ -7,12 +7,8 @@ from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array, Channel, Scene
 from hillsphere_sensors.body_surface import BodySurface
-from hillsphere_sensors.spacecraft import (
-    SpacecraftSensor,
-    boresight_components,
-    line_of_sight_frame,
-    rotate,
-)
+from hillsphere_sensors.lit_disc import disc_centroid, radiance
+from hillsphere_sensors.spacecraft import SpacecraftSensor, rotate
 from hillsphere_sensors.spacecraft_specs import CameraSpec
 
 __all__ = ["Camera"]
@@ -37,7 +33,10 @@ class Camera(SpacecraftSensor):
 
     With the target ``points`` the measurement is not differentiable, since points of the grid
     appear and vanish at the limb. With ``disc`` a point is weighted by its solid angle as seen by
-    the camera, which is zero at the limb.
+    the camera, which is zero at the limb, and its radiance by the photometric function. On an
+    ellipsoid this centroid is an integral between limb and terminator, smooth in the state
+    (`hillsphere_sensors.lit_disc`); on another shape it is a sum over the grid, in which points
+    appear and vanish at the terminator.
 
     Parameters
     ----------
@@ -70,11 +69,18 @@ class Camera(SpacecraftSensor):
         """Pixels from the middle of the image to where x/z is one."""
 
     def pose(self, x: Array, t_s: Array, scene: Scene) -> tuple[Array, Array]:
-        """Return the camera's position from its target's centre, m, and its boresight, (3, N)."""
+        """Return the position (3, N) from the target's centre, m, and the axes (3, 3, N) as rows.
+
+        Both are in the states' frame; the axes are the true ones.
+        """
+        return self._place(x), self._axes(t_s, scene)
+
+    def _place(self, x: Array) -> Array:
+        """Return the camera's position (3, N) from its target's centre, m."""
         r = self._states(x, self.spec.spacecraft)[:3]
         if self.spec.target_rows:
             r = r - self._states(x, self.spec.target_rows)[:3]
-        return r, self._boresight(scene, t_s)
+        return r
 
     def _true(self, x: Array, t_s: Array, scene: Scene) -> Array:
         spec = self.spec
@@ -105,29 +111,42 @@ class Camera(SpacecraftSensor):
     ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
         """Return the target in the camera's axes (each (N,)), and whether it is visible."""
         spec = self.spec
-        r, boresight = self.pose(x, t_s, scene)
-        u, v, ahead = boresight_components(boresight, -r)
+        r = self._place(x)
+        u, v, ahead = self._components(-r, t_s, scene)
         there = np.ones(t_s.shape, dtype=bool)
         if spec.target == "centre":
             return u, v, ahead, there
         turn = self._from(scene, "to_body", (3, 3), t_s)
         sun = self._from(scene, "sun", (3,), t_s) if spec.sunlit else None
-        frame = line_of_sight_frame(boresight)
+        frame = self._axes(t_s, scene)
         # the camera's axes in those of the body
         inside = np.einsum("ikn,jkn->ijn", *np.broadcast_arrays(frame, turn))
         place = rotate(turn, r)
         light = None if sun is None else np.broadcast_to(rotate(turn, sun), place.shape)
         inside = np.broadcast_to(inside, (3, 3, t_s.size))
-        size = max(1, _AT_ONCE // self._grid[0].shape[1])
-        slopes = np.empty((2, t_s.size))
-        for first in range(0, t_s.size, size):
-            some = slice(first, first + size)
-            slopes[:, some], there[some] = self._middle(
-                place[:, some], inside[:, :, some], None if light is None else light[:, some]
+        if spec.target == "disc" and self.surface.is_ellipsoid:
+            slopes, there = disc_centroid(
+                place, inside, self.surface.semi_axes_m, light, spec.photometry
             )
+        else:
+            slopes, there = self._grid_centroid(place, inside, light)
         # without a visible point the values are those of the centre, and the mask says so
         u, v = (np.where(there, s * ahead, c) for s, c in zip(slopes, (u, v), strict=True))
         return u, v, ahead, there
+
+    def _grid_centroid(
+        self, place: Array, frame: Array, light: Array | None
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Return x/z and y/z (2, N) of the grid's centroid, and whether anything is visible."""
+        count = place.shape[1]
+        size = max(1, _AT_ONCE // self._grid[0].shape[1])
+        slopes, there = np.empty((2, count)), np.empty(count, dtype=bool)
+        for first in range(0, count, size):
+            some = slice(first, first + size)
+            slopes[:, some], there[some] = self._middle(
+                place[:, some], frame[:, :, some], None if light is None else light[:, some]
+            )
+        return slopes, there
 
     def _middle(
         self, place: Array, frame: Array, light: Array | None
@@ -146,9 +165,15 @@ class Camera(SpacecraftSensor):
             weight = (facing > 0.0).astype(float)
         else:
             # solid angle: area times cos(angle of incidence) / distance²; facing has one distance
-            weight *= areas[:, None] / np.sum(away * away, axis=0) ** 1.5
+            square = np.sum(away * away, axis=0)
+            weight *= areas[:, None] / square**1.5
         if light is not None:
-            weight *= (normals.T @ light) > 0.0
+            shone = normals.T @ light
+            if self.spec.target == "points" or self.spec.photometry == "uniform":
+                weight *= shone > 0.0
+            else:
+                shone /= np.sqrt(np.sum(light * light, axis=0))
+                weight *= radiance(self.spec.photometry, shone, facing / np.sqrt(square))
         u, v, ahead = np.einsum("ijn,jmn->imn", frame, away)
         weight *= ahead > 0.0
         total = np.sum(weight, axis=0)

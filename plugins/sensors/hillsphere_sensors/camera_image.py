@@ -9,7 +9,8 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Scene
 from hillsphere_sensors.camera import Camera
-from hillsphere_sensors.spacecraft import line_of_sight_frame, rotate
+from hillsphere_sensors.lit_disc import Law, radiance
+from hillsphere_sensors.spacecraft import rotate
 
 __all__ = ["CameraImage", "camera_image"]
 
@@ -21,8 +22,8 @@ class CameraImage:
     Parameters
     ----------
     brightness : ndarray, shape (K, K)
-        0 (sky) to 1 (surface that faces the Sun); without the Sun 1 on the body. Rows from the
-        bottom to the top of the image, as v rises.
+        0 (sky) to 1 (the greatest radiance of the photometric function); without the Sun 1 on the
+        body. Rows from the bottom to the top of the image, as v rises.
     edge_px : float
         The image reaches from −edge_px to edge_px in both directions, pixels of the camera.
     centre_px, found_px : ndarray, shape (2,)
@@ -48,7 +49,8 @@ def camera_image(
         State.
     scene : Scene
         As for the camera, with arrays (…, 1) and ``"to_body"``; with ``"sun"`` the surface is
-        shaded by Lambert's law.
+        shaded by the camera's photometric function, that of a camera that measures no sunlit disc
+        by Lambert's law.
     size : int
         Rays in each direction.
     ambient : float
@@ -72,8 +74,7 @@ def camera_image(
     state = np.asarray(x, dtype=float)[:, None]
     turn = np.asarray(scene["to_body"], dtype=float)
     spec = camera.spec
-    r, boresight = camera.pose(state, time, scene)
-    frame = line_of_sight_frame(boresight)
+    r, frame = camera.pose(state, time, scene)
     edge = np.tan(0.5 * spec.field_of_view_rad)
     slopes = edge * (2.0 * (np.arange(size) + 0.5) / size - 1.0)
     u, v = (grid.ravel() for grid in np.meshgrid(slopes, slopes))
@@ -85,10 +86,14 @@ def camera_image(
     bright = np.ones_like(u)
     if "sun" in scene:
         sun = rotate(turn, np.asarray(scene["sun"], dtype=float))
-        cosine = np.sum(normals * sun, axis=0) / (
-            np.linalg.norm(normals, axis=0) * np.linalg.norm(sun)
+        normals /= np.linalg.norm(normals, axis=0)
+        law: Law = spec.photometry if spec.target == "disc" and spec.sunlit else "lambert"
+        shade = radiance(
+            law,
+            np.sum(normals * sun, axis=0) / np.linalg.norm(sun),
+            -np.sum(normals * rays, axis=0),
         )
-        bright = ambient + (1.0 - ambient) * np.maximum(cosine, 0.0)
+        bright = ambient + (1.0 - ambient) * shade
     centre = rotate(frame, -r)[:, 0]
     centroid = camera.observe(state, time, scene)[:, 0]
     if spec.output == "angles":

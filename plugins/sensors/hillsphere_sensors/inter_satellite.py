@@ -19,8 +19,9 @@ _ANGLES = (Channel("azimuth", "rad", "angle"), Channel("elevation", "rad", "angl
 class InterSatellite(SpacecraftSensor):
     """Distance of a partner, its azimuth (from x towards y) and its elevation over the xy plane.
 
-    The angles are in the axes of the states: the attitude counts as known. There is no measurement
-    if the Sun is near the partner or, with a body, if the body's ellipsoid lies between the two.
+    The angles are in the axes of the states: the attitude counts as commanded. There is no
+    measurement if the Sun is near the partner or, with a body, if its ellipsoid lies between the
+    two.
 
     From the scene it takes, with a cone about the Sun, ``"sun"``, shape (3, N), the Sun's position
     in the states' frame, m; with a body ``"to_body"``, (3, 3, N), the matrices to the body's axes.
@@ -47,6 +48,8 @@ class InterSatellite(SpacecraftSensor):
     def _true(self, x: Array, t_s: Array, scene: Scene) -> Array:
         self._surroundings(t_s, scene)
         d = self._way(x)
+        if self.spec.angles:
+            d = self._as_believed(d, t_s, scene)
         level = d[0] * d[0] + d[1] * d[1]
         rows = np.empty((3, d.shape[1]))
         np.sqrt(level + d[2] * d[2], out=rows[0])

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Channel, Scene
 from hillsphere_sensors.body_surface import BodySurface
-from hillsphere_sensors.spacecraft import SpacecraftSensor, boresight_components, rotate
+from hillsphere_sensors.spacecraft import SpacecraftSensor, rotate
 from hillsphere_sensors.spacecraft_specs import LidarSpec
 
 __all__ = ["Lidar"]
@@ -64,7 +64,7 @@ class Lidar(SpacecraftSensor):
         if self.spec.maximum_range_m is not None:
             met = met & (distance <= self.spec.maximum_range_m)
         if self.spec.field_of_view_rad is not None:
-            u, v, ahead = boresight_components(self._boresight(scene, t_s), -r)
+            u, v, ahead = self._components(-r, t_s, scene)
             off = np.arctan2(np.sqrt(u * u + v * v), ahead)
             met = met & (off <= 0.5 * self.spec.field_of_view_rad)
         return met
@@ -86,6 +86,6 @@ class Lidar(SpacecraftSensor):
             away = np.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
             distance = away - self.surface.radius(place)
             return distance, np.asarray(distance > 0.0)
-        boresight = self._boresight(scene, t_s)
+        boresight = self._pointing(t_s, scene)
         beam = rotate(turn, boresight / np.sqrt(np.sum(boresight**2, axis=0)))
         return self.surface.ray(place, np.broadcast_to(beam, place.shape))

@@ -13,7 +13,7 @@ from hillsphere.interfaces import Array, Channel, Scene
 from hillsphere.sensor_suite import CommonScene
 from hillsphere_sensors.spacecraft_specs import SpacecraftSensorSpec
 
-__all__ = ["SpacecraftSensor", "boresight_components", "line_of_sight_frame", "rotate"]
+__all__ = ["SpacecraftSensor", "boresight_components", "line_of_sight_frame", "rotate", "turn_axes"]
 
 Booleans = NDArray[np.bool_]
 
@@ -30,6 +30,10 @@ class SpacecraftSensor(ABC):
     A subclass gives the true values (`_true`), where the geometry allows a measurement (`_sees`),
     and the standard deviations of the errors (`_sigmas`, `_bias_sigmas`). The noise is normal; that
     of an outlier is larger by a factor.
+
+    If the scene has ``"attitude"``, shape (S, 3, N), rad, the axes of all sensors of a spacecraft
+    are turned by its rotation vector, about the axes of its camera as commanded; the true
+    boresight is turned with them. Zeros, or no such entry, mean the commanded attitude.
 
     Parameters
     ----------
@@ -138,7 +142,7 @@ class SpacecraftSensor(ABC):
         kept = scene.kept if isinstance(scene, CommonScene) else {}
         key = ("angles of the centre", self.common.spacecraft)
         if key not in kept:
-            u, v, ahead = boresight_components(self._boresight(scene, t_s), -r)
+            u, v, ahead = self._components(-r, t_s, scene)
             kept[key] = np.array([np.arctan2(u, ahead), np.arctan2(v, ahead)])
         return kept[key]
 
@@ -157,6 +161,44 @@ class SpacecraftSensor(ABC):
                 f"{values.shape}"
             )
         return values
+
+    def _turn(self, t_s: Array, scene: Scene) -> Array | None:
+        """Return the attitude error (3, N) or (3, 1) of the spacecraft, rad, None without any.
+
+        It is the rotation vector from the commanded to the true axes, about the former.
+        """
+        if "attitude" not in scene:
+            return None
+        crafts = max(*np.shape(scene["attitude"])[:1], self.common.spacecraft)
+        turns = self._from(scene, "attitude", (crafts, 3), t_s)[self.common.spacecraft - 1]
+        return turns if turns.any() else None
+
+    def _components(self, way: Array, t_s: Array, scene: Scene) -> tuple[Array, Array, Array]:
+        """Return the components of vectors (3, N) in the true axes of the camera."""
+        u, v, ahead = boresight_components(self._boresight(scene, t_s), way)
+        turn = self._turn(t_s, scene)
+        if turn is not None:
+            u, v, ahead = turn_axes(turn, np.array([u, v, ahead]))
+        return u, v, ahead
+
+    def _axes(self, t_s: Array, scene: Scene) -> Array:
+        """Return the true axes (3, 3, N) of the camera, as rows, in the states' frame."""
+        frame, turn = line_of_sight_frame(self._boresight(scene, t_s)), self._turn(t_s, scene)
+        return frame if turn is None else turn_axes(turn, frame)
+
+    def _pointing(self, t_s: Array, scene: Scene) -> Array:
+        """Return the true boresight, (3, N) or (3, 1), of any length."""
+        if self._turn(t_s, scene) is None:
+            return self._boresight(scene, t_s)
+        return np.asarray(self._axes(t_s, scene)[2])
+
+    def _as_believed(self, way: Array, t_s: Array, scene: Scene) -> Array:
+        """Return vectors (3, N) as a sensor shows them whose attitude counts as commanded."""
+        turn = self._turn(t_s, scene)
+        if turn is None:
+            return way
+        frame = line_of_sight_frame(self._boresight(scene, t_s))
+        return rotate(frame.transpose(1, 0, 2), turn_axes(turn, rotate(frame, way)))
 
     def _boresight(self, scene: Scene, t_s: Array) -> Array:
         """Return the commanded boresight, (3, N) or (3, 1), of any length."""
@@ -231,6 +273,33 @@ def _off_the_pole(boresight: Array) -> Array:
         )
     steep = np.sqrt(bx * bx + by * by) <= 1e-12 * size
     return np.array([np.where(steep, _LEVEL * size, bx), np.where(steep, 0.0, by), bz])
+
+
+def turn_axes(turn: Array, vectors: Array) -> Array:
+    """Return the components (3, …, N) of vectors in axes turned by a rotation vector.
+
+    The rotation is Rodrigues's by the opposite vector, exact for any angle.
+
+    Parameters
+    ----------
+    turn : ndarray, shape (3, N) or (3, 1)
+        Rotation vector of the axes, rad, in components of the axes before.
+    vectors : ndarray, shape (3, …, N)
+        Components in the axes before.
+    """
+    a, b, c = turn.reshape(3, *(1,) * (vectors.ndim - 2), turn.shape[-1])
+    x, y, z = vectors
+    half = 0.5 * np.sqrt(a * a + b * b + c * c)
+    # sin θ/θ and (1 − cos θ)/θ², with the limits at zero; np.sinc(t) is sin(πt)/(πt)
+    first, second = np.sinc(2.0 * half / np.pi), 0.5 * np.sinc(half / np.pi) ** 2
+    across = b * z - c * y, c * x - a * z, a * y - b * x
+    twice = (
+        b * across[2] - c * across[1],
+        c * across[0] - a * across[2],
+        a * across[1] - b * across[0],
+    )
+    return np.array([v - first * p + second * q
+                     for v, p, q in zip(vectors, across, twice, strict=True)])  # fmt: skip
 
 
 def rotate(matrices: Array, vectors: Array) -> Array:

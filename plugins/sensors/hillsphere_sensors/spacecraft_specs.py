@@ -75,6 +75,7 @@ class CameraSpec(SpacecraftSensorSpec):
             "output": "pixels",
             "bias_px": 1,
         },
+        {"body": "asteroid", "target": "disc", "sunlit": True, "photometry": "lommel_seeliger"},
         {"body": "asteroid", "target": "points", "points": 80, "output": "pixels"},
     )
 
@@ -86,7 +87,17 @@ class CameraSpec(SpacecraftSensorSpec):
         default="centre",
     )
     sunlit: bool = option("whether only what the Sun shines on is visible", default=False)
-    points: int = option("points of the grid on the surface", default=400, ge=50, le=20000)
+    photometry: Literal["uniform", "lambert", "lommel_seeliger"] = option(
+        "radiance of a sunlit disc, with the cosines m0 of incidence and m of emission: the same "
+        "everywhere; m0; or m0/(m0 + m), for dark surfaces such as asteroids'",
+        default="uniform",
+    )
+    points: int = option(
+        "points of the grid on the surface; the disc of an ellipsoid is integrated without one",
+        default=400,
+        ge=50,
+        le=20000,
+    )
     target_rows: int = option(
         "where the target is: the number of its six rows among the states; 0: at their origin",
         default=0,
@@ -108,6 +119,15 @@ class CameraSpec(SpacecraftSensorSpec):
         "angle", "standard deviation of the attitude's noise, each axis",
         default=_STAR_TRACKER, ge=0,
     )  # fmt: skip
+
+    @model_validator(mode="after")
+    def _photometry_of_a_lit_disc(self) -> Self:
+        if self.photometry != "uniform" and not (self.sunlit and self.target == "disc"):
+            raise rule(
+                "photometry", f"{self.photometry!r} is that of a sunlit disc; set target = 'disc' "
+                "and sunlit = true, or leave it out",
+            )  # fmt: skip
+        return self
 
     @property
     def takes(self) -> tuple[str, ...]:

@@ -42,7 +42,7 @@ class StarTracker(SpacecraftSensor):
         if not self.spec.sun_cone_rad:
             return np.ones(t_s.shape, dtype=bool)
         towards = self._from(scene, "sun", (3,), t_s) - self._states(x, self.spec.spacecraft)[:3]
-        boresight = self._boresight(scene, t_s)
+        boresight = self._pointing(t_s, scene)
         aligned = -np.sum(towards * boresight, axis=0)
         size = np.sqrt(np.sum(towards**2, axis=0) * np.sum(boresight**2, axis=0))
         return np.asarray(aligned < np.cos(self.spec.sun_cone_rad) * size)

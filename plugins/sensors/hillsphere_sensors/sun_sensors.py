@@ -39,7 +39,7 @@ class SunDoppler(HeliocentricSensor):
 
 
 class SunSensor(SpacecraftSensor):
-    """Unit vector to the Sun in the axes of the states; the attitude counts as known.
+    """Unit vector to the Sun in the axes of the states; the attitude counts as commanded.
 
     From the scene it takes ``"sun"``, shape (3, N), the Sun's position in the states' frame, m;
     with a field of view also ``"boresight"``, (S, 3, N), of the camera: the sensor points opposite
@@ -71,6 +71,7 @@ class SunSensor(SpacecraftSensor):
 
     def _true(self, x: Array, t_s: Array, scene: Scene) -> Array:
         towards = self._from(scene, "sun", (3,), t_s) - self._states(x, self.spec.spacecraft)[:3]
+        towards = self._as_believed(towards, t_s, scene)
         return np.asarray(towards / np.sqrt(np.sum(towards**2, axis=0)))
 
     def _sees(self, x: Array, t_s: Array, scene: Scene) -> NDArray[np.bool_]:

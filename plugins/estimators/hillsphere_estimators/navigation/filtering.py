@@ -14,6 +14,7 @@ from hillsphere.sensor_suite import SensorSuite
 from hillsphere_estimators.bias_states import BiasAugmentedModel
 from hillsphere_estimators.consistency import nees
 from hillsphere_estimators.covariance_intersection import covariance_intersection
+from hillsphere_estimators.navigation.attitude import TrueAttitude
 from hillsphere_estimators.navigation.world import FaultySensors
 
 __all__ = ["FilterLog", "Filtering", "SensorScenes", "update_members"]
@@ -73,12 +74,15 @@ class _Memory:
         Normal numbers of the sensors' constant errors.
     lost : ndarray of bool, shape (N,)
         Cases whose filter has become non-finite, or whose flight has ended.
+    drift : ndarray, shape (3 S, N), optional
+        True drift of the attitudes, rad; none before the first sample, or without any.
     """
 
     belief: Belief
     control: Array
     constant: Array
     lost: NDArray[np.bool_]
+    drift: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -113,6 +117,8 @@ class Filtering:
         Time between samples.
     log : FilterLog
         Filled during the flight.
+    attitude : TrueAttitude, optional
+        True attitude errors of the spacecraft; none by default.
     """
 
     model: EstimationModel
@@ -128,11 +134,13 @@ class Filtering:
     goal: Array
     interval_s: float
     log: FilterLog
+    attitude: TrueAttitude | None = None
 
     @property
     def noise(self) -> int:
         """Normal numbers of each case: the larger of those of the start and those of a sample."""
-        return max(self.faults.suite.draws[0], self.faults.noise)
+        turns = 0 if self.attitude is None else self.attitude.noise
+        return max(self.faults.suite.draws[0], self.faults.noise + turns)
 
     def initial(self, t_s: Array, x: Array, w: Array) -> _Memory:
         """Return the belief before the first measurement."""
@@ -177,10 +185,14 @@ class Filtering:
         aim = self.views.aim(look, truth)
         seen = self.views.believed(t_s, aim)
         sigma = self.believed.sigma(look, t_s, seen)
+        scene, drift = self.views.true(t_s, aim), memory.drift
+        if self.attitude is not None:
+            own = w[self.faults.noise : self.faults.noise + self.attitude.noise]
+            drift = self.attitude.advance(drift, self.interval_s, own)
+            scene = {**scene, "attitude": self.attitude.turns(drift, own)}
         measured = self.faults.measurements(
-            truth, t_s, k * self.interval_s, self.views.true(t_s, aim), memory.constant,
-            w[: self.faults.noise], sigma,
-        )  # fmt: skip
+            truth, t_s, k * self.interval_s, scene, memory.constant, w[: self.faults.noise], sigma
+        )
         after, innovations = update_members(
             estimator, self.within(seen), belief, measured, self.members
         )
@@ -188,7 +200,7 @@ class Filtering:
         self._note(x, after, innovations, measured, lost)
         estimate = np.where(lost, np.nan, after.x[:n])
         told = self.control(after.x[:n], goal)
-        return estimate, _Memory(after, told, memory.constant, lost)
+        return estimate, _Memory(after, told, memory.constant, lost, drift)
 
     def _note(
         self, x: Array, belief: Belief, innovations: Sequence[Innovation],

@@ -18,6 +18,7 @@ from hillsphere.sensor_suite import SensorSuite
 from hillsphere.simulation import ContinuousLaw
 from hillsphere.spec import Ref
 from hillsphere_estimators.bias_states import BiasStates
+from hillsphere_estimators.navigation.attitude import attitude_states
 from hillsphere_estimators.navigation.specs import OWN, BiasSpec, NavigationSpec
 from hillsphere_estimators.navigation.world import FaultySensors, noise_of
 from hillsphere_estimators.plant_model import PlantModel
@@ -236,14 +237,14 @@ def model_of(
 def biases_of(
     spec: NavigationSpec, plant: Plant, suite: SensorSuite, law: ContinuousLaw | None
 ) -> BiasStates | None:
-    """Return the bias states of the filter, None without any.
+    """Return the bias states of the filter, those of the attitudes last; None without any.
 
     Raises
     ------
     InputError
         If a channel or a control is unknown, or a thrust bias is given without a law.
     """
-    if not spec.biases:
+    if not spec.biases and spec.attitude is None:
         return None
     first = 0 if law is None else 2 * law.inputs
     count = len(plant.controls)
@@ -267,13 +268,21 @@ def biases_of(
             shown.append(one[0])
             commanded.append(one[1])
             columns.append(bias)
+    angles = 3 * (len(plant.states) // 6)
+    turns = [] if spec.attitude is None else attitude_states(spec.attitude)
+    k, count = len(columns), angles * len(turns)
+    shown.append(np.zeros((suite.rows, count)))
+    commanded.append(np.zeros((controls, count)))
     return BiasStates(
-        np.array([bias.sigma for bias in columns]),
-        np.array([bias.time_s or np.inf for bias in columns]),
+        np.array([bias.sigma for bias in columns] + [s for s, _ in turns for _ in range(angles)]),
+        np.array([bias.time_s or np.inf for bias in columns]
+                 + [time for _, time in turns for _ in range(angles)]),
         np.concatenate(shown, axis=1),
         np.concatenate(commanded, axis=1),
-        np.array([bias.considered for bias in columns]),
-    )
+        np.array([bias.considered for bias in columns] + [False] * count),
+        np.concatenate([np.zeros((angles, k)), *[np.eye(angles)] * len(turns)], axis=1)
+        if turns else None,
+    )  # fmt: skip
 
 
 def prior_sigma(spec: NavigationSpec, rows: Rows, start: Array) -> Array:

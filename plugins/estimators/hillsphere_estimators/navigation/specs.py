@@ -24,6 +24,7 @@ from hillsphere.spec import (
 from hillsphere_estimators.sensor_fit import noiseless, two_dates, unseen
 
 __all__ = [
+    "AttitudeSpec",
     "BeliefSpec",
     "BiasSpec",
     "NavigationNeeds",
@@ -154,6 +155,42 @@ class BiasSpec(Spec):
     )
 
 
+class AttitudeSpec(Spec):
+    """Attitude error of each spacecraft, shared by all of its sensors: a drift and a jitter."""
+
+    examples = (
+        {"drift_sigma_deg": 0.05, "drift_time_h": 6, "jitter_sigma_deg": 0.001},
+        {"drift_sigma_deg": 0.05, "believed": "estimated"},
+    )
+
+    drift_sigma_rad: float = quantity(
+        "angle", "standard deviation of the drift about each axis", default=0.0, ge=0
+    )
+    drift_time_s: float | None = quantity(
+        "time",
+        "correlation time of the drift (first-order Gauss-Markov process); left out: a constant "
+        "misalignment",
+        default=None, gt=0,
+    )  # fmt: skip
+    jitter_sigma_rad: float = quantity(
+        "angle", "standard deviation of the jitter about each axis, independent at each sample",
+        default=0.0, ge=0,
+    )  # fmt: skip
+    believed: Literal["noise", "estimated"] = option(
+        "what the filter believes of it: noise of both together, independent at each sample but "
+        "common to the sensors of a spacecraft; or the drift estimated as three states of each "
+        "spacecraft, and the jitter as such noise",
+        default="noise",
+    )
+
+    @model_validator(mode="after")
+    def _some_error(self) -> Self:
+        if not (self.drift_sigma_rad or self.jitter_sigma_rad):
+            raise rule("drift_sigma_rad", "neither drift nor jitter; give one, or leave attitude "
+                        "out")  # fmt: skip
+        return self
+
+
 class NavigationSpec(StageSpec):
     """Spacecraft navigated by sensors and a filter, and controlled by its estimate.
 
@@ -272,6 +309,11 @@ class NavigationSpec(StageSpec):
         "intervals in which sensors do not measure", default=()
     )
     biases: tuple[BiasSpec, ...] = option("biases as additional states of the filter", default=())
+    attitude: AttitudeSpec | None = option(
+        "attitude error of the spacecraft, beside the noise of each sensor; left out: none. The "
+        "Cramér-Rao bounds leave it out",
+        default=None,
+    )
     report_at_s: tuple[float, ...] = quantity(
         "time", "times since the start at which errors are given besides those at the end",
         default=(),

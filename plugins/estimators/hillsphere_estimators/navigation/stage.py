@@ -30,6 +30,7 @@ from hillsphere.products import FlightSet
 from hillsphere.sensor_suite import SensorSuite
 from hillsphere.simulation import BLOCK, Cases, Simulator
 from hillsphere_estimators.bias_states import BiasAugmentedModel
+from hillsphere_estimators.navigation.attitude import TrueAttitude
 from hillsphere_estimators.navigation.bounds import bound_along_plan
 from hillsphere_estimators.navigation.divergence import endings, format_ending
 from hillsphere_estimators.navigation.effort import law_delta_v
@@ -334,6 +335,7 @@ class NavigationStage(FlyingStage[_Planned, Record]):
             goal=plan.goal,
             interval_s=spec.interval_s,
             log=log,
+            attitude=None if spec.attitude is None else TrueAttitude(spec.attitude, rows.vectors),
         )
         gain = np.eye(len(self.plant.controls))[:, :, None] * thrust
         flights = self._simulator(names, navigation, shaken).fly(
@@ -377,6 +379,9 @@ class NavigationStage(FlyingStage[_Planned, Record]):
         crafts = getattr(self.plant, "spacecraft", None)
         labels = tuple(crafts or (f"spacecraft {i + 1}" for i in range(self.rows.vectors)))
         matched = truth.plant is None and not truth.sensors and not truth.scale
+        attitude = self.spec.attitude
+        if attitude is not None and attitude.believed == "noise":
+            matched &= attitude.drift_sigma_rad == 0.0  # a drift is no noise
         x = record.x[:, :, 0]
         return NavigationFlight(
             frame=self.plant.frame,
