@@ -234,7 +234,7 @@ def most_extreme_check(checks: list[Check]) -> Check:
         under = np.where(np.isfinite(value), low / np.maximum(value, 1e-300), -np.inf)
         top = np.argmax(over, axis=0)
         above = np.take_along_axis(over, top[None], axis=0)[0] > 1.0
-        return np.where(above, top, np.argmax(np.maximum(over, under), axis=0))
+        return np.asarray(np.where(above, top, np.argmax(np.maximum(over, under), axis=0)))
 
     pooled = choose(
         *(np.array([[getattr(c, k)] for c in checks]) for k in ("value", "low", "high"))

@@ -244,7 +244,7 @@ def _directions(n: int) -> Array:
     The rotation is the discrete cosine transform, none of whose columns is along an axis for n > 1.
     """
     half = np.concatenate([np.eye(n), dct(np.eye(n), norm="ortho", axis=0)], axis=1)
-    points = np.sqrt(n) * np.concatenate([half, -half], axis=1)
+    points: Array = np.sqrt(n) * np.concatenate([half, -half], axis=1)
     points.flags.writeable = False
     return points
 

@@ -39,7 +39,7 @@ from hillsphere_estimators.constant_errors import ConstantErrors
 from hillsphere_estimators.convergence import regular_root
 from hillsphere_estimators.gauss_newton import linearise_measurements
 from hillsphere_estimators.innovations import refer_to_prior, usable
-from hillsphere_estimators.smoother import link, smooth
+from hillsphere_estimators.smoother import Link, link, smooth
 from hillsphere_estimators.unscented import linear_update
 
 __all__ = ["Refit", "refit"]
@@ -377,10 +377,11 @@ def _pass_about(
 
     `origin` (n, N) is the state at the time of the prior, if that is before the first set.
     """
-    filtered, links, innovations = [], [], []
+    filtered, links, innovations = list[Belief](), list[Link](), list[Innovation]()
     likelihood = np.zeros(len(prior.t_s))
     belief = prior
-    bias = ConstantErrors(*prior.x.shape[::-1], len(measurements[0].values))
+    states, cases = prior.x.shape
+    bias = ConstantErrors(cases, states, len(measurements[0].values))
     for k, (measured, control, x) in enumerate(zip(measurements, controls, path, strict=True)):
         if k:
             links.append(link(model, filtered[-1], measured.t_s, control, about=path[k - 1]))

@@ -162,7 +162,7 @@ def verdict(
     finite = np.array(
         [np.isfinite(b.x).all(axis=0) & np.isfinite(b.root).all(axis=(1, 2)) for b in after]
     )
-    whole = finite.all(axis=0)
+    whole = np.asarray(finite.all(axis=0))
     checks: dict[str, Check] = {}
     optimal = update_mask(model, len(prior.x)) is None
     for check in innovation_checks(innovations, share, whole, optimal, len(prior.x), OF_FILTER):
