@@ -248,7 +248,7 @@ def low_earth_orbit(draws: int, seed: int = 3, hours: float = 5.0) -> Scenario:
     mean = truth + sigma[:, None] * random.normal(size=(6, draws))
     t, x = np.zeros(1), start[:, None]
     times = []
-    for k in range(int(round(hours * 60.0)) + 1):
+    for k in range(round(hours * 60.0) + 1):
         later = np.full(1, 60.0 * k)
         x, t = model.advance(x, t, later, np.zeros((0, 1)), np.zeros(1, dtype=np.int64)), later
         if model.sees(x, t).any():
