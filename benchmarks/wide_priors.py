@@ -47,12 +47,15 @@ class Scenario:
         True states at K times, SI.
     sets : list of MeasurementSet
         Measurements at these times.
+    start : ndarray, shape (n, N)
+        True states at the time of the prior.
     """
 
     model: EstimationModel
     prior: Belief
     truth: list[Array]
     sets: list[MeasurementSet]
+    start: Array
 
     def nothing(self) -> Array:
         """Return the controls (0, N): there are none."""
@@ -275,7 +278,7 @@ def _simulate(
     """Return the scenario of the true states x at the prior's time 0."""
     draws = x.shape[1]
     t, case, nothing = prior.t_s, np.arange(draws), np.zeros((0, draws))
-    truth, sets = list[Array](), list[MeasurementSet]()
+    start, truth, sets = x, list[Array](), list[MeasurementSet]()
     for time in times:
         later = np.full(draws, time)
         x, t = model.advance(x, t, later, nothing, case), later
@@ -284,4 +287,4 @@ def _simulate(
             shown = np.where(model.sees(x, t), shown, np.nan)
         truth.append(x)
         sets.append(MeasurementSet.of(t, shown, sigma[:, None], model.blocks))
-    return Scenario(model, prior, truth, sets)
+    return Scenario(model, prior, truth, sets, start)

@@ -66,6 +66,7 @@ def batch_least_squares(
     measurements: Sequence[MeasurementSet],
     controls: Sequence[Array] | None = None,
     *,
+    start: Array | None = None,
     iterations: int = 30,
     tolerance_sigmas: float = 1e-6,
 ) -> Fit:
@@ -81,6 +82,8 @@ def batch_least_squares(
         At K times, in order.
     controls : sequence of ndarray, shape (p, N), optional
         K: before each time.
+    start : ndarray, shape (n, N), optional
+        States at which the iteration begins; the prior means by default.
     iterations : int
         Steps at most.
     tolerance_sigmas : float
@@ -105,7 +108,8 @@ def batch_least_squares(
             f"{len(controls)}"
         )
     known = information_root(prior)
-    now, moving = prior, np.ones(cases, dtype=bool)
+    now = prior if start is None else Belief(start, prior.root, prior.t_s)
+    moving = np.ones(cases, dtype=bool)
     count = np.zeros(cases, dtype=np.int64)
     squares = _squares(model, prior, known, now.x, measurements, controls)
     for _ in range(iterations):

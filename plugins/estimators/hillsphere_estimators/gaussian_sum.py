@@ -24,7 +24,7 @@ from hillsphere_estimators.innovations import (
     usable_at,
     whiten,
 )
-from hillsphere_estimators.mixture import Mixture, MixtureBelief
+from hillsphere_estimators.mixture import Mixture, MixtureBelief, mixture_of, take_cases
 from hillsphere_estimators.mixture_update import update_mixture
 from hillsphere_estimators.roots import lower_root
 from hillsphere_estimators.sigma_points import SigmaRule, transform_motion, update_mask
@@ -54,7 +54,7 @@ class GaussianSum:
         self, model: EstimationModel, belief: Belief, t_to_s: Array, control: Array
     ) -> Belief:
         """Return the belief at later times; see `hillsphere.interfaces.Estimator`."""
-        mixture, unresolved = _mixture_of(belief)
+        mixture, unresolved = mixture_of(belief)
         owner = mixture.owner
         images = transform_motion(
             self.rule, _ComponentModel(model, owner), mixture.lanes(belief.t_s), t_to_s[owner],
@@ -83,10 +83,10 @@ class GaussianSum:
                 "the Gaussian-sum filter estimates all states, but the model has considered ones; "
                 "take an estimator of type unscented or iterated_extended"
             )
-        mixture, before = _mixture_of(belief)
+        mixture, before = mixture_of(belief)
 
         def expand_at(at: Mixture) -> WhitenedInnovation:
-            return expand_measurement(model, at, belief.t_s, layout, measurements, used)
+            return _expand_measurement(model, at, belief.t_s, layout, measurements, used)
 
         first = _moments_of_innovation(mixture, expand_at(mixture), used)
         if spec.gate_sigmas is not None:
@@ -99,7 +99,7 @@ class GaussianSum:
         return made, first.innovation(measurements.sigma)
 
 
-def expand_measurement(
+def _expand_measurement(
     model: EstimationModel,
     at: Mixture,
     t_s: Array,
@@ -136,10 +136,7 @@ def expand_measurement(
         model.observe(points.reshape(n, -1), np.tile(lanes.t_s, each), np.tile(owner, each))
     ).reshape(-1, each, many)
     shift, linear, bent = expand(layout.difference(shown[:, 1:], shown[:, :1]), n)
-    own = MeasurementSet(
-        lanes.t_s, measurements.values[:, owner], measurements.sigma[:, owner],
-        measurements.blocks, measurements.present[:, owner],
-    )  # fmt: skip
+    own = take_cases(measurements, owner)
     return whiten(layout, own, used[:, owner], shown[:, 0], shift, linear, bent)
 
 
@@ -158,14 +155,6 @@ class _ComponentModel:
 
     def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
         return self.model.observe(x, t_s, self.owner[case])
-
-
-def _mixture_of(belief: Belief) -> tuple[Mixture, Array]:
-    """Return the mixture of a belief, and what was left unresolved; one component for others."""
-    mixture = getattr(belief, "mixture", None)
-    if mixture is None:
-        return Mixture.of(belief), np.zeros(len(belief.t_s))
-    return mixture, belief.unresolved
 
 
 def _moments_of_innovation(

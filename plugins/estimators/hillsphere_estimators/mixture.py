@@ -24,11 +24,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.estimation import Belief
+from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, Integers
 from hillsphere_estimators.roots import lower_root
 
-__all__ = ["Mixture", "MixtureBelief", "Modes", "find_modes"]
+__all__ = ["Mixture", "MixtureBelief", "Modes", "find_modes", "mixture_of", "take_cases"]
 
 _HALF = 0.5
 """Standard deviation of the parts of a split component along its direction. Halving divides the
@@ -104,6 +104,7 @@ class Mixture:
     def normalised(self) -> Mixture:
         """Return the mixtures with weights that add up to 1."""
         total = np.bincount(self.owner, self.weight)
+        # cases without components (a part of the cases) have no weight
         return Mixture(self.owner, self.weight / total[self.owner], self.x, self.root)
 
     def heaviest(self) -> Array:
@@ -265,6 +266,25 @@ class MixtureBelief(Belief):
         return cls(whole.x, whole.root, t_s, mixture, unresolved)
 
 
+def mixture_of(belief: Belief) -> tuple[Mixture, Array]:
+    """Return the mixture of a belief, and what was left unresolved (N,).
+
+    A normal belief is a mixture of one component for each case.
+    """
+    if not isinstance(belief, MixtureBelief) or belief.mixture is None:
+        return Mixture.of(belief), np.zeros(len(belief.t_s))
+    left = belief.unresolved
+    return belief.mixture, np.zeros(len(belief.t_s)) if left is None else left
+
+
+def take_cases(measurements: MeasurementSet, owner: Integers) -> MeasurementSet:
+    """Return the measurements of the cases `owner` (M,), one for each component."""
+    return MeasurementSet(
+        measurements.t_s[owner], measurements.values[:, owner], measurements.sigma[:, owner],
+        measurements.blocks, measurements.present[:, owner],
+    )  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Modes:
     """Modes of mixtures of N cases, in each case the heaviest first.
@@ -320,7 +340,7 @@ def find_modes(belief: Belief) -> Modes:
     Modes
         Modes of all cases.
     """
-    mixture = getattr(belief, "mixture", None) or Mixture.of(belief)
+    mixture, _ = mixture_of(belief)
     peak = _climb(mixture)
     # components that reach the same place form a mode
     placed = Mixture(mixture.owner, mixture.weight, peak, mixture.root)

@@ -34,6 +34,7 @@ from hillsphere.interfaces import Array
 from hillsphere_estimators.curvature import pair_matrix
 from hillsphere_estimators.innovations import WhitenedInnovation
 from hillsphere_estimators.mixture import Mixture
+from hillsphere_estimators.roots import sort_roots
 from hillsphere_estimators.unscented import linear_update
 
 __all__ = ["ExpandedAt", "update_mixture"]
@@ -90,6 +91,10 @@ def update_mixture(
     stuck = np.zeros(cases, dtype=bool)
     for stage in range(_STAGES):
         expected = expand_at(mixture)
+        sorted_root = sort_roots(mixture.root, expected.linear)
+        if sorted_root is not None:
+            mixture = replace(mixture, root=sorted_root)
+            expected = expand_at(mixture)
         bend = np.sum(expected.bent**2, axis=(1, 2))
         heavy = mixture.weight >= _NOTABLE * mixture.heaviest()[mixture.owner]
         worst = np.maximum.reduceat(np.where(heavy, bend, 0.0), mixture.starts())
