@@ -46,9 +46,7 @@ def curved_points(belief: Belief) -> Array:
         The mean; ± each column of the root; ± the sum of each pair of columns, first with +.
     """
     offsets = _offsets(len(belief.x))
-    return np.asarray(
-        belief.x[:, None] + np.einsum("Mab,kb->akM", belief.root, offsets)
-    )
+    return np.asarray(belief.x[:, None] + np.einsum("Mab,kb->akM", belief.root, offsets))
 
 
 def expand(off: Array, n: int) -> tuple[Array, Array, Array]:

@@ -26,7 +26,6 @@ from hillsphere_estimators.innovations import (
 )
 from hillsphere_estimators.mixture import Mixture, MixtureBelief, mixture_of, take_cases
 from hillsphere_estimators.mixture_update import update_mixture
-from hillsphere_estimators.roots import lower_root
 from hillsphere_estimators.sigma_points import SigmaRule, transform_motion, update_mask
 from hillsphere_estimators.specs import GaussianSumSpec
 from hillsphere_estimators.unscented import belief_of_images

@@ -232,9 +232,10 @@ class Mixture:
         count, first = self.count, self.starts()
         places = first[:, None] + np.arange(count.max())
         places = np.where(np.arange(count.max()) < count[:, None], places, -1)
-        off = self.x[:, places].transpose(1, 0, 2)[:, None] - self.x[:, places].transpose(1, 2, 0)[
-            ..., None
-        ]
+        off = (
+            self.x[:, places].transpose(1, 0, 2)[:, None]
+            - self.x[:, places].transpose(1, 2, 0)[..., None]
+        )
         white = np.linalg.solve(self.root[places], off)
         return places, np.asarray(np.sum(white**2, axis=2))
 
@@ -251,9 +252,9 @@ class MixtureBelief(Belief):
     mixture : Mixture, optional
         The components; without them the belief is normal.
     unresolved : ndarray, shape (N,), optional
-        Largest variance that curvature has added to the measurements of a component in an update,
-        in units of the noise's variance, where there were not enough components to split it
-        further; 0 where all were split as far as asked.
+        Variance that curvature has added to the measurements of a component, on average, and in the
+        worst update so far, in units of the noise's variance, where there were not enough
+        components to split them further; 0 where there were.
     """
 
     mixture: Mixture | None = None
@@ -359,9 +360,7 @@ def _climb(mixture: Mixture) -> Array:
     x = mixture.x.copy()
     inverse = np.linalg.inv(mixture.root)
     known = np.swapaxes(inverse, 1, 2) @ inverse
-    height = np.log(mixture.weight) + np.sum(
-        np.log(np.diagonal(inverse, axis1=1, axis2=2)), axis=1
-    )
+    height = np.log(mixture.weight) + np.sum(np.log(np.diagonal(inverse, axis1=1, axis2=2)), axis=1)
     for case in np.flatnonzero(count > 1):
         own = slice(first[case], first[case] + count[case])
         mu, at = mixture.x[:, own].T, mixture.x[:, own].T.copy()

@@ -51,10 +51,16 @@ _STAGES = 200
 _NOTABLE = 1e-3
 """Weight, over the largest of the case, from which a component's curvature counts: lighter ones
 change mean and covariance by less than the band of a consistency test of a thousand runs."""
+_RELAXED = 2.0
+"""Factor by which the limit of curvature rises in a case without room for splits. A smaller one
+costs more expansions of the measurements and gains little."""
+_MOST_CURVED = 1.0
+"""Largest limit of curvature. Curvature beyond the noise makes the updated components differ from
+normal ones more than the noise does."""
 _REPEATED = 3.0
 """Factor of the rows of curvature that count as noise. The error by curvature is nearly the same in
 one measurement after the other, while a filter takes noise as independent: nine times its variance
-covers nine successive measurements with the same error. Later, sharper measurements outweigh them."""
+covers nine successive measurements with the same error. Later, sharper ones outweigh them."""
 _NEAR = 0.5
 """Distance, in standard deviations, of components that are merged after an update. The sum of two
 equal normal densities so close is normal to within a percent of its largest value."""
@@ -89,6 +95,7 @@ def update_mixture(
     cases, n = mixture.cases, len(mixture.x)
     done, unresolved = np.zeros(cases), np.zeros(cases)
     stuck = np.zeros(cases, dtype=bool)
+    limit = np.full(cases, curvature)
     for stage in range(_STAGES):
         expected = expand_at(mixture)
         sorted_root = sort_roots(mixture.root, expected.linear)
@@ -99,7 +106,7 @@ def update_mixture(
         heavy = mixture.weight >= _NOTABLE * mixture.heaviest()[mixture.owner]
         worst = np.maximum.reduceat(np.where(heavy, bend, 0.0), mixture.starts())
         left = 1.0 - done
-        bearable = curvature / np.maximum(worst, curvature)
+        bearable = limit / np.maximum(worst, limit)
         needed = np.minimum(_GROWTH * done, left)
         # the first power is free; a power that leaves less than rounding is the last one
         power = np.minimum(bearable, left)
@@ -108,18 +115,24 @@ def update_mixture(
             stuck |= left > 0.0
             slow[:] = False
         if slow.any():
-            curved = heavy & slow[mixture.owner] & (bend * needed[mixture.owner] > curvature)
+            curved = (
+                heavy & slow[mixture.owner] & (bend * needed[mixture.owner] > limit[mixture.owner])
+            )
             which, full = _choose_splits(mixture, bend, curved, most)
-            stuck |= full & slow
+            full &= slow
+            limit = np.where(full, _RELAXED * limit, limit)
+            stuck |= full & (limit > max(_MOST_CURVED, curvature))
             if len(which):
                 along = np.linalg.eigh(pair_matrix(expected.bent[which], n))[1][:, :, -1]
                 mixture = mixture.split(which, along)
+            if len(which) or (full & ~stuck).any():
                 continue
         power = np.where(stuck, left, power)
         if stuck.any():
             repeated = np.where(stuck, _REPEATED, 1.0)[mixture.owner]
             expected = replace(expected, bent=repeated[:, None, None] * expected.bent)
-        unresolved = np.maximum(unresolved, np.where(stuck & (left > 0.0), worst, 0.0))
+        mean_bend = np.bincount(mixture.owner, mixture.weight * bend)
+        unresolved = np.maximum(unresolved, np.where(stuck & (left > 0.0), mean_bend, 0.0))
         mixture = _apply(mixture, expected, power, t_s, left > 0.0)
         done = np.where(power >= left, 1.0, done + power)
         mixture = mixture.drop_light()
@@ -160,9 +173,7 @@ def _apply(
     m = scaled.shape[1]
     scaled[:, np.arange(m), np.arange(m)] += 1.0
     solved = np.linalg.solve(scaled, expected.residual[:, :, None])[:, :, 0]
-    log = -0.5 * (
-        np.linalg.slogdet(scaled)[1] + each * np.sum(solved * expected.residual, axis=1)
-    )
+    log = -0.5 * (np.linalg.slogdet(scaled)[1] + each * np.sum(solved * expected.residual, axis=1))
     log += np.log(mixture.weight)
     log -= np.maximum.reduceat(log, mixture.starts())[mixture.owner]
     keep = (each > 0.0)[:, None, None]
