@@ -159,7 +159,8 @@ class Mixture:
 
     def drop_light(self) -> Mixture:
         """Drop components of negligible weight."""
-        keep = self.weight >= _LEAST_WEIGHT * self.heaviest()[self.owner]
+        # weights that are not numbers are kept: a case has at least one component
+        keep = ~(self.weight < _LEAST_WEIGHT * self.heaviest()[self.owner])
         return self if keep.all() else self.take(keep)
 
     def merge_close(self, distance: float) -> Mixture:

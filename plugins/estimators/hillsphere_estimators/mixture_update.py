@@ -103,6 +103,14 @@ def update_mixture(
             mixture = replace(mixture, root=sorted_root)
             expected = expand_at(mixture)
         bend = np.sum(expected.bent**2, axis=(1, 2))
+        fine = np.isfinite(bend) & np.isfinite(expected.residual).all(axis=1)
+        some = np.logical_or.reduceat(fine, mixture.starts())
+        if not fine.all() and (outside := ~fine & some[mixture.owner]).any():
+            # a component where the model has no value has no likelihood either
+            mixture = mixture.take(~outside)
+            continue
+        # without any value a case ends as not a number, as with other filters
+        stuck |= ~some
         heavy = mixture.weight >= _NOTABLE * mixture.heaviest()[mixture.owner]
         worst = np.maximum.reduceat(np.where(heavy, bend, 0.0), mixture.starts())
         left = 1.0 - done
@@ -173,7 +181,10 @@ def _apply(
     m = scaled.shape[1]
     scaled[:, np.arange(m), np.arange(m)] += 1.0
     solved = np.linalg.solve(scaled, expected.residual[:, :, None])[:, :, 0]
-    log = -0.5 * (np.linalg.slogdet(scaled)[1] + each * np.sum(solved * expected.residual, axis=1))
+    # of a case that is not a number the determinant is none either
+    with np.errstate(invalid="ignore"):
+        logdet = np.linalg.slogdet(scaled)[1]
+    log = -0.5 * (logdet + each * np.sum(solved * expected.residual, axis=1))
     log += np.log(mixture.weight)
     log -= np.maximum.reduceat(log, mixture.starts())[mixture.owner]
     keep = (each > 0.0)[:, None, None]

@@ -221,6 +221,32 @@ def test_too_few_components_are_reported() -> None:
     assert (one.unresolved[0] > 0.0) or abs(one.x[0, 0] - 2.0) < 0.1
 
 
+class RootOf(Square):
+    """The root of a number, which has no value below zero."""
+
+    def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
+        return np.sqrt(np.where(x < 0.0, np.nan, x))
+
+
+def test_a_case_without_a_value_does_not_disturb_others() -> None:
+    """It ends as not a number; the other case is as it is alone."""
+    estimator = create("estimator", "gaussian_sum")
+    prior = Belief(np.array([[-50.0, 25.0]]), np.full((2, 1, 1), 6.0), np.zeros(2))
+    measured = MeasurementSet.of(
+        np.zeros(2), np.array([[5.1, 5.1]]), np.full((1, 1), 1e-3), RootOf.blocks
+    )
+    after, _ = estimator.update(RootOf(), prior, measured)
+    alone, _ = estimator.update(
+        RootOf(),
+        Belief(prior.x[:, 1:], prior.root[1:], prior.t_s[1:]),
+        MeasurementSet.of(np.zeros(1), np.array([[5.1]]), np.full((1, 1), 1e-3), RootOf.blocks),
+    )
+    assert np.isnan(after.x[0, 0])
+    assert after.x[0, 1] == pytest.approx(alone.x[0, 0], rel=1e-12)
+    assert abs(alone.x[0, 0] - 5.1**2) < 3.0 * alone.sigma[0, 0]
+    assert alone.sigma[0, 0] == pytest.approx(2.0 * 5.1 * 1e-3, rel=0.05)
+
+
 # -- wide priors -----------------------------------------------------------------------------------
 
 
