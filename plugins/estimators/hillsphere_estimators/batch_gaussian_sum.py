@@ -57,7 +57,7 @@ def batch_gaussian_sum(
     measurements: Sequence[MeasurementSet],
     controls: Sequence[Array] | None = None,
     *,
-    components: int = 128,
+    components: int = 100,
     curvature: float = 0.05,
 ) -> MixtureBelief:
     """Return the states at the start of N cases, given all measurements.

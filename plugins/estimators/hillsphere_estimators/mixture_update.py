@@ -3,9 +3,10 @@
 The likelihood is applied in several powers that add up to one (progressive Bayes [1]_). Before each
 the measurements are expanded to second order about every component. The curvature of a component is
 the variance that its second-order terms add to all rows, in units of the noise's. The next power is
-the largest for which curvature times power stays small. Powers alone suffice where each narrows the
-components in the directions that are curved. Where the curvature remains, so that the powers would
-no longer grow, the components are split along the direction of largest curvature [2]_.
+the largest for which the curvature times the sum of all powers so far stays small. Powers alone
+suffice where each narrows the components in the directions that are curved. Where the curvature
+remains, so that the powers would no longer grow, the components are split along the direction of
+largest curvature [2]_.
 
 A case that has no components left to split applies the rest of the likelihood at once, with the
 curvature as additional noise: a second-order Kalman update [3]_. Applied in powers, the curvature
@@ -43,20 +44,14 @@ ExpandedAt: TypeAlias = Callable[[Mixture], WhitenedInnovation]
 """Mixture of M components → their M innovations, expanded to second order: the rows `bent` are
 those of `hillsphere_estimators.curvature.expand`."""
 
-_GROWTH = 0.5
+_GROWTH = 1.0
 """Smallest power, over the sum of those before it, that does not call for a split. With it the
-noise that is left falls by at least a third each time; smaller powers would take many steps."""
+variance of the noise that is left is halved each time; smaller powers would take many steps."""
 _STAGES = 200
 """Powers and splits at most. A factor of 1e16 in the sum of powers takes 90 of the former."""
 _NOTABLE = 1e-3
 """Weight, over the largest of the case, from which a component's curvature counts: lighter ones
 change mean and covariance by less than the band of a consistency test of a thousand runs."""
-_RELAXED = 2.0
-"""Factor by which the limit of curvature rises in a case without room for splits. A smaller one
-costs more expansions of the measurements and gains little."""
-_MOST_CURVED = 1.0
-"""Largest limit of curvature. Curvature beyond the noise makes the updated components differ from
-normal ones more than the noise does."""
 _REPEATED = 3.0
 """Factor of the rows of curvature that count as noise. The error by curvature is nearly the same in
 one measurement after the other, while a filter takes noise as independent: nine times its variance
@@ -95,7 +90,6 @@ def update_mixture(
     cases, n = mixture.cases, len(mixture.x)
     done, unresolved = np.zeros(cases), np.zeros(cases)
     stuck = np.zeros(cases, dtype=bool)
-    limit = np.full(cases, curvature)
     for stage in range(_STAGES):
         expected = expand_at(mixture)
         sorted_root = sort_roots(mixture.root, expected.linear)
@@ -114,7 +108,8 @@ def update_mixture(
         heavy = mixture.weight >= _NOTABLE * mixture.heaviest()[mixture.owner]
         worst = np.maximum.reduceat(np.where(heavy, bend, 0.0), mixture.starts())
         left = 1.0 - done
-        bearable = limit / np.maximum(worst, limit)
+        # curvature that stays is the same error in all powers: it counts with their sum
+        bearable = curvature / np.maximum(worst, curvature) - done
         needed = np.minimum(_GROWTH * done, left)
         # the first power is free; a power that leaves less than rounding is the last one
         power = np.minimum(bearable, left)
@@ -123,21 +118,19 @@ def update_mixture(
             stuck |= left > 0.0
             slow[:] = False
         if slow.any():
-            curved = (
-                heavy & slow[mixture.owner] & (bend * needed[mixture.owner] > limit[mixture.owner])
-            )
+            due = bend * (done + needed)[mixture.owner] > curvature
+            curved = heavy & slow[mixture.owner] & due
             which, full = _choose_splits(mixture, bend, curved, most)
-            full &= slow
-            limit = np.where(full, _RELAXED * limit, limit)
-            stuck |= full & (limit > max(_MOST_CURVED, curvature))
+            stuck |= full & slow
             if len(which):
                 along = np.linalg.eigh(pair_matrix(expected.bent[which], n))[1][:, :, -1]
                 mixture = mixture.split(which, along)
-            if len(which) or (full & ~stuck).any():
                 continue
         power = np.where(stuck, left, power)
-        if stuck.any():
-            repeated = np.where(stuck, _REPEATED, 1.0)[mixture.owner]
+        # also of light components, which are never split
+        excess = bend * np.where(left > 0.0, power, 0.0)[mixture.owner] > curvature
+        if excess.any():
+            repeated = np.where(excess, _REPEATED, 1.0)
             expected = replace(expected, bent=repeated[:, None, None] * expected.bent)
         mean_bend = np.bincount(mixture.owner, mixture.weight * bend)
         unresolved = np.maximum(unresolved, np.where(stuck & (left > 0.0), mean_bend, 0.0))

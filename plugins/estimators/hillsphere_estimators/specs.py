@@ -90,7 +90,7 @@ class GaussianSumSpec(Spec):
     components: int = option(
         "most components of a case; where they do not suffice, curvature counts as noise and the "
         "belief says so (`unresolved`)",
-        default=128, ge=1, le=2000,
+        default=200, ge=1, le=2000,
     )  # fmt: skip
     curvature: float = option(
         "largest variance that the curvature across a component may add to its measurements, in "
