@@ -25,7 +25,7 @@ from hillsphere_estimators.innovations import (
     whiten,
 )
 from hillsphere_estimators.mixture import Mixture, MixtureBelief, mixture_of, take_cases
-from hillsphere_estimators.mixture_update import update_mixture
+from hillsphere_estimators.mixture_update import expand_in_parts, update_mixture
 from hillsphere_estimators.sigma_points import SigmaRule, transform_motion, update_mask
 from hillsphere_estimators.specs import GaussianSumSpec
 from hillsphere_estimators.unscented import belief_of_images
@@ -87,7 +87,7 @@ class GaussianSum:
         def expand_at(at: Mixture) -> WhitenedInnovation:
             return _expand_measurement(model, at, belief.t_s, layout, measurements, used)
 
-        first = _moments_of_innovation(mixture, expand_at(mixture), used)
+        first = _moments_of_innovation(mixture, expand_in_parts(mixture, expand_at), used)
         if spec.gate_sigmas is not None:
             first = apply_gate(layout, first, spec.gate_sigmas)
             used = first.used

@@ -38,7 +38,7 @@ from hillsphere_estimators.mixture import Mixture
 from hillsphere_estimators.roots import sort_roots
 from hillsphere_estimators.unscented import linear_update
 
-__all__ = ["ExpandedAt", "update_mixture"]
+__all__ = ["ExpandedAt", "expand_in_parts", "update_mixture"]
 
 ExpandedAt: TypeAlias = Callable[[Mixture], WhitenedInnovation]
 """Mixture of M components → their M innovations, expanded to second order: the rows `bent` are
@@ -56,6 +56,9 @@ _REPEATED = 3.0
 """Factor of the rows of curvature that count as noise. The error by curvature is nearly the same in
 one measurement after the other, while a filter takes noise as independent: nine times its variance
 covers nine successive measurements with the same error. Later, sharper ones outweigh them."""
+_POINTS = 200_000
+"""States at which a model is evaluated at once, at most: ten arrays of that size and of six rows
+take 100 MB."""
 _NEAR = 0.5
 """Distance, in standard deviations, of components that are merged after an update. The sum of two
 equal normal densities so close is normal to within a percent of its largest value."""
@@ -91,11 +94,11 @@ def update_mixture(
     done, unresolved = np.zeros(cases), np.zeros(cases)
     stuck = np.zeros(cases, dtype=bool)
     for stage in range(_STAGES):
-        expected = expand_at(mixture)
+        expected = expand_in_parts(mixture, expand_at)
         sorted_root = sort_roots(mixture.root, expected.linear)
         if sorted_root is not None:
             mixture = replace(mixture, root=sorted_root)
-            expected = expand_at(mixture)
+            expected = expand_in_parts(mixture, expand_at)
         bend = np.sum(expected.bent**2, axis=(1, 2))
         fine = np.isfinite(bend) & np.isfinite(expected.residual).all(axis=1)
         some = np.logical_or.reduceat(fine, mixture.starts())
@@ -141,6 +144,35 @@ def update_mixture(
         if finished.all():
             break
     return mixture.merge_close(_NEAR), unresolved
+
+
+def expand_in_parts(mixture: Mixture, expand_at: ExpandedAt) -> WhitenedInnovation:
+    """Return the innovations of all components, some thousand of them at a time.
+
+    Parameters
+    ----------
+    mixture : Mixture
+        M components of N cases.
+    expand_at : callable
+        Mixture → innovations of its components.
+    """
+    n, many = mixture.x.shape
+    size = max(1, _POINTS // (n * (n + 1) + 1))
+    if many <= size:
+        return expand_at(mixture)
+    parts = []
+    for first in range(0, many, size):
+        own = slice(first, first + size)
+        part = Mixture(
+            mixture.owner[own], mixture.weight[own], mixture.x[:, own], mixture.root[own]
+        )
+        parts.append(expand_at(part))
+    return WhitenedInnovation(
+        np.concatenate([p.residual for p in parts]),
+        np.concatenate([p.linear for p in parts]),
+        np.concatenate([p.bent for p in parts]),
+        np.concatenate([p.used for p in parts], axis=1),
+    )
 
 
 def _choose_splits(
