@@ -250,6 +250,12 @@ class MixtureBelief(Belief):
 
     Parameters
     ----------
+    x : ndarray, shape (n, N)
+        Means of the mixtures, SI.
+    root : ndarray, shape (N, n, n)
+        Lower triangular square roots S of their covariances S Sᵀ.
+    t_s : ndarray, shape (N,)
+        Times, s.
     mixture : Mixture, optional
         The components; without them the belief is normal.
     unresolved : ndarray, shape (N,), optional
@@ -271,7 +277,17 @@ class MixtureBelief(Belief):
 def mixture_of(belief: Belief) -> tuple[Mixture, Array]:
     """Return the mixture of a belief, and what was left unresolved (N,).
 
-    A normal belief is a mixture of one component for each case.
+    Parameters
+    ----------
+    belief : Belief
+        A `MixtureBelief`; any other is a mixture of one component for each case.
+
+    Returns
+    -------
+    mixture : Mixture
+        The components.
+    unresolved : ndarray, shape (N,)
+        See `MixtureBelief`; zeros if it is none.
     """
     if not isinstance(belief, MixtureBelief) or belief.mixture is None:
         return Mixture.of(belief), np.zeros(len(belief.t_s))
@@ -280,7 +296,20 @@ def mixture_of(belief: Belief) -> tuple[Mixture, Array]:
 
 
 def take_cases(measurements: MeasurementSet, owner: Integers) -> MeasurementSet:
-    """Return the measurements of the cases `owner` (M,), one for each component."""
+    """Return the measurements of the cases of components.
+
+    Parameters
+    ----------
+    measurements : MeasurementSet
+        Of N cases.
+    owner : ndarray of int, shape (M,)
+        Cases.
+
+    Returns
+    -------
+    MeasurementSet
+        Of M components.
+    """
     return MeasurementSet(
         measurements.t_s[owner], measurements.values[:, owner], measurements.sigma[:, owner],
         measurements.blocks, measurements.present[:, owner],
