@@ -133,7 +133,7 @@ class Mixture:
         x, root = self.x[:, order], self.root[order]
         size = np.bincount(group)
         first = np.concatenate([[0], np.cumsum(size)[:-1]])
-        total = np.bincount(group, weight)
+        total: Array = np.asarray(np.bincount(group, weight), dtype=float)
         share = weight / total[group]
         # about the first component of the group, so that close means keep their digits
         off = x - x[:, first[group]]
@@ -183,7 +183,8 @@ class Mixture:
             # each pass takes the heaviest free component of every case, with its neighbours
             open_ = free.any(axis=1)
             centre = np.argmax(np.where(free, weight, -1.0), axis=1)
-            own = free & (squares[row, centre] <= distance**2) & open_[:, None]
+            near = np.asarray(squares[row, centre] <= distance**2, dtype=bool)
+            own = np.asarray(free & near & open_[:, None], dtype=bool)
             own[row[open_], centre[open_]] = True
             group[own] = (made + np.cumsum(open_) - 1)[np.nonzero(own)[0]]
             made += int(open_.sum())
