@@ -48,7 +48,7 @@ _GROWTH = 1.0
 """Smallest power, over the sum of those before it, that does not call for a split. With it the
 variance of the noise that is left is halved each time; smaller powers would take many steps."""
 _STAGES = 200
-"""Powers and splits at most. A factor of 1e16 in the sum of powers takes 90 of the former."""
+"""Powers and splits at most. A factor of 1e16 in the sum of powers takes 53 of the former."""
 _NOTABLE = 1e-3
 """Weight, over the largest of the case, from which a component's curvature counts: lighter ones
 change mean and covariance by less than the band of a consistency test of a thousand runs."""
