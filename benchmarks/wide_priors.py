@@ -47,12 +47,15 @@ class Scenario:
         True states at K times, SI.
     sets : list of MeasurementSet
         Measurements at these times.
+    start : ndarray, shape (n, N)
+        True states at the time of the prior.
     """
 
     model: EstimationModel
     prior: Belief
     truth: list[Array]
     sets: list[MeasurementSet]
+    start: Array
 
     def nothing(self) -> Array:
         """Return the controls (0, N): there are none."""
@@ -248,7 +251,7 @@ def low_earth_orbit(draws: int, seed: int = 3, hours: float = 5.0) -> Scenario:
     mean = truth + sigma[:, None] * random.normal(size=(6, draws))
     t, x = np.zeros(1), start[:, None]
     times = []
-    for k in range(int(round(hours * 60.0)) + 1):
+    for k in range(round(hours * 60.0) + 1):
         later = np.full(1, 60.0 * k)
         x, t = model.advance(x, t, later, np.zeros((0, 1)), np.zeros(1, dtype=np.int64)), later
         if model.sees(x, t).any():
@@ -275,7 +278,7 @@ def _simulate(
     """Return the scenario of the true states x at the prior's time 0."""
     draws = x.shape[1]
     t, case, nothing = prior.t_s, np.arange(draws), np.zeros((0, draws))
-    truth, sets = list[Array](), list[MeasurementSet]()
+    start, truth, sets = x, list[Array](), list[MeasurementSet]()
     for time in times:
         later = np.full(draws, time)
         x, t = model.advance(x, t, later, nothing, case), later
@@ -284,4 +287,4 @@ def _simulate(
             shown = np.where(model.sees(x, t), shown, np.nan)
         truth.append(x)
         sets.append(MeasurementSet.of(t, shown, sigma[:, None], model.blocks))
-    return Scenario(model, prior, truth, sets)
+    return Scenario(model, prior, truth, sets, start)

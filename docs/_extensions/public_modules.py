@@ -60,8 +60,8 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "Estimation": (
         *(f"hillsphere_estimators.{name}" for name in (
             "unscented", "iterated_extended", "information", "sequential", "smoother",
-            "batch_least_squares", "consistency", "verdict", "linearity", "cramer_rao",
-            "observability",
+            "gaussian_sum", "batch_gaussian_sum", "mixture", "batch_least_squares",
+            "consistency", "verdict", "linearity", "cramer_rao", "observability",
             "covariance_intersection", "bias_states", "plant_model",
         )),
         "hillsphere_sensors.camera_image", "hillsphere_sensors.lit_disc",

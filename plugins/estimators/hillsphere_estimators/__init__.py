@@ -18,6 +18,13 @@ def hillsphere_components() -> list[Component]:
         ),
         Component(
             "estimator",
+            "gaussian_sum",
+            "hillsphere_estimators.gaussian_sum:GaussianSum",
+            "hillsphere_estimators.specs:GaussianSumSpec",
+            "Gaussian-sum filter on all cases, for wide priors and ambiguous measurements",
+        ),
+        Component(
+            "estimator",
             "iterated_extended",
             "hillsphere_estimators.iterated_extended:IteratedExtended",
             "hillsphere_estimators.specs:IteratedExtendedSpec",

@@ -33,6 +33,15 @@ from hillsphere_estimators.roots import lower_root, upper_triangle
 
 __all__ = ["Fit", "batch_least_squares"]
 
+EPSILON = float(np.finfo(np.float64).eps)
+"""Relative distance of neighbouring doubles, twice the largest relative error of an operation."""
+_ROUNDINGS = 1.0
+"""Rounding of a state and of a row, in ε. One operation errs by ε/2 at most; those in which a state
+is stored, moved and measured have either sign, and partly cancel."""
+_ROUNDED_SUM = 64.0 * EPSILON
+"""Relative rise of the sum of squares that is rounding: it is a sum of up to some thousand terms,
+whose errors add up like the root of their number."""
+
 
 @dataclass(frozen=True)
 class Fit:
@@ -50,7 +59,11 @@ class Fit:
     iterations : ndarray of int, shape (N,)
         Number of steps.
     settled : ndarray of bool, shape (N,)
-        Whether the last step was shorter than the tolerance.
+        Whether the last step was shorter than the tolerance, or than the rounding.
+    rounding : ndarray, shape (N,)
+        Length of a step, in standard deviations, that the rounding of states and measurements may
+        cause by itself. Where it is not small the states are not determined to their standard
+        deviations in double precision, and the case is not settled.
     """
 
     belief: Belief
@@ -58,6 +71,7 @@ class Fit:
     rows: Integers
     iterations: Integers
     settled: NDArray[np.bool_]
+    rounding: Array
 
 
 def batch_least_squares(
@@ -87,7 +101,8 @@ def batch_least_squares(
     iterations : int
         Steps at most.
     tolerance_sigmas : float
-        A case has converged when a step is shorter, in standard deviations.
+        A case has converged when a step is shorter, in standard deviations. Steps that rounding
+        alone may cause count as shorter too, see `Fit.rounding`.
 
     Returns
     -------
@@ -110,27 +125,32 @@ def batch_least_squares(
     known = information_root(prior)
     now = prior if start is None else Belief(start, prior.root, prior.t_s)
     moving = np.ones(cases, dtype=bool)
-    count = np.zeros(cases, dtype=np.int64)
+    count, rounding = np.zeros(cases, dtype=np.int64), np.zeros(cases)
     squares = _squares(model, prior, known, now.x, measurements, controls)
     for _ in range(iterations):
-        there = _step(model, prior, known, now, measurements, controls)
+        there, rounded = _step(model, prior, known, now, measurements, controls)
         far = step_in_sigmas(there, now)
+        # a longer error by rounding than this would hide steps that matter
+        least = np.where(rounded <= NEVER_HALVED_SIGMAS, rounded, 0.0)
+        rounding = np.where(moving, rounded, rounding)
         # halve the steps of cases whose sum of squares rises
         share, x = np.ones(cases), there.x
         for _ in range(MOST_HALVINGS):
             reached = _squares(model, prior, known, x, measurements, controls)
-            bad = moving & (far > NEVER_HALVED_SIGMAS) & ~(reached <= squares)
+            bad = (
+                moving & (far > NEVER_HALVED_SIGMAS) & ~(reached <= squares * (1.0 + _ROUNDED_SUM))
+            )
             if not bad.any():
                 break
             share = np.where(bad, 0.5 * share, share)
             x = np.where(share < 1.0, now.x + share * (there.x - now.x), there.x)
         now = freeze_converged(moving, Belief(x, there.root, prior.t_s), now)
         squares, count = np.where(moving, reached, squares), count + moving
-        moving &= far > tolerance_sigmas
+        moving &= far > np.maximum(tolerance_sigmas, least)
         if not moving.any():
             break
     rows = sum(usable(m)[1].sum(axis=0) for m in measurements)
-    return Fit(now, squares, np.asarray(rows, dtype=np.int64), count, ~moving)
+    return Fit(now, squares, np.asarray(rows, dtype=np.int64), count, ~moving, rounding)
 
 
 def _step(
@@ -140,19 +160,32 @@ def _step(
     at: Belief,
     measurements: Sequence[MeasurementSet],
     controls: Sequence[Array],
-) -> Belief:
-    """Return the solution of the least squares problem linearised about states at the start."""
+) -> tuple[Belief, Array]:
+    """Return the solution of the least squares problem linearised about states at the start.
+
+    The second result (N,) is the length of a step by rounding, in standard deviations. In the
+    orthonormal coordinates of the triangle a step in standard deviations is Qᵀ ν. A perturbation
+    of the residuals thus moves it by no more than its own length, and rows z = h(x) of states x are
+    rounded by about ε (|z| + |H| |x|).
+    """
     n, cases = at.x.shape
     # the triangle [R | R (x̄ − x)] of the prior; each time adds rows [HΦ | ν]
     upper = np.concatenate([known, known @ (prior.x - at.x).T[:, :, None]], axis=2)
     phi = np.broadcast_to(np.eye(n), (cases, n, n))
     # differences take the prior's standard deviations for their steps, at every time
     now = Belief(at.x, prior.root, prior.t_s)
+    rounded = np.zeros(cases)
     for measured, control in zip(measurements, controls, strict=True):
         x, step = transition(model, now, measured.t_s, control)
         phi, now = step @ phi, Belief(x, prior.root, measured.t_s)
         layout, used = usable(measured)
         expected = linearise_measurements(model, now, layout, measured, used)
+        # of each row, in units of its noise: |H| |x| at its own time, and its value
+        size = np.sum(np.abs(expected.linear) * np.abs(x).T[:, :, None], axis=1)
+        size += (
+            np.where(used, np.abs(measured.values), 0.0) / np.where(used, measured.sigma, 1.0)
+        ).T
+        rounded += np.sum(size**2, axis=1)
         # derivatives by the states at the start: H Φ
         rows = np.swapaxes(expected.linear, 1, 2) @ phi
         more = np.concatenate([rows, expected.residual[:, :, None]], axis=2)
@@ -161,7 +194,10 @@ def _step(
     step = np.linalg.solve(root, ends)[:, :, 0]
     # P = R⁻¹ R⁻ᵀ of the final triangle R
     inverse = np.swapaxes(np.linalg.inv(root), 1, 2)
-    return Belief(at.x + step.T, lower_root(inverse), prior.t_s)
+    # the states themselves are rounded too: |R ε x|
+    own = np.abs(root) @ np.abs(at.x).T[:, :, None]
+    rounded = _ROUNDINGS * EPSILON * np.sqrt(rounded + np.sum(own**2, axis=(1, 2)))
+    return Belief(at.x + step.T, lower_root(inverse), prior.t_s), rounded
 
 
 def _squares(

@@ -20,7 +20,7 @@ from hillsphere_estimators.innovations import (
     usable_at,
 )
 from hillsphere_estimators.linearisation import transition
-from hillsphere_estimators.roots import lower_root
+from hillsphere_estimators.roots import lower_root, sort_roots
 from hillsphere_estimators.sigma_points import update_mask
 from hillsphere_estimators.specs import IteratedExtendedSpec
 from hillsphere_estimators.unscented import linear_update
@@ -61,11 +61,15 @@ class IteratedExtended:
         free = update_mask(model, len(belief.x))
         at_prior = linearise_measurements(model, belief, layout, measurements, used)
         first = refer_to_prior(belief, belief.x, at_prior)
+        rows, sorted_root = belief, sort_roots(belief.root, first.linear)
+        if sorted_root is not None:
+            rows = Belief(belief.x, sorted_root, belief.t_s)
+            first = refer_to_prior(rows, belief.x, at_prior)
         if spec.gate_sigmas is not None:
             first = apply_gate(layout, first, spec.gate_sigmas)
 
         def solve(prior: Belief, x: Array, expected: WhitenedInnovation) -> Belief:
-            return linear_update(prior, refer_to_prior(prior, x, expected), 1.0, free)
+            return linear_update(rows, refer_to_prior(rows, x, expected), 1.0, free)
 
         # with considered states a step need not reduce the sum of squares: it is not damped
         after = iterate_update(

@@ -11,6 +11,7 @@ from hillsphere.spec import Spec, option
 
 __all__ = [
     "BatchedUnscentedSpec",
+    "GaussianSumSpec",
     "InformationSpec",
     "IteratedExtendedSpec",
     "SequentialExtendedSpec",
@@ -77,6 +78,28 @@ class BatchedUnscentedSpec(_SigmaPointSpec):
     gate_sigmas: float | None = option(
         f"{_GATE}. Where the curvature of the predicted measurement exceeds its noise (a wide "
         "belief) a block is accepted without a test",
+        default=None, gt=0, le=30,
+    )  # fmt: skip
+
+
+class GaussianSumSpec(Spec):
+    """A Gaussian-sum filter on all cases at once, for wide priors and ambiguous measurements."""
+
+    examples = ({}, {"components": 200, "curvature": 0.1, "gate_sigmas": 5})
+
+    components: int = option(
+        "most components of a case; where they do not suffice, curvature counts as noise and the "
+        "belief says so (`unresolved`)",
+        default=200, ge=1, le=2000,
+    )  # fmt: skip
+    curvature: float = option(
+        "largest variance that the curvature across a component may add to its measurements, in "
+        "units of the noise's variance; a component that exceeds it is split",
+        default=0.05, gt=0, le=10,
+    )  # fmt: skip
+    gate_sigmas: float | None = option(
+        f"{_GATE}. A block is accepted without a test while the components are spread or curved by "
+        "more than its noise",
         default=None, gt=0, le=30,
     )  # fmt: skip
 

@@ -56,7 +56,7 @@ from hillsphere_estimators.innovations import (
     usable_at,
     whiten,
 )
-from hillsphere_estimators.roots import fix_signs, lower_root, triangularise, unit
+from hillsphere_estimators.roots import fix_signs, lower_root, sort_roots, triangularise, unit
 from hillsphere_estimators.sigma_points import (
     Images,
     SigmaRule,
@@ -115,14 +115,18 @@ class BatchedUnscented:
             )
 
         first = expect(belief, used)
+        prior, sorted_root = belief, sort_roots(belief.root, first.linear)
+        if sorted_root is not None:
+            prior = Belief(belief.x, sorted_root, belief.t_s)
+            first = expect(prior, used)
         if spec.gate_sigmas is not None:
             first = apply_gate(layout, first, spec.gate_sigmas)
         if spec.update == "tempered":
-            after, nis = self._update_tempered(belief, first, expect, free), None
+            after, nis = self._update_tempered(prior, first, expect, free), None
         else:
-            after, nis = _linear_update_with_nis(belief, first, 1.0, free)
+            after, nis = _linear_update_with_nis(prior, first, 1.0, free)
         if spec.update == "iterated":
-            after = self._update_iterated(belief, after, first, expect, free)
+            after = self._update_iterated(belief, prior, after, first, expect, free)
         return after, first.innovation(measurements.sigma, nis)
 
     def _update_tempered(
@@ -163,6 +167,7 @@ class BatchedUnscented:
     def _update_iterated(
         self,
         belief: Belief,
+        prior: Belief,
         after: Belief,
         first: WhitenedInnovation,
         expect: InnovationAt,
@@ -172,8 +177,9 @@ class BatchedUnscented:
 
         Parameters
         ----------
-        belief, after : Belief
-            Before the measurements, and after the first linear update.
+        belief, prior, after : Belief
+            Before the measurements, the same with sorted roots (`sort_roots`), and after the first
+            linear update.
         first : WhitenedInnovation
             The innovation at the prior, after the gate.
         expect : callable
@@ -185,7 +191,7 @@ class BatchedUnscented:
         far = np.zeros(len(belief.t_s))
         for _ in range(1, self.spec.iterations):
             expected = expect(after, first.used)
-            there = linear_update(belief, _relinearise(after, belief, expected), 1.0, free)
+            there = linear_update(prior, _relinearise(after, prior, expected), 1.0, free)
             far = step_in_sigmas(there, after)
             # far may be NaN: compared so that it counts as long. With considered states the step is
             # not that of Gauss and Newton and need not reduce the sum of squares: no damping.
@@ -200,7 +206,7 @@ class BatchedUnscented:
         leaping = moving & ~(far <= _DIVERGING_SIGMAS)
         if leaping.any():
             after = freeze_converged(
-                leaping, self._update_tempered(belief, first, expect, free), after
+                leaping, self._update_tempered(prior, first, expect, free), after
             )
         return after
 
