@@ -25,10 +25,11 @@ from numpy.typing import NDArray
 
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
-from hillsphere_estimators.convergence import freeze_converged, regular_root, step_in_sigmas
+from hillsphere_estimators.convergence import freeze_converged, step_in_sigmas
 from hillsphere_estimators.differences import Layout
 from hillsphere_estimators.innovations import WhitenedInnovation, whiten
 from hillsphere_estimators.linearisation import predict_measurement, sensitivity
+from hillsphere_estimators.roots import solve_root
 
 __all__ = [
     "MOST_HALVINGS",
@@ -190,5 +191,5 @@ def halve_rising_steps(
 
 def _squares(prior: Belief, x: Array, residual: Array) -> Array:
     """Return the sum of squares J (N,) at states x (n, N) with the residuals ν (N, m) there."""
-    off = np.linalg.solve(regular_root(prior), (x - prior.x).T[:, :, None])[:, :, 0]
+    off = solve_root(prior.root, (x - prior.x).T[:, :, None])[:, :, 0]
     return np.asarray(np.sum(off**2, axis=1) + np.sum(residual**2, axis=1))

@@ -9,10 +9,25 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
 
-__all__ = ["fix_signs", "lower_root", "triangularise", "unit", "upper_triangle"]
+__all__ = [
+    "RANK",
+    "find_singular",
+    "fix_signs",
+    "lower_root",
+    "solve_root",
+    "triangularise",
+    "unit",
+    "upper_triangle",
+]
+
+RANK = 1e-13
+"""Diagonal element of a root over the standard deviation of its state below which the state is a
+function of those before it: rounding leaves some 1e-16 times the number of states of a zero. It is
+a multiple correlation of more than 1 − 1e-26, which no covariance of independent errors reaches."""
 
 
 def upper_triangle(rows: Array) -> Array:
@@ -49,6 +64,58 @@ def lower_root(rows: Array) -> Array:
     if missing > 0:
         rows = np.concatenate([rows, np.zeros((len(rows), missing, rows.shape[2]))], axis=1)
     return fix_signs(triangularise(rows)[:, :, : rows.shape[2]])
+
+
+def find_singular(root: Array) -> NDArray[np.bool_]:
+    """Return which covariances are singular: a state has no variance, or none given the others.
+
+    Parameters
+    ----------
+    root : ndarray, shape (N, n, n)
+        Lower triangular roots.
+
+    Returns
+    -------
+    ndarray of bool, shape (N,)
+        False for roots that are not finite.
+    """
+    size = np.linalg.norm(root, axis=2)
+    small = np.abs(np.diagonal(root, axis1=1, axis2=2)) <= RANK * size
+    return np.asarray(small.any(axis=1) & np.isfinite(size).all(axis=1))
+
+
+def solve_root(root: Array, b: Array, *, transposed: bool = False) -> Array:
+    """Solve S x = b, or Sᵀ x = b, with the least x where S is singular.
+
+    Parameters
+    ----------
+    root : ndarray, shape (N, n, n)
+        Lower triangular S.
+    b : ndarray, shape (N, n, k)
+        Right-hand sides. What is not in the range of a singular S is left out.
+    transposed : bool
+        Whether to solve with Sᵀ.
+
+    Returns
+    -------
+    ndarray, shape (N, n, k)
+        x.
+    """
+    singular = find_singular(root)
+    matrix = np.swapaxes(root, 1, 2) if transposed else root
+    if not singular.any():
+        return np.asarray(np.linalg.solve(matrix, b))
+    x = np.linalg.solve(np.where(singular[:, None, None], unit(root.shape[1]), matrix), b)
+    own, right = root[singular], b[singular]
+    # S = D Ŝ with rows Ŝ of length 1: the rank must not depend on units
+    size = np.linalg.norm(own, axis=2)[:, :, None]
+    size = np.where(size > 0.0, size, 1.0)
+    inverse = np.linalg.pinv(own / size, rcond=RANK)
+    if transposed:
+        x[singular] = np.swapaxes(inverse, 1, 2) @ right / size
+    else:
+        x[singular] = inverse @ (right / size)
+    return np.asarray(x)
 
 
 def triangularise(rows: Array) -> Array:

@@ -33,6 +33,7 @@ from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array, EstimationModel, Integers
 from hillsphere_estimators.differences import Layout
+from hillsphere_estimators.state_angles import state_angles, wrap_differences
 
 __all__ = [
     "Images",
@@ -178,7 +179,8 @@ def transform_motion(
         points.reshape(n, -1), _repeat_cases(belief.t_s, each), _repeat_cases(t_to_s, each),
         _repeat_cases(control, each), _case_of_points(each, cases),
     ).reshape(n, each, cases)  # fmt: skip
-    return _form_images(rule, there[:, 0], there[:, 1:] - there[:, :1], reach)
+    off = wrap_differences(there[:, 1:] - there[:, :1], state_angles(model, n))
+    return _form_images(rule, there[:, 0], off, reach)
 
 
 def transform_measurement(

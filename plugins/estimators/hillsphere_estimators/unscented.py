@@ -47,7 +47,8 @@ from numpy.typing import NDArray
 
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
-from hillsphere_estimators.convergence import freeze_converged, regular_root, step_in_sigmas
+from hillsphere_estimators.casewise import CasewiseEstimator, drop_failed
+from hillsphere_estimators.convergence import freeze_converged, step_in_sigmas
 from hillsphere_estimators.gauss_newton import NEVER_HALVED_SIGMAS, halve_rising_steps
 from hillsphere_estimators.innovations import (
     WhitenedInnovation,
@@ -56,7 +57,14 @@ from hillsphere_estimators.innovations import (
     usable_at,
     whiten,
 )
-from hillsphere_estimators.roots import fix_signs, lower_root, triangularise, unit
+from hillsphere_estimators.linearisation import noise_between
+from hillsphere_estimators.roots import (
+    fix_signs,
+    lower_root,
+    solve_root,
+    triangularise,
+    unit,
+)
 from hillsphere_estimators.sigma_points import (
     Images,
     SigmaRule,
@@ -79,7 +87,7 @@ _DIVERGING_SIGMAS = 1.0
 powers. Shorter steps move within the posterior, where either update is as good."""
 
 
-class BatchedUnscented:
+class BatchedUnscented(CasewiseEstimator):
     """An unscented Kalman filter in square-root form; `hillsphere.interfaces.Estimator`.
 
     Parameters
@@ -92,18 +100,18 @@ class BatchedUnscented:
         self.spec = spec
         self.rule = SigmaRule(spec.alpha, spec.beta, spec.kappa)
 
-    def predict(
+    def _predict(
         self, model: EstimationModel, belief: Belief, t_to_s: Array, control: Array
     ) -> Belief:
-        """Return the belief at later times; see `hillsphere.interfaces.Estimator`."""
+        """Return the belief at other times."""
+        noise = noise_between(model, belief, t_to_s, control)
         images = transform_motion(self.rule, model, belief, t_to_s, control)
-        noise = model.process_noise(belief.x, belief.t_s, t_to_s, control)
         return belief_of_images(images, noise, t_to_s)
 
-    def update(
+    def _update(
         self, model: EstimationModel, belief: Belief, measurements: MeasurementSet
-    ) -> tuple[Belief, Innovation]:
-        """Return the belief after measurements; see `hillsphere.interfaces.Estimator`."""
+    ) -> tuple[Belief, Innovation, NDArray[np.bool_]]:
+        """Return the belief after measurements, the innovation, and which cases have failed."""
         spec = self.spec
         layout, used = usable_at(belief, measurements)
         free = update_mask(model, len(belief.x))
@@ -114,7 +122,7 @@ class BatchedUnscented:
                 layout, measurements, rows, images.middle, images.shift, images.odd, images.even
             )
 
-        first = expect(belief, used)
+        first, failed = drop_failed(expect(belief, used))
         if spec.gate_sigmas is not None:
             first = apply_gate(layout, first, spec.gate_sigmas)
         if spec.update == "tempered":
@@ -123,7 +131,7 @@ class BatchedUnscented:
             after, nis = _linear_update_with_nis(belief, first, 1.0, free)
         if spec.update == "iterated":
             after = self._update_iterated(belief, after, first, expect, free)
-        return after, first.innovation(measurements.sigma, nis)
+        return after, first.innovation(measurements.sigma, nis), failed
 
     def _update_tempered(
         self, belief: Belief, first: WhitenedInnovation, expect: InnovationAt, free: Array | None
@@ -298,7 +306,7 @@ def _relinearise(at: Belief, prior: Belief, expected: WhitenedInnovation) -> Whi
     The linear rows, of the sigma points of `at`, are divided by its root: Sᵀ H = rows, H the
     slopes.
     """
-    slopes = np.linalg.solve(np.swapaxes(regular_root(at), 1, 2), expected.linear)
+    slopes = solve_root(at.root, expected.linear, transposed=True)
     return refer_to_prior(
         prior, at.x, replace(expected, linear=np.asarray(slopes, dtype=np.float64))
     )
@@ -317,7 +325,7 @@ def _rise_test(
     spread = lower_root(np.concatenate([expected.bent, noise], axis=1))
 
     def squares(x: Array, residual: Array) -> Array:
-        off = np.linalg.solve(regular_root(prior), (x - prior.x).T[:, :, None])
+        off = solve_root(prior.root, (x - prior.x).T[:, :, None])
         missed = np.linalg.solve(spread, residual[:, :, None])
         return np.asarray(np.sum(off**2, axis=(1, 2)) + np.sum(missed**2, axis=(1, 2)))
 
