@@ -3,7 +3,8 @@
 A case fails if its belief, its prediction or the prediction of a measured row is no number. In a
 batch its belief becomes NaN (`hillsphere.estimation.Belief.finite`), a failure of the class
 ``numerics``; a single case raises. A failed case is computed with the belief of another one, so
-that no model meets a NaN that an earlier step has left.
+that no model meets a NaN that an earlier step has left. If a model raises `PropagationError`, the
+cases to blame are found by trying each.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from hillsphere.errors import InputError, PropagationError
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
-from hillsphere.interfaces import Array, EstimationModel
+from hillsphere.interfaces import Array, EstimationModel, Integers
 from hillsphere_estimators.differences import layout_of
 from hillsphere_estimators.innovations import WhitenedInnovation, usable
 from hillsphere_estimators.linearisation import predict_measurement
@@ -49,7 +50,16 @@ class CasewiseEstimator:
         safe, failed, control = replace_failed(belief, control)
         if failed.all():
             return replace(belief, t_s=np.asarray(t_to_s, dtype=float))
-        after = self._predict(model, safe, t_to_s, control)
+        try:
+            after = self._predict(model, safe, t_to_s, control)
+        except PropagationError:
+            if len(failed) == 1:
+                raise
+            failed = failed | self._find_failing(model, safe, t_to_s, control)
+            if failed.all():
+                raise
+            own = np.where(failed, np.argmin(failed), np.arange(len(failed)))
+            after = self._predict(model, _take_states(safe, own), t_to_s, control[:, own])
         failed = failed | ~after.finite
         if failed.any() and len(failed) == 1:
             raise PropagationError(
@@ -87,6 +97,21 @@ class CasewiseEstimator:
         return wrap_means(
             mark_failed(after, failed), state_angles(model, len(belief.x))
         ), innovation
+
+    def _find_failing(
+        self, model: EstimationModel, belief: Belief, t_to_s: Array, control: Array
+    ) -> Flags:
+        """Return the cases (N,) whose prediction raises, each tried in the place of all."""
+        cases = len(belief.t_s)
+        failing = np.zeros(cases, dtype=bool)
+        for case in range(cases):
+            all_its = np.full(cases, case)
+            one = Belief(belief.x[:, all_its], belief.root[all_its], belief.t_s[all_its])
+            try:
+                self._predict(model, one, np.asarray(t_to_s)[all_its], control[:, all_its])
+            except PropagationError:
+                failing[case] = True
+        return failing
 
     def _predict(
         self, model: EstimationModel, belief: Belief, t_to_s: Array, control: Array
@@ -135,7 +160,12 @@ def replace_failed(belief: Belief, control: Array | None = None) -> tuple[Belief
             f"{belief.x[:, 0].tolist()}"
         )
     own = np.where(failed, np.argmin(failed), np.arange(len(failed)))
-    return Belief(belief.x[:, own], belief.root[own], belief.t_s), failed, control[:, own]
+    return _take_states(belief, own), failed, control[:, own]
+
+
+def _take_states(belief: Belief, own: Integers) -> Belief:
+    """Return means and covariances of the cases `own` (N,), at the times of the belief."""
+    return Belief(belief.x[:, own], belief.root[own], belief.t_s)
 
 
 def mark_failed(belief: Belief, failed: Flags) -> Belief:

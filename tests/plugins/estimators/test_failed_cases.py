@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from tests.plugins.estimators.estimation_models import (
     pair_flight,
 )
 
+from hillsphere.cases.case_classes import case_class
 from hillsphere.errors import InputError, PropagationError
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, Estimator, Integers
@@ -21,6 +23,7 @@ from hillsphere.testing import example
 from hillsphere_estimators.batch_least_squares import batch_least_squares
 from hillsphere_estimators.consistency import mean_nis
 from hillsphere_estimators.covariance_intersection import covariance_intersection
+from hillsphere_estimators.navigation.divergence import endings
 from hillsphere_estimators.smoother import link, smooth
 from hillsphere_estimators.specs import BatchedUnscentedSpec, IteratedExtendedSpec
 from hillsphere_estimators.unscented import BatchedUnscented
@@ -108,6 +111,42 @@ def test_a_single_case_raises(name: str) -> None:
     # a row that was not measured may be no number
     unseen = replace(measured, present=measured.present & (np.arange(13) != 2)[:, None])
     assert estimator.update(model, far, unseen)[0].finite.all()
+
+
+class Raising(Pair):
+    """A pair whose motion raises, for all columns, if one is far out: as compiled motions do."""
+
+    def advance(self, x: Array, t0_s: Array, t1_s: Array, control: Array, case: Integers) -> Array:
+        if (x[0] > 1e6).any():
+            raise PropagationError("a lane turned non-finite")
+        return super().advance(x, t0_s, t1_s, control, case)
+
+
+@pytest.mark.parametrize("name", ["plain", "gated", "information"])
+def test_a_motion_that_raises_fails_its_case_only(name: str) -> None:
+    estimator, (prior, _) = ALL[name], make(4)
+    later = prior.t_s + np.array([600.0, 60.0, 600.0, 30.0])
+    whole = estimator.predict(Raising(), prior, later, nothing(4))
+    ahead = estimator.predict(Raising(), spoil(prior, 1, 2e6), later, nothing(4))
+    np.testing.assert_array_equal(ahead.finite, [True, False, True, True])
+    for case in (0, 2, 3):
+        np.testing.assert_array_equal(ahead.x[:, case], whole.x[:, case])
+        np.testing.assert_array_equal(ahead.root[case], whole.root[case])
+    with pytest.raises(PropagationError, match="turned non-finite"):
+        estimator.predict(Raising(), spoil(make(1)[0], 0, 2e6), np.ones(1), nothing(1))
+
+
+def test_a_flight_with_a_filter_that_is_no_number_is_undecided() -> None:
+    """Its row is of the class numerics, and no failed case of the flight."""
+    nees_at_end = np.array([[np.nan, 6.0, 1e9, np.nan]])
+    rows = np.full((1, 4), 6.0)
+    record = SimpleNamespace(nees=nees_at_end, error=np.zeros((6, 1)), nis=rows, used=rows,
+                             sent=rows)  # fmt: skip
+    flights = SimpleNamespace(status=("completed",) * 3 + ("impact",), cause=("", "", "", "ground"))
+    status, cause = endings(record, flights, 10.0)  # type: ignore[arg-type]
+    assert status == ("not_finite", "completed", "diverged", "impact")
+    assert cause[0] == "filter"
+    assert case_class(status[0], True) == "undecided (numerics)"
 
 
 def test_smoother_fit_and_fusion_mark_it_too() -> None:
