@@ -61,7 +61,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
         *(f"hillsphere_estimators.{name}" for name in (
             "unscented", "iterated_extended", "information", "sequential", "smoother",
             "batch_least_squares", "consistency", "cramer_rao", "observability",
-            "covariance_intersection", "bias_states", "plant_model",
+            "covariance_intersection", "bias_states", "fixed_lag", "plant_model",
         )),
         "hillsphere_sensors.camera_image",
     ),

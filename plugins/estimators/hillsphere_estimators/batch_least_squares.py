@@ -212,7 +212,7 @@ def _hold_considered(
     information of the measurements. So the covariance is a sum of squares again.
     """
     upper, _ = _triangle(model, prior, fit, measurements, controls)
-    sound = np.isfinite(upper).all(axis=(1, 2))
+    sound: NDArray[np.bool_] = np.asarray(np.isfinite(upper).all(axis=(1, 2)))
     upper = np.where(sound[:, None, None], upper, np.eye(len(free)))
     _, values, turned = np.linalg.svd(upper)
     share = np.sqrt(np.maximum(1.0 - 1.0 / np.maximum(values, 1.0) ** 2, 0.0))

@@ -191,8 +191,10 @@ def drop_failed(expected: WhitenedInnovation) -> tuple[WhitenedInnovation, Flags
     failed : ndarray of bool, shape (N,)
         Which cases have failed.
     """
-    finite = np.isfinite(expected.residual).all(axis=1) & (
-        np.isfinite(expected.linear).all(axis=(1, 2)) & np.isfinite(expected.bent).all(axis=(1, 2))
+    finite: Flags = np.asarray(
+        np.isfinite(expected.residual).all(axis=1)
+        & np.isfinite(expected.linear).all(axis=(1, 2))
+        & np.isfinite(expected.bent).all(axis=(1, 2))
     )
     if finite.all():
         return expected, ~finite

@@ -71,15 +71,16 @@ class Information(CasewiseEstimator):
             linearise_measurements(model, belief, layout, measurements, used)
         )
 
-        def solve(prior: Belief, x: Array, expected: WhitenedInnovation) -> Belief:
-            joint = _solve_linearised(prior, x, expected)
-            return joint if free is None else _hold_considered(prior, x, expected, joint, free)
-
-        # with considered states a step need not reduce the sum of squares: it is not damped
         after = iterate_update(
-            model, belief, layout, measurements, first.used, solve,
-            spec.iterations, spec.tolerance_sigmas, damped=free is None,
+            model, belief, layout, measurements, first.used, _solve_linearised,
+            spec.iterations, spec.tolerance_sigmas,
         )  # fmt: skip
+        if free is not None:
+            # about the solution for all states; the extended filter stays at the prior
+            at = after if spec.iterations > 1 else belief
+            expected = linearise_measurements(model, at, layout, measurements, first.used)
+            joint = _solve_linearised(belief, at.x, expected)
+            after = _hold_considered(belief, at.x, expected, joint, free)
         innovation = refer_to_prior(belief, belief.x, first).innovation(measurements.sigma)
         return after, innovation, failed
 

@@ -68,12 +68,18 @@ class IteratedExtended(CasewiseEstimator):
         if spec.gate_sigmas is not None:
             first = apply_gate(layout, first, spec.gate_sigmas)
 
-        def solve(prior: Belief, x: Array, expected: WhitenedInnovation) -> Belief:
-            return linear_update(prior, refer_to_prior(prior, x, expected), 1.0, free)
-
-        # with considered states a step need not reduce the sum of squares: it is not damped
         after = iterate_update(
-            model, belief, layout, measurements, first.used, solve,
-            spec.iterations, spec.tolerance_sigmas, damped=free is None,
+            model, belief, layout, measurements, first.used, _solve_linearised,
+            spec.iterations, spec.tolerance_sigmas,
         )  # fmt: skip
+        if free is not None:
+            # about the solution for all states; the extended filter stays at the prior
+            at = after if spec.iterations > 1 else belief
+            expected = linearise_measurements(model, at, layout, measurements, first.used)
+            after = linear_update(belief, refer_to_prior(belief, at.x, expected), 1.0, free)
         return after, first.innovation(measurements.sigma), failed
+
+
+def _solve_linearised(prior: Belief, x: Array, expected: WhitenedInnovation) -> Belief:
+    """Return the update of all states with the measurements linearised at x (n, N)."""
+    return linear_update(prior, refer_to_prior(prior, x, expected), 1.0, None)

@@ -173,7 +173,7 @@ def _update_cases(
     layout, used = usable_at(belief, measurements)
     middle = predict_measurement(model, belief, layout)
     # a case whose measured rows cannot be predicted is left as it is
-    failed = (used & ~np.isfinite(middle)).any(axis=0)
+    failed: NDArray[np.bool_] = np.asarray((used & ~np.isfinite(middle)).any(axis=0))
     used &= ~failed
     values = np.where(measurements.present, measurements.values, middle)
     z = layout.difference(values, middle)

@@ -35,6 +35,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
@@ -227,7 +228,7 @@ def _hold_considered(smoothed: Belief, filtered: Belief, cross: Array, free: Arr
     sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     size = np.where(sigma > 0.0, sigma, 1.0)
     scaled = covariance / (size[:, :, None] * size[:, None])
-    sound = np.isfinite(scaled).all(axis=(1, 2))
+    sound: NDArray[np.bool_] = np.asarray(np.isfinite(scaled).all(axis=(1, 2)))
     scaled = np.where(sound[:, None, None], scaled, np.eye(len(free)))
     values, vectors = np.linalg.eigh(0.5 * (scaled + np.swapaxes(scaled, 1, 2)))
     root = size[:, :, None] * vectors * np.sqrt(np.maximum(values, 0.0))[:, None]

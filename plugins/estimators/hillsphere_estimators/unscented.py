@@ -125,16 +125,23 @@ class BatchedUnscented(CasewiseEstimator):
         first, failed = drop_failed(expect(belief, used))
         if spec.gate_sigmas is not None:
             first = apply_gate(layout, first, spec.gate_sigmas)
+        # one linear update leaves out the gain of considered states at once
+        once = spec.update == "plain" or (spec.update == "iterated" and spec.iterations == 1)
+        nis: Array | None = None
         if spec.update == "tempered":
-            after, nis = self._update_tempered(belief, first, expect, free), None
+            after = self._update_tempered(belief, first, expect)
         else:
-            after, nis = _linear_update_with_nis(belief, first, 1.0, free)
+            after, nis = _linear_update_with_nis(belief, first, 1.0, free if once else None)
         if spec.update == "iterated":
-            after = self._update_iterated(belief, after, first, expect, free)
+            after = self._update_iterated(belief, after, first, expect)
+        if free is not None and not once:
+            # Schmidt's update, linearised about the solution for all states
+            expected = expect(after, first.used)
+            after = linear_update(belief, _relinearise(after, belief, expected), 1.0, free)
         return after, first.innovation(measurements.sigma, nis), failed
 
     def _update_tempered(
-        self, belief: Belief, first: WhitenedInnovation, expect: InnovationAt, free: Array | None
+        self, belief: Belief, first: WhitenedInnovation, expect: InnovationAt
     ) -> Belief:
         """Apply the likelihood in powers that add up to 1, each with new sigma points.
 
@@ -149,8 +156,6 @@ class BatchedUnscented(CasewiseEstimator):
             The innovation at that belief, after the gate.
         expect : callable
             (belief, used rows) → innovation there.
-        free : ndarray, shape (n,), or None
-            See `update_mask`.
         """
         after, left = belief, np.ones(len(belief.t_s))
         last = np.full(left.shape, np.inf)
@@ -162,7 +167,7 @@ class BatchedUnscented(CasewiseEstimator):
             # the powers have run out: the likelihood must be applied as a whole
             if k == self.spec.powers - 1:
                 power = left
-            after = freeze_converged(left > 0.0, linear_update(after, expected, power, free), after)
+            after = freeze_converged(left > 0.0, linear_update(after, expected, power, None), after)
             left, last = left - power, power
             if not left.any():
                 break
@@ -174,7 +179,6 @@ class BatchedUnscented(CasewiseEstimator):
         after: Belief,
         first: WhitenedInnovation,
         expect: InnovationAt,
-        free: Array | None,
     ) -> Belief:
         """Repeat the update with the measurements linearised about the posterior; see the module.
 
@@ -186,19 +190,16 @@ class BatchedUnscented(CasewiseEstimator):
             The innovation at the prior, after the gate.
         expect : callable
             (belief, used rows) → innovation there.
-        free : ndarray, shape (n,), or None
-            See `update_mask`.
         """
         moving = np.ones(len(belief.t_s), dtype=bool)
         far = np.zeros(len(belief.t_s))
         for _ in range(1, self.spec.iterations):
             expected = expect(after, first.used)
-            there = linear_update(belief, _relinearise(after, belief, expected), 1.0, free)
+            there = linear_update(belief, _relinearise(after, belief, expected), 1.0, None)
             far = step_in_sigmas(there, after)
-            # far may be NaN: compared so that it counts as long. With considered states the step is
-            # not that of Gauss and Newton and need not reduce the sum of squares: no damping.
+            # far may be NaN: compared so that it counts as long
             long = moving & ~(far <= NEVER_HALVED_SIGMAS)
-            if free is None and long.any():
+            if long.any():
                 rises = _rise_test(belief, after, expected, expect)
                 there = halve_rising_steps(after, there, long, rises)
             after = freeze_converged(moving, there, after)
@@ -207,9 +208,7 @@ class BatchedUnscented(CasewiseEstimator):
                 return after
         leaping = moving & ~(far <= _DIVERGING_SIGMAS)
         if leaping.any():
-            after = freeze_converged(
-                leaping, self._update_tempered(belief, first, expect, free), after
-            )
+            after = freeze_converged(leaping, self._update_tempered(belief, first, expect), after)
         return after
 
 

@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from tests.plugins.estimators.estimation_models import Linear, fly, nothing, run_filter
+from tests.plugins.estimators.estimation_models import (
+    Flight,
+    Linear,
+    Pair,
+    fly,
+    nothing,
+    pair_flight,
+    run_filter,
+)
 
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, MeasurementSet
-from hillsphere.interfaces import Array
+from hillsphere.interfaces import Array, Estimator
 from hillsphere.testing import example
 from hillsphere_estimators.batch_least_squares import batch_least_squares
+from hillsphere_estimators.bias_states import BiasAugmentedModel, BiasStates
 from hillsphere_estimators.consistency import chi_square_band, nees
 from hillsphere_estimators.cramer_rao import cramer_rao
 from hillsphere_estimators.sigma_points import SigmaRule
 from hillsphere_estimators.smoother import link, smooth
+from hillsphere_estimators.specs import BatchedUnscentedSpec
+from hillsphere_estimators.unscented import BatchedUnscented
 
 FREE = np.array([1.0, 1.0, 0.0])
 SIGMA = np.array([0.5, 0.8])
@@ -35,7 +48,7 @@ class Nuisance(Linear):
 
 
 def schmidt(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
-    """Return Schmidt's gain and the covariance after, in dense form (Jazwinski 1970, sect. 8.4)."""
+    """Return Schmidt's gain and the covariance after, in dense form (Jazwinski 1970, chapter 8)."""
     K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
     K[FREE == 0.0] = 0.0
     left = np.eye(len(P)) - K @ H
@@ -138,6 +151,37 @@ def test_errors_are_as_large_as_stated(wander: float) -> None:
         for states in (None, [0, 1]):
             low, high = chi_square_band(3 if states is None else 2, cases, 0.9999)
             assert low < nees(belief, truth, states).mean() < high
+
+
+@pytest.mark.parametrize(
+    "estimator",
+    [
+        *(BatchedUnscented(BatchedUnscentedSpec(update=u)) for u in ("iterated", "tempered")),  # type: ignore[arg-type]
+        example("estimator", "iterated_extended"),
+        example("estimator", "information"),
+    ],
+    ids=["iterated", "tempered", "iterated_extended", "information"],
+)
+def test_wide_priors_are_consistent_with_considered_biases(estimator: Estimator) -> None:
+    """Iterated without damping the extended filter has a mean NEES of 1e9 here."""
+    cases = 200
+    offset = 40.0 * np.random.default_rng(7).normal(size=(2, cases))
+    flight, rows = pair_flight(cases, 1), np.zeros((13, 2))
+    rows[2, 0] = rows[7, 1] = 1.0
+    sets = [replace(m, values=m.values + rows @ offset) for m in flight.sets]
+    biases = BiasStates(
+        np.full(2, 40.0), np.full(2, np.inf), rows, np.zeros((0, 2)), np.ones(2, bool)
+    )
+    model = BiasAugmentedModel(Pair(), 12, biases)
+    run = run_filter(
+        estimator, model, Flight(flight.truth, sets, model.append_biases(flight.prior))
+    )
+    for belief, truth in zip(run.after, flight.truth, strict=True):
+        np.testing.assert_array_equal(belief.x[12:], 0.0)
+        for states in (14, 12):
+            low, high = chi_square_band(states, cases, 0.9999)
+            errors = nees(belief, np.concatenate([truth, offset]), range(states))
+            assert low < errors.mean() < high
 
 
 def test_bound_says_what_is_nuisance() -> None:
