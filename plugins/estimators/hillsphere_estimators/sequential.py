@@ -34,7 +34,7 @@ from hillsphere_estimators.linearisation import (
 )
 from hillsphere_estimators.sigma_points import update_mask
 from hillsphere_estimators.specs import SequentialExtendedSpec, SequentialUnscentedSpec
-from hillsphere_estimators.state_angles import state_angles, wrap_differences
+from hillsphere_estimators.state_angles import lift_differences, state_angles
 
 __all__ = ["SequentialExtended", "SequentialUnscented"]
 
@@ -60,11 +60,8 @@ class SequentialUnscented(CasewiseEstimator):
         regular_root(belief)
         noise = noise_between(model, belief, t_to_s, control)
         angles = state_angles(model, len(belief.x))
-        there = (
-            model.advance(belief.x, belief.t_s, t_to_s, control, np.arange(len(belief.t_s)))
-            if angles
-            else belief.x
-        )
+        if angles:
+            there, phi = transition(model, belief, t_to_s, control)
         made = []
         for k in range(len(belief.t_s)):
             own, case = slice(k, k + 1), np.array([k])
@@ -73,9 +70,12 @@ class SequentialUnscented(CasewiseEstimator):
                 moved = model.advance(
                     x[:, None], belief.t_s[own], t_to_s[own], control[:, own], case
                 )
+                if not angles:
+                    return moved[:, 0]
                 # the library takes plain means: images of angles lie about that of the mean
-                off = wrap_differences(moved - there[:, own], angles) if angles else None
-                return (moved if off is None else there[:, own] + off)[:, 0]
+                middle = there[:, own]
+                expected = phi[own][0] @ (x[:, None] - belief.x[:, own])
+                return np.asarray(middle + lift_differences(moved - middle, expected, angles))[:, 0]
 
             one = self._filter(belief, k, 1)
             one.Q = noise[k] @ noise[k].T
@@ -184,13 +184,16 @@ def _update_cases(
     covariance = np.zeros((cases, m, m))
     covariance[:, np.arange(m), np.arange(m)] = unit.T**2
     noise = layout.noise(measurements.covariance, middle)
+    turning = bool(layout.angles) and bool(state_angles(model, len(belief.x)))
+    slopes = sensitivity(model, belief, layout)[1] if turning else None
     made = []
     for k in range(cases):
         rows = np.flatnonzero(used[:, k])
         if not rows.size:
             made.append((belief.x[:, k], belief.root[k] @ belief.root[k].T))
             continue
-        offs = _innovation_function(model, belief, layout, middle, k, rows)
+        slope = None if slopes is None else slopes[k]
+        offs = _innovation_function(model, belief, layout, middle, k, rows, slope)
         one = update_case(k, offs, z[rows, k], noise[k][np.ix_(rows, rows)])
         made.append((one.x, one.P))
         residual[rows, k] = one.y
@@ -200,14 +203,26 @@ def _update_cases(
 
 
 def _innovation_function(
-    model: EstimationModel, belief: Belief, layout: Layout, middle: Array, k: int, rows: Any
+    model: EstimationModel,
+    belief: Belief,
+    layout: Layout,
+    middle: Array,
+    k: int,
+    rows: Any,
+    slope: Array | None,
 ) -> Callable[[Array], Array]:
-    """Return the function from a state (n,) to some rows of its measurements minus the mean's."""
+    """Return the function from a state (n,) to some rows of its measurements minus the mean's.
+
+    With derivatives `slope` (m, n) angles are within half a turn of the linearised function.
+    """
     case = np.array([k])
 
     def offs(x: Array) -> Array:
         z = model.observe(x[:, None], belief.t_s[k : k + 1], case)
-        return np.asarray(layout.difference(z, middle[:, k : k + 1])[rows, 0])
+        off = layout.difference(z, middle[:, k : k + 1])
+        if slope is not None:
+            off = lift_differences(off, slope @ (x - belief.x[:, k])[:, None], layout.angles)
+        return np.asarray(off[rows, 0])
 
     return offs
 

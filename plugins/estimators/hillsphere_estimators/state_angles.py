@@ -3,7 +3,8 @@
 A model declares them by its attribute ``angles`` (`hillsphere.interfaces.AngularModel`).
 Differences between states that come from different computations are wrapped; a mean of sigma points
 is formed of such differences from the image of the middle point. It is the intrinsic circular mean
-as long as no point lies half a turn or more from the mean [1]_.
+as long as no point lies half a turn or more from the mean [1]_. Points of a wide belief may lie
+farther: the whole turns of their images are those nearest to the linearised function.
 
 References
 ----------
@@ -22,7 +23,7 @@ from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array, EstimationModel
 
-__all__ = ["check_angles", "state_angles", "wrap_differences", "wrap_means"]
+__all__ = ["check_angles", "lift_differences", "state_angles", "wrap_differences", "wrap_means"]
 
 _TURN = 2.0 * np.pi
 
@@ -95,6 +96,23 @@ def wrap_differences(off: Array, angles: Sequence[int]) -> Array:
     wrapped = off.copy()
     wrapped[rows] -= _TURN * turns
     return wrapped
+
+
+def lift_differences(off: Array, expected: Array, angles: Sequence[int]) -> Array:
+    """Return differences with those of angles within half a turn of what is expected.
+
+    Parameters
+    ----------
+    off, expected : ndarray, shape (m, ...)
+        Differences, and those of the linearised function; of angles in rad.
+    angles : sequence of int
+        Rows of angles.
+    """
+    lifted = off.copy()
+    rows = list(angles)
+    turns = np.ceil((off[rows] - expected[rows]) / _TURN - 0.5)
+    lifted[rows] -= _TURN * turns
+    return lifted
 
 
 def wrap_means(belief: Belief, angles: Sequence[int]) -> Belief:

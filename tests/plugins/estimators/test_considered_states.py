@@ -156,7 +156,7 @@ def test_errors_are_as_large_as_stated(wander: float) -> None:
 @pytest.mark.parametrize(
     "estimator",
     [
-        *(BatchedUnscented(BatchedUnscentedSpec(update=u)) for u in ("iterated", "tempered")),  # type: ignore[arg-type]
+        *(BatchedUnscented(BatchedUnscentedSpec(update=u)) for u in ("iterated", "tempered")),
         example("estimator", "iterated_extended"),
         example("estimator", "information"),
     ],

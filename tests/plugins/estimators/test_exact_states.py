@@ -20,7 +20,7 @@ from hillsphere_estimators.specs import BatchedUnscentedSpec
 from hillsphere_estimators.unscented import BatchedUnscented
 
 ROOTS: list[Estimator] = [
-    *(BatchedUnscented(BatchedUnscentedSpec(update=u)) for u in ("plain", "iterated", "tempered")),  # type: ignore[arg-type]
+    *(BatchedUnscented(BatchedUnscentedSpec(update=u)) for u in ("plain", "iterated", "tempered")),
     example("estimator", "iterated_extended"),
 ]
 RATE = 0.25

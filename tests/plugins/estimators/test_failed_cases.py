@@ -30,7 +30,7 @@ from hillsphere_estimators.unscented import BatchedUnscented
 
 ALL: dict[str, Estimator] = {
     **{
-        update: BatchedUnscented(BatchedUnscentedSpec(update=update, gate_sigmas=5.0))  # type: ignore[arg-type]
+        update: BatchedUnscented(BatchedUnscentedSpec(update=update, gate_sigmas=5.0))
         for update in ("plain", "iterated", "tempered")
     },
     "gated": type(example("estimator", "iterated_extended"))(IteratedExtendedSpec(gate_sigmas=5.0)),
@@ -154,7 +154,8 @@ def test_smoother_fit_and_fusion_mark_it_too() -> None:
     estimator = ALL["gated"]
     later = prior.t_s + 600.0
     bad = spoil(prior, 1, np.nan)
-    good, spoilt = [], []
+    good: list[Belief] = []
+    spoilt: list[Belief] = []
     for start, kept in ((prior, good), (bad, spoilt)):
         first, _ = estimator.update(model, start, measured)
         tie = link(model, first, later, nothing(3))

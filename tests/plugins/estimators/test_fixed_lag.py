@@ -77,7 +77,7 @@ def test_late_by_k_steps_is_as_in_order(type_: str, late: int) -> None:
 @pytest.mark.parametrize("gate", [None, 5.0])
 def test_nonlinear_models_behind_gates_too(gate: float | None) -> None:
     estimator: Estimator = example("estimator", "unscented", 1).__class__(
-        type(example("estimator", "unscented").spec)(update="iterated", gate_sigmas=gate)  # type: ignore[attr-defined]
+        type(example("estimator", "unscented").spec)(update="iterated", gate_sigmas=gate)
     )
     flight = pair_flight(4, 6, period_s=600.0)
     inorder = run_filter(estimator, Pair(), flight)

@@ -24,7 +24,7 @@ RANDOM = np.random.default_rng(3)
 H = RANDOM.normal(size=(3, 2))
 MODEL = Linear(np.array([[1.0, 0.4], [-0.1, 0.9]]), np.zeros((2, 1)), H)
 """Three rows in two blocks below: the errors of different sensors are correlated as well."""
-MODEL.blocks = ((Channel("a", "m"), Channel("b", "m")), (Channel("c", "m"),))
+MODEL.blocks = ((Channel("a", "m"), Channel("b", "m")), (Channel("c", "m"),))  # type: ignore[assignment]
 _A = RANDOM.normal(size=(3, 3))
 R = 0.01 * (_A @ _A.T + 0.1 * np.eye(3))
 P = np.array([[4.0, 1.0], [1.0, 2.0]])
@@ -75,7 +75,7 @@ def test_gate_leaves_the_marginal_of_the_others(type_: str) -> None:
     z = H @ prior.x
     z[2] += 200.0
     gated = example("estimator", type_).__class__
-    estimator = gated(type(example("estimator", type_).spec)(gate_sigmas=5.0))  # type: ignore[attr-defined]
+    estimator = gated(type(example("estimator", type_).spec)(gate_sigmas=5.0))
     after, innovation = estimator.update(MODEL, prior, measure(z))
     np.testing.assert_array_equal(innovation.used[:, 0], [True, True, False])
     x, covariance, nis = kalman(prior.x[:, 0], np.array([z[0, 0], z[1, 0], np.nan]))

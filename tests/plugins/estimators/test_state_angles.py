@@ -134,6 +134,26 @@ def test_mean_of_sigma_points_is_circular() -> None:
     np.testing.assert_allclose(phi[0], [[1.0, 1.0], [0.0, 1.0]], rtol=0, atol=1e-10)
 
 
+@pytest.mark.parametrize("type_", TYPES)
+def test_angles_that_are_hardly_known(type_: str) -> None:
+    """Sigma points beyond half a turn: the motion is linear, so that the covariance is exact."""
+    estimator = example("estimator", type_)
+    P = np.diag([9.0, 4.0])
+    belief = Belief.of(np.array([[3.0], [0.3]]), P[None], np.zeros(1))
+    later = estimator.predict(Still(), belief, np.full(1, 2.0), nothing(1))
+    moved = np.array([[1.0, 2.0], [0.0, 1.0]])
+    ahead = moved @ P @ moved.T
+    np.testing.assert_allclose(later.covariance[0], ahead, rtol=1e-9)
+    measured = MeasurementSet.of(later.t_s, np.full((1, 1), -2.0), np.full((1, 1), 0.1),
+                                 Rotor.blocks)  # fmt: skip
+    after, _ = estimator.update(Still(), later, measured)
+    gain = ahead[:, :1] / (ahead[0, 0] + 0.01)
+    np.testing.assert_allclose(after.covariance[0], ahead - gain * ahead[:1], rtol=0, atol=1e-7)
+    off = -2.0 - (3.6 - TURN)
+    expected = np.array([[3.6 - TURN], [0.3]]) + gain * off
+    np.testing.assert_allclose(after.x, expected, rtol=0, atol=1e-7)
+
+
 def test_beliefs_on_both_sides_are_fused_between() -> None:
     """As beliefs about zero, half a turn further."""
     fused = []
