@@ -79,9 +79,11 @@ def find_singular(root: Array) -> NDArray[np.bool_]:
     ndarray of bool, shape (N,)
         False for roots that are not finite.
     """
-    size = np.linalg.norm(root, axis=2)
-    small = np.abs(np.diagonal(root, axis1=1, axis2=2)) <= RANK * size
-    return np.asarray(small.any(axis=1) & np.isfinite(size).all(axis=1))
+    variance = np.einsum("nij,nij->ni", root, root)
+    diagonal = root.diagonal(axis1=1, axis2=2)
+    small = (diagonal * diagonal <= RANK**2 * variance).any(axis=1)
+    # the common case, in few calls: this is asked in every iteration of an update
+    return small if not small.any() else np.asarray(small & np.isfinite(variance).all(axis=1))
 
 
 def solve_root(root: Array, b: Array, *, transposed: bool = False) -> Array:
