@@ -136,7 +136,7 @@ def test_a_sound_one_passes() -> None:
         (Straight(), "revolution off"),
         (Boastful(), "hold nothing"),
         (Absent(), "hold nothing"),
-        (Decorrelated(), "covariance of a linear problem is off by"),
+        (Decorrelated(), "of a linear problem is off by"),
         (Spoiling(), "changes an argument"),
         (Random(), "same call of update differs"),
         (object(), "is no Estimator"),

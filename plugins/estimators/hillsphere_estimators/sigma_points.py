@@ -183,7 +183,7 @@ def transform_motion(
     off, angles = there[:, 1:] - there[:, :1], state_angles(model, n)
     if angles:
         _, phi = transition(model, belief, t_to_s, control)
-        off = lift_differences(off, _expected(phi, belief, reach), angles)
+        off = lift_differences(off, _predict_differences(phi, belief, reach), angles)
     return _form_images(rule, there[:, 0], off, reach)
 
 
@@ -221,7 +221,7 @@ def transform_measurement(
     off = layout.difference(shown[:, 1:], shown[:, :1])
     if layout.angles and state_angles(model, n):
         _, slopes = sensitivity(model, belief, layout)
-        off = lift_differences(off, _expected(slopes, belief, reach), layout.angles)
+        off = lift_differences(off, _predict_differences(slopes, belief, reach), layout.angles)
     return _form_images(rule, shown[:, 0], off, reach)
 
 
@@ -258,7 +258,7 @@ def update_mask(model: EstimationModel, n: int) -> Array | None:
     return np.where(considered, 0.0, 1.0) if considered.any() else None
 
 
-def _expected(slopes: Array, belief: Belief, reach: float) -> Array:
+def _predict_differences(slopes: Array, belief: Belief, reach: float) -> Array:
     """Return the differences (m, 2n, N) of images by a function with constant slopes (N, m, n)."""
     ahead = reach * (slopes @ belief.root).transpose(1, 2, 0)
     return np.concatenate([ahead, -ahead], axis=1)
