@@ -36,6 +36,7 @@ from numpy.typing import NDArray
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
+from hillsphere_estimators.casewise import mark_failed, replace_failed
 from hillsphere_estimators.gauss_newton import linearise_measurements
 from hillsphere_estimators.innovations import WhitenedInnovation, usable
 from hillsphere_estimators.linearisation import noise_between, transition
@@ -53,7 +54,8 @@ class Bounds(Sequence[Belief]):
     Parameters
     ----------
     beliefs : tuple of Belief
-        At each time the true states with the bound as covariance, after the measurements.
+        At each time the true states with the bound as covariance, after the measurements; NaN from
+        where the model gives no numbers along a trajectory.
     nuisance : ndarray of bool, shape (n,)
         States that the model only considers. The bound of the others is that of a filter that
         estimates these too.
@@ -118,8 +120,8 @@ def cramer_rao(
     Raises
     ------
     InputError
-        If there are not as many sets of measurements as times, the prior is no covariance, or the
-        times go backward over process noise.
+        If there are not as many sets of measurements as times, the prior is no covariance, the
+        times go backward over process noise, or the model gives no numbers in any trajectory.
     """
     if len(truth) != len(measurements):
         raise InputError(
@@ -129,7 +131,9 @@ def cramer_rao(
     now = Belief.of(truth[0], prior, measurements[0].t_s)
     free = update_mask(model, len(now.x))
     held = now
-    bounds, considered = [], []
+    bounds: list[Belief] = []
+    considered: list[Belief] = []
+    failed = np.zeros(len(now.t_s), dtype=bool)
     for k, (x, measured) in enumerate(zip(truth, measurements, strict=True)):
         if k:
             control = np.zeros((0, x.shape[1])) if controls is None else controls[k - 1]
@@ -146,10 +150,19 @@ def cramer_rao(
             )
         slopes = _slopes(model, now, measured, pooled)
         now = Belief(x, _add_information(now, slopes), measured.t_s)
-        bounds.append(now)
+        # trajectories without numbers go on with the bound of another one, and are marked
+        now, lost, _ = replace_failed(now)
+        failed = failed | lost
+        if failed.all():
+            raise InputError(
+                f"at {measured.t_s[0]:.12g} s the model gives no finite motion, or no finite "
+                "measurement of rows that are present, along any trajectory"
+            )
+        bounds.append(mark_failed(now, failed))
         if free is not None:
             held = linear_update(held, _unit_innovation(held, slopes), 1.0, free)
-            considered.append(held)
+            held, _, _ = replace_failed(held)
+            considered.append(mark_failed(held, failed))
     nuisance = np.zeros(len(now.x), dtype=bool) if free is None else free == 0.0
     return Bounds(tuple(bounds), nuisance, tuple(considered or bounds))
 

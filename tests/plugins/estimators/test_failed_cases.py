@@ -23,7 +23,9 @@ from hillsphere.testing import example
 from hillsphere_estimators.batch_least_squares import batch_least_squares
 from hillsphere_estimators.consistency import mean_nis
 from hillsphere_estimators.covariance_intersection import covariance_intersection
+from hillsphere_estimators.cramer_rao import cramer_rao
 from hillsphere_estimators.navigation.divergence import endings
+from hillsphere_estimators.observability import observability
 from hillsphere_estimators.smoother import link, smooth
 from hillsphere_estimators.specs import BatchedUnscentedSpec, IteratedExtendedSpec
 from hillsphere_estimators.unscented import BatchedUnscented
@@ -177,6 +179,28 @@ def test_smoother_fit_and_fusion_mark_it_too() -> None:
     ):
         with pytest.raises(InputError, match="is not finite"):
             call()
+
+
+def test_bounds_and_gramians_mark_it_too() -> None:
+    model, (prior, measured) = Holed(), make(3)
+    sets = [measured, replace(measured, t_s=measured.t_s + 600.0)]
+    scales = np.ones(12)
+    bad = spoil(prior, 1, 2e6)
+    truths = [[start.x, Pair().advance(start.x, start.t_s, sets[1].t_s, nothing(3), np.arange(3))]
+              for start in (prior, bad)]  # fmt: skip
+    whole, holed = (cramer_rao(model, truth, prior.covariance, sets) for truth in truths)
+    gramian, other = (observability(model, start, sets, scales) for start in (prior, bad))
+    np.testing.assert_array_equal(holed[1].finite, [True, False, True])
+    for case in (0, 2):
+        np.testing.assert_array_equal(whole[1].root[case], holed[1].root[case])
+        np.testing.assert_array_equal(gramian.singular[case], other.singular[case])
+    assert np.isnan(other.singular[1]).all()
+    np.testing.assert_array_equal(other.rank(), gramian.rank() * [1, 0, 1])
+    far, one = spoil(make(1)[0], 0, 2e6), make(1)[1]
+    with pytest.raises(InputError, match="is not finite: its mean is"):
+        observability(model, far, [one], scales)
+    with pytest.raises(InputError, match=r"is not finite"):
+        cramer_rao(model, [far.x], far.covariance, [one])
 
 
 @pytest.mark.parametrize("type_", ["unscented", "iterated_extended", "information", "ukf", "ekf"])
