@@ -236,7 +236,14 @@ class MeasurementSet:
         if given.ndim == 3 and values.ndim == 2:
             spread, correlation = _split_covariance(given, values, blocks)
             return cls(t_s, values, spread, blocks, present, correlation)
-        return cls(t_s, values, np.broadcast_to(given, values.shape), blocks, present)
+        try:
+            spread = np.broadcast_to(given, values.shape)
+        except ValueError:
+            raise InputError(
+                f"sigma must be standard deviations of the shape {values.shape} or "
+                f"({len(values)}, 1), or covariances with three dimensions, got {given.shape}"
+            ) from None
+        return cls(t_s, values, spread, blocks, present)
 
     @property
     def covariance(self) -> Array:

@@ -155,6 +155,8 @@ def test_covariances_that_cannot_be_used() -> None:
     ):
         with pytest.raises(InputError, match=message):
             MeasurementSet.of(np.zeros(2), z, wrong, MODEL.blocks)
+    with pytest.raises(InputError, match=r"covariances with three dimensions, got \(3, 3\)"):
+        MeasurementSet.of(np.zeros(2), z, R, MODEL.blocks)
     # rows that are missing may hold anything
     z[2], hole = np.nan, R.copy()
     hole[2], hole[:, 2] = np.nan, np.nan
