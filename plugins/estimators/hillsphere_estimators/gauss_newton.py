@@ -96,8 +96,6 @@ def iterate_update(
     solve: Solver,
     iterations: int,
     tolerance: float,
-    *,
-    damped: bool = True,
 ) -> Belief:
     """Repeat a linear update about its own result until it converges.
 
@@ -119,8 +117,6 @@ def iterate_update(
         Iterations at most; 1 is the update of the extended Kalman filter.
     tolerance : float
         A case has converged when its mean moves by less, in standard deviations.
-    damped : bool
-        Whether steps that raise the sum of squares are halved.
 
     Returns
     -------
@@ -136,7 +132,7 @@ def iterate_update(
         far = step_in_sigmas(there, now)
         # only steps of iterated updates can diverge: a single one is the extended filter's
         long = moving & (far > NEVER_HALVED_SIGMAS)
-        if damped and iterations > 1 and long.any():
+        if iterations > 1 and long.any():
             before = _squares(prior, now.x, expected.residual)
 
             def rises(x: Array, limit: Array = before) -> NDArray[np.bool_]:
