@@ -24,10 +24,10 @@ __all__ = [
     "upper_triangle",
 ]
 
-RANK = 1e-13
+RANK = 1e-14
 """Diagonal element of a root over the standard deviation of its state below which the state is a
-function of those before it: rounding leaves some 1e-16 times the number of states of a zero. It is
-a multiple correlation of more than 1 − 1e-26, which no covariance of independent errors reaches."""
+function of those before it. Rounding leaves some 1e-16 times the number of states of a zero, which
+must not be taken for variance; a state that is independent to a larger part must not be dropped."""
 
 
 def upper_triangle(rows: Array) -> Array:
