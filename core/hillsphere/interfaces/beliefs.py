@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.base.arrays import Array
+from hillsphere.base.arrays import Array, Integers
 from hillsphere.base.errors import InputError
 from hillsphere.interfaces.sensing import Channel
 
@@ -244,6 +244,14 @@ class MeasurementSet:
                 f"({len(values)}, 1), or covariances with three dimensions, got {given.shape}"
             ) from None
         return cls(t_s, values, spread, blocks, present)
+
+    def of_cases(self, cases: Integers) -> MeasurementSet:
+        """Return the measurements of some cases, by their indices, which may occur repeatedly."""
+        correlation = None if self.correlation is None else self.correlation[cases]
+        return MeasurementSet(
+            self.t_s[cases], self.values[:, cases], self.sigma[:, cases], self.blocks,
+            self.present[:, cases], correlation,
+        )  # fmt: skip
 
     @property
     def covariance(self) -> Array:

@@ -164,12 +164,7 @@ class _Kit:
     def check_lanes(self, start: Belief, sets: list[MeasurementSet], end: Belief) -> None:
         """Check that the result of a case does not depend on the order of cases."""
         order = np.random.default_rng(6).permutation(_CASES)
-        moved = [
-            MeasurementSet(
-                m.t_s[order], m.values[:, order], m.sigma[:, order], m.blocks, m.present[:, order]
-            )
-            for m in sets
-        ]
+        moved = [m.of_cases(order) for m in sets]
         other = self.run(Belief(start.x[:, order], start.root[order], start.t_s[order]), moved)[0]
         self._close(
             "a case among other neighbours", other[-1].x, end.x[:, order], end.sigma[:, order]

@@ -65,6 +65,13 @@ def test_updates_are_kalmans_with_any_rows_missing(type_: str) -> None:
             innovation.residual[rows, k], (z[:, k] - H @ prior.x[:, k])[rows], rtol=1e-9
         )
     np.testing.assert_allclose(after.x[:, 7], prior.x[:, 7], rtol=1e-12)
+    some = np.array([3, 0, 0])
+    few, _ = example("estimator", type_).update(
+        MODEL,
+        Belief(prior.x[:, some], prior.root[some], prior.t_s[some]),
+        measure(z).of_cases(some),
+    )
+    np.testing.assert_array_equal(few.x, after.x[:, some])
     every = np.sum(innovation.nis) / np.sum(innovation.dof)
     np.testing.assert_allclose(mean_nis([innovation]).mean, every, rtol=1e-9)
 
