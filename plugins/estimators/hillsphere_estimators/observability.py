@@ -29,6 +29,8 @@ __all__ = ["Observability", "observability"]
 class Observability:
     """Observability of the states at the start, in units of the given scales.
 
+    All is NaN in a case whose motion or measured rows the model gives no numbers for.
+
     Parameters
     ----------
     root : ndarray, shape (N, n, n)
@@ -38,8 +40,6 @@ class Observability:
         measurements determine a direction; zero if they do not.
     directions : ndarray, shape (N, n, n)
         Unit vectors of scaled states in this order, as rows; the last is observed worst.
-
-    All are NaN in a case whose motion or measured rows the model gives no numbers for.
     """
 
     root: Array
