@@ -91,6 +91,11 @@ class Boastful(Wrapped):
         return replace(brought, used=np.ones_like(brought.used))
 
 
+class Decorrelated(Wrapped):
+    def given(self, measurements: MeasurementSet) -> MeasurementSet:
+        return replace(measurements, correlation=None)
+
+
 class Absent(Wrapped):
     def given(self, measurements: MeasurementSet) -> MeasurementSet:
         sigma = np.where(np.isfinite(measurements.sigma), measurements.sigma, 1.0)
@@ -131,6 +136,7 @@ def test_a_sound_one_passes() -> None:
         (Straight(), "revolution off"),
         (Boastful(), "hold nothing"),
         (Absent(), "hold nothing"),
+        (Decorrelated(), "of a linear problem is off by"),
         (Spoiling(), "changes an argument"),
         (Random(), "same call of update differs"),
         (object(), "is no Estimator"),

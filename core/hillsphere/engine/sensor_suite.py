@@ -122,8 +122,9 @@ class SensorSuite:
             Surroundings of the sensors.
         constant, noise : ndarray, shape (k, N) and (l, N)
             Standard normal numbers, with k and l from `draws`.
-        sigma : ndarray, shape (m, N) or (m, 1), optional
-            Standard deviations stated in the set; by default the true ones.
+        sigma : ndarray, shape (m, N) or (m, 1), or (N, m, m) or (1, m, m), optional
+            Standard deviations, or full covariances, stated in the set; by default the true
+            standard deviations.
 
         Returns
         -------

@@ -10,6 +10,7 @@ from hillsphere.base.arrays import Array, Integers
 from hillsphere.interfaces.control import Compensator, SynthesisedLaw
 from hillsphere.interfaces.dispersion import Dispersion
 from hillsphere.interfaces.estimation import (
+    AngularModel,
     ConsiderModel,
     EstimationModel,
     Estimator,
@@ -42,6 +43,7 @@ from hillsphere.interfaces.surface import ArraySurface, Enclosed, SlopedSurface,
 from hillsphere.interfaces.tracking import State, Tracker
 
 __all__ = [
+    "AngularModel",
     "Array",
     "ArrayConserved",
     "ArrayGravityModel",

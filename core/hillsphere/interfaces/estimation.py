@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
@@ -13,7 +14,7 @@ from hillsphere.base.contracts import Contract
 if TYPE_CHECKING:
     from hillsphere.interfaces.beliefs import Belief, Innovation, MeasurementSet
 
-__all__ = ["ConsiderModel", "EstimationModel", "Estimator", "LinearisedModel"]
+__all__ = ["AngularModel", "ConsiderModel", "EstimationModel", "Estimator", "LinearisedModel"]
 
 
 class EstimationModel(Protocol):
@@ -70,6 +71,16 @@ class ConsiderModel(EstimationModel, Contract, Protocol):
 
 
 @runtime_checkable
+class AngularModel(EstimationModel, Contract, Protocol):
+    """An `EstimationModel` with states that are angles, of which whole turns make no difference."""
+
+    @property
+    def angles(self) -> Sequence[int]:
+        """Rows of the states that are angles, rad; their differences go the short way round."""
+        ...
+
+
+@runtime_checkable
 class Estimator(Contract, Protocol):
     """An estimator (filter): from measurements to beliefs, for N independent cases at once.
 
@@ -79,7 +90,10 @@ class Estimator(Contract, Protocol):
     def predict(
         self, model: EstimationModel, belief: Belief, t_to_s: Array, control: Array
     ) -> Belief:
-        """Return the belief at later times t_to_s (N,), s, under the controls (p, N)."""
+        """Return the belief at later times t_to_s (N,), s, under the controls (p, N).
+
+        Earlier times are refused unless there is no process noise.
+        """
         ...
 
     def update(
@@ -87,6 +101,7 @@ class Estimator(Contract, Protocol):
     ) -> tuple[Belief, Innovation]:
         """Return the belief after measurements at its own time, and their innovation.
 
-        Rows that are not present have no effect.
+        Rows that are not present have no effect. A case whose prediction is no number is marked by
+        a belief of NaN and leaves the others as they are; a single case raises.
         """
         ...

@@ -58,7 +58,8 @@ def check_estimator(estimator: Estimator, *, tol: float = 1e-8) -> None:
         - measured angles may be a revolution off;
         - the uncertainty of speeds does not decrease in a prediction, and that of positions
           decreases by measurements;
-        - on a linear problem it agrees with the Kalman filter;
+        - on a linear problem it agrees with the Kalman filter, whether the errors of the
+          measurements are independent or correlated;
         - over twelve measurements its errors stay within six standard deviations.
     """
     what = type(estimator).__name__
@@ -66,7 +67,8 @@ def check_estimator(estimator: Estimator, *, tol: float = 1e-8) -> None:
     kit = _Kit(what, estimator, tol)
     truth, start, sets = _scenario()
     beliefs, _ = kit.run(start, sets)
-    kit.check_linear()
+    for correlation in (0.0, 0.6):
+        kit.check_linear(correlation)
     kit.check_lanes(start, sets, beliefs[-1])
     kit.check_turns(start, sets, beliefs[-1])
     kit.check_silence(start, sets)
@@ -129,22 +131,25 @@ class _Kit:
             brought.append(innovation)
         return beliefs, brought
 
-    def check_linear(self) -> None:
-        """Compare with the Kalman filter on a linear problem."""
+    def check_linear(self, correlation: float) -> None:
+        """Compare with the Kalman filter on a linear problem with correlated errors."""
         model, random = _Direct(), np.random.default_rng(4)
         truth, belief, _ = _scenario()
         x, P = belief.x.T.copy(), belief.covariance
         F = np.eye(4) + _PERIOD * np.eye(4, k=2)
         H = np.eye(4)[[0, 3]]
-        R = np.diag([9.0, 0.01])
+        sigma = np.array([3.0, 0.1])
+        R = np.outer(sigma, sigma) * np.array([[1.0, correlation], [correlation, 1.0]])
+        mixed = np.linalg.cholesky(R)
         G = model.process_noise(belief.x, np.zeros(_CASES), np.full(_CASES, _PERIOD), _NOTHING)
         for k in range(_STEPS):
-            z = H @ truth[k] + np.sqrt(np.diag(R))[:, None] * random.normal(size=(2, _CASES))
+            z = H @ truth[k] + mixed @ random.normal(size=(2, _CASES))
             t_s = np.full(_CASES, k * _PERIOD)
             if k:
                 belief = self._ahead(model, belief, t_s)
                 x, P = x @ F.T, F @ P @ F.T + G @ np.swapaxes(G, 1, 2)
-            measured = MeasurementSet.of(t_s, z, np.sqrt(np.diag(R))[:, None], _DIRECT)
+            stated = R[None] if correlation else sigma[:, None]
+            measured = MeasurementSet.of(t_s, z, stated, _DIRECT)
             belief, innovation = self._updated(model, belief, measured)
             S = H @ P @ H.T + R
             gain = np.swapaxes(np.linalg.solve(S, H @ P), 1, 2)
@@ -159,12 +164,7 @@ class _Kit:
     def check_lanes(self, start: Belief, sets: list[MeasurementSet], end: Belief) -> None:
         """Check that the result of a case does not depend on the order of cases."""
         order = np.random.default_rng(6).permutation(_CASES)
-        moved = [
-            MeasurementSet(
-                m.t_s[order], m.values[:, order], m.sigma[:, order], m.blocks, m.present[:, order]
-            )
-            for m in sets
-        ]
+        moved = [m.of_cases(order) for m in sets]
         other = self.run(Belief(start.x[:, order], start.root[order], start.t_s[order]), moved)[0]
         self._close(
             "a case among other neighbours", other[-1].x, end.x[:, order], end.sigma[:, order]

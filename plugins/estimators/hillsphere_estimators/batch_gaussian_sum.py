@@ -34,7 +34,6 @@ from hillsphere_estimators.mixture import (
     MixtureBelief,
     find_modes,
     mixture_of,
-    take_cases,
 )
 from hillsphere_estimators.mixture_update import update_mixture
 from hillsphere_estimators.roots import upper_triangle
@@ -186,7 +185,7 @@ def _expand_arc(
         shown = layout.fitting(model.observe(x, now, lane)).reshape(-1, each, many)
         shift, linear, bent = expand(layout.difference(shown[:, 1:], shown[:, :1]), n)
         own = whiten(
-            layout, take_cases(measured, owner), used[:, owner], shown[:, 0], shift, linear, bent
+            layout, measured.of_cases(owner), used[:, owner], shown[:, 0], shift, linear, bent
         )
         if last - first == 1 and layout.rows <= q:
             # fewer rows than the compressed ones

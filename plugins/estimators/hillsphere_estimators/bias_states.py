@@ -19,6 +19,7 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -29,6 +30,7 @@ from hillsphere.base.contracts import Contract
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array, ConsiderModel, EstimationModel, Integers
+from hillsphere_estimators.state_angles import state_angles
 
 __all__ = ["BiasAugmentedModel", "BiasStates"]
 
@@ -124,6 +126,11 @@ class BiasAugmentedModel:
     def considered(self) -> NDArray[np.bool_]:
         """Whether a state or bias is considered and not estimated, (n + k,)."""
         return self._considered
+
+    @property
+    def angles(self) -> Sequence[int]:
+        """Rows of the states that are angles: those of the model without biases."""
+        return state_angles(self._model, self._n)
 
     def advance(self, x: Array, t0_s: Array, t1_s: Array, control: Array, case: Integers) -> Array:
         """Return the states later; see `hillsphere.interfaces.EstimationModel`."""

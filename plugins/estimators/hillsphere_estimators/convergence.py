@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array
+from hillsphere_estimators.roots import RANK, find_singular, solve_root
 
 __all__ = ["freeze_converged", "regular_root", "regular_scales", "step_in_sigmas"]
 
@@ -32,13 +33,18 @@ def regular_root(belief: Belief) -> Array:
     Raises
     ------
     InputError
-        If a diagonal element of a root is zero: that state has no variance.
+        If a covariance is singular: a state has no variance, or none given the others.
     """
-    # the determinant of a triangular root is the product of its diagonal
-    if not np.diagonal(belief.root, axis1=1, axis2=2).all():
+    singular = find_singular(belief.root)
+    if singular.any():
+        case = int(np.argmax(singular))
+        own = belief.root[case]
+        known = np.abs(np.diagonal(own)) <= RANK * np.linalg.norm(own, axis=1)
         raise InputError(
-            "the covariance of a belief is singular: a state has zero variance. Iterated updates "
-            "need its inverse; give the state a small variance, or take the plain unscented update"
+            f"the covariance of a belief is singular: state {int(np.argmax(known))} of case {case} "
+            "is known exactly, by itself or given the others, and the information of it is "
+            "infinite; give it a small variance, or take a filter of type unscented or "
+            "iterated_extended"
         )
     return belief.root
 
@@ -77,15 +83,10 @@ def step_in_sigmas(new: Belief, old: Belief) -> Array:
     Returns
     -------
     ndarray, shape (N,)
-        Without dimension.
-
-    Raises
-    ------
-    InputError
-        If the new covariance is singular.
+        Without dimension. States that are known exactly do not count.
     """
     # |S'⁻¹ (x' − x)|² is the quadratic form with P'⁻¹
-    step = np.linalg.solve(regular_root(new), (new.x - old.x).T[:, :, None])
+    step = solve_root(new.root, (new.x - old.x).T[:, :, None])
     return np.asarray(np.linalg.norm(step[:, :, 0], axis=1))
 
 

@@ -20,12 +20,15 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array
+from hillsphere_estimators.casewise import mark_failed, replace_failed
 from hillsphere_estimators.convergence import regular_root, regular_scales
 from hillsphere_estimators.roots import lower_root
+from hillsphere_estimators.state_angles import check_angles, wrap_differences, wrap_means
 
 __all__ = ["covariance_intersection"]
 
@@ -40,8 +43,10 @@ def covariance_intersection(
     second: Belief,
     least: Literal["determinant", "trace"] = "determinant",
     scales: Array | None = None,
+    *,
+    angles: ArrayLike = (),
 ) -> tuple[Belief, Array]:
-    """Fuse two beliefs of N cases.
+    """Fuse two beliefs of N cases. Cases that have failed in either (NaN) have failed in both.
 
     Parameters
     ----------
@@ -52,6 +57,9 @@ def covariance_intersection(
         units, or its trace in units of the scales.
     scales : ndarray, shape (n,), optional
         With the trace: size of one unit of each state, SI; 1 by default.
+    angles : array_like of int, optional
+        States that are angles: they differ by less than half a turn. Those of a model are its
+        attribute ``angles``.
 
     Returns
     -------
@@ -63,7 +71,8 @@ def covariance_intersection(
     Raises
     ------
     InputError
-        If the beliefs have other states or times, the measure is unknown, or the scales do not fit.
+        If the beliefs have other states or times, a state is known exactly, a single case has
+        failed, the measure is unknown, or the scales or angles do not fit.
     """
     if least not in ("determinant", "trace"):
         raise InputError(f'least must be "determinant" or "trace", got {least!r}')
@@ -72,6 +81,12 @@ def covariance_intersection(
             f"beliefs to be joined must be of the same states and times, got {first.x.shape} and "
             f"{second.x.shape}; predict the earlier one first"
         )
+    rows = check_angles(angles, len(first.x))
+    first, failed, _ = replace_failed(first)
+    second, others, _ = replace_failed(second)
+    failed = failed | others
+    if failed.all():
+        return mark_failed(first, failed), np.full(len(failed), np.nan)
     # singular values of L⁻¹ S₂ are the roots of d
     relative = np.linalg.solve(regular_root(first), regular_root(second))
     vectors, singular, _ = np.linalg.svd(relative)
@@ -86,10 +101,12 @@ def covariance_intersection(
     information = weight[:, None] + (1.0 - weight)[:, None] / d
     joined = lower_root(np.swapaxes(columns / np.sqrt(information)[:, None], 1, 2))
     # in the coordinates of the columns P⁻¹ is diagonal: x − x₁ = P (1 − ω) P₂⁻¹ (x₂ − x₁)
-    off = np.linalg.solve(columns, (second.x - first.x).T[:, :, None])[:, :, 0]
+    apart = wrap_differences(second.x - first.x, rows)
+    off = np.linalg.solve(columns, apart.T[:, :, None])[:, :, 0]
     step = (1.0 - weight)[:, None] / d / information * off
     x = first.x + (columns @ step[:, :, None])[:, :, 0].T
-    return Belief(x, joined, first.t_s), weight
+    fused = wrap_means(mark_failed(Belief(x, joined, first.t_s), failed), rows)
+    return fused, np.where(failed, np.nan, weight)
 
 
 def _weight(d: Array, share: Array, power: float) -> Array:

@@ -121,6 +121,24 @@ class Layout:
             flat[:, row + 2] = 0.0
         return flat
 
+    def noise(self, covariance: Array, at: Array) -> Array:
+        """Return the covariances of the errors of differences from those of the values.
+
+        Parameters
+        ----------
+        covariance : ndarray, shape (N, m, m)
+            Covariances of the errors of the values.
+        at : ndarray, shape (m, N)
+            The values from which the differences are taken.
+
+        Returns
+        -------
+        ndarray, shape (N, m, m)
+            Covariances of the errors of `difference` from these values, to first order.
+        """
+        half = self.tangent(covariance, at)
+        return np.swapaxes(self.tangent(np.swapaxes(half, 1, 2), at), 1, 2)
+
 
 def across(direction: Array) -> tuple[Array, Array]:
     """Return two unit vectors that make a right-handed frame with a direction.

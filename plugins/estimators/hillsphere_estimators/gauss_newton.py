@@ -25,10 +25,11 @@ from numpy.typing import NDArray
 
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
-from hillsphere_estimators.convergence import freeze_converged, regular_root, step_in_sigmas
+from hillsphere_estimators.convergence import freeze_converged, step_in_sigmas
 from hillsphere_estimators.differences import Layout
 from hillsphere_estimators.innovations import WhitenedInnovation, whiten
 from hillsphere_estimators.linearisation import predict_measurement, sensitivity
+from hillsphere_estimators.roots import solve_root
 
 __all__ = [
     "MOST_HALVINGS",
@@ -95,8 +96,6 @@ def iterate_update(
     solve: Solver,
     iterations: int,
     tolerance: float,
-    *,
-    damped: bool = True,
 ) -> Belief:
     """Repeat a linear update about its own result until it converges.
 
@@ -118,8 +117,6 @@ def iterate_update(
         Iterations at most; 1 is the update of the extended Kalman filter.
     tolerance : float
         A case has converged when its mean moves by less, in standard deviations.
-    damped : bool
-        Whether steps that raise the sum of squares are halved.
 
     Returns
     -------
@@ -135,7 +132,7 @@ def iterate_update(
         far = step_in_sigmas(there, now)
         # only steps of iterated updates can diverge: a single one is the extended filter's
         long = moving & (far > NEVER_HALVED_SIGMAS)
-        if damped and iterations > 1 and long.any():
+        if iterations > 1 and long.any():
             before = _squares(prior, now.x, expected.residual)
 
             def rises(x: Array, limit: Array = before) -> NDArray[np.bool_]:
@@ -190,5 +187,5 @@ def halve_rising_steps(
 
 def _squares(prior: Belief, x: Array, residual: Array) -> Array:
     """Return the sum of squares J (N,) at states x (n, N) with the residuals ν (N, m) there."""
-    off = np.linalg.solve(regular_root(prior), (x - prior.x).T[:, :, None])[:, :, 0]
+    off = solve_root(prior.root, (x - prior.x).T[:, :, None])[:, :, 0]
     return np.asarray(np.sum(off**2, axis=1) + np.sum(residual**2, axis=1))

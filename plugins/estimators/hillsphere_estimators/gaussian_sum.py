@@ -24,7 +24,7 @@ from hillsphere_estimators.innovations import (
     usable_at,
     whiten,
 )
-from hillsphere_estimators.mixture import Mixture, MixtureBelief, mixture_of, take_cases
+from hillsphere_estimators.mixture import Mixture, MixtureBelief, mixture_of
 from hillsphere_estimators.mixture_update import expand_in_parts, update_mixture
 from hillsphere_estimators.sigma_points import SigmaRule, transform_motion, update_mask
 from hillsphere_estimators.specs import GaussianSumSpec
@@ -135,7 +135,7 @@ def _expand_measurement(
         model.observe(points.reshape(n, -1), np.tile(lanes.t_s, each), np.tile(owner, each))
     ).reshape(-1, each, many)
     shift, linear, bent = expand(layout.difference(shown[:, 1:], shown[:, :1]), n)
-    own = take_cases(measurements, owner)
+    own = measurements.of_cases(owner)
     return whiten(layout, own, used[:, owner], shown[:, 0], shift, linear, bent)
 
 

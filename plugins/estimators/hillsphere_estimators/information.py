@@ -13,23 +13,26 @@ References
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
+from hillsphere_estimators.casewise import CasewiseEstimator, drop_failed
 from hillsphere_estimators.convergence import regular_root
 from hillsphere_estimators.gauss_newton import iterate_update, linearise_measurements
 from hillsphere_estimators.innovations import WhitenedInnovation, refer_to_prior, usable_at
-from hillsphere_estimators.linearisation import transition
-from hillsphere_estimators.roots import upper_triangle
+from hillsphere_estimators.linearisation import noise_between, transition
+from hillsphere_estimators.roots import lower_root, upper_triangle
 from hillsphere_estimators.sigma_points import update_mask
 from hillsphere_estimators.specs import InformationSpec
 
 __all__ = ["Information", "information_root"]
 
 
-class Information:
+class Information(CasewiseEstimator):
     """A square-root information filter, its update iterated (see the module).
+
+    States that are known exactly have infinite information: they are refused.
 
     Parameters
     ----------
@@ -40,12 +43,12 @@ class Information:
     def __init__(self, spec: InformationSpec) -> None:
         self.spec = spec
 
-    def predict(
+    def _predict(
         self, model: EstimationModel, belief: Belief, t_to_s: Array, control: Array
     ) -> Belief:
-        """Return the belief at later times; see `hillsphere.interfaces.Estimator`."""
+        """Return the belief at other times."""
+        noise = noise_between(model, belief, t_to_s, control)
         x, phi = transition(model, belief, t_to_s, control)
-        noise = model.process_noise(belief.x, belief.t_s, t_to_s, control)
         cases, n, r = noise.shape
         # x' = Φ x + G w with white w: the equations are w = 0 and R Φ⁻¹ (x' − G w) = R x̂, each with
         # noise of unit variance; the triangle of both without the columns of w is R of x'
@@ -57,30 +60,29 @@ class Information:
         rows[:, r:, r:] = back
         return _belief(x, upper_triangle(rows)[:, r:, r:], t_to_s)
 
-    def update(
+    def _update(
         self, model: EstimationModel, belief: Belief, measurements: MeasurementSet
-    ) -> tuple[Belief, Innovation]:
-        """Return the belief after measurements; see `hillsphere.interfaces.Estimator`.
-
-        Raises
-        ------
-        InputError
-            If the model has considered states: an information filter has no gain to leave out.
-        """
+    ) -> tuple[Belief, Innovation, NDArray[np.bool_]]:
+        """Return the belief after measurements, the innovation, and which cases have failed."""
         spec = self.spec
         layout, used = usable_at(belief, measurements)
-        if update_mask(model, len(belief.x)) is not None:
-            raise InputError(
-                "the information filter estimates all states, but the model has considered ones; "
-                "take an estimator of type unscented or iterated_extended"
-            )
-        first = linearise_measurements(model, belief, layout, measurements, used)
+        free = update_mask(model, len(belief.x))
+        first, failed = drop_failed(
+            linearise_measurements(model, belief, layout, measurements, used)
+        )
+
         after = iterate_update(
-            model, belief, layout, measurements, used, _solve_linearised,
+            model, belief, layout, measurements, first.used, _solve_linearised,
             spec.iterations, spec.tolerance_sigmas,
         )  # fmt: skip
+        if free is not None:
+            # about the solution for all states; the extended filter stays at the prior
+            at = after if spec.iterations > 1 else belief
+            expected = linearise_measurements(model, at, layout, measurements, first.used)
+            joint = _solve_linearised(belief, at.x, expected)
+            after = _hold_considered(belief, at.x, expected, joint, free)
         innovation = refer_to_prior(belief, belief.x, first).innovation(measurements.sigma)
-        return after, innovation
+        return after, innovation, failed
 
 
 def information_root(belief: Belief) -> Array:
@@ -120,6 +122,23 @@ def _solve_linearised(prior: Belief, x: Array, expected: WhitenedInnovation) -> 
     upper = upper_triangle(rows)
     step = np.linalg.solve(upper[:, :n, :n], upper[:, :n, n:])
     return _belief(x + step[:, :, 0].T, upper[:, :n, :n], prior.t_s)
+
+
+def _hold_considered(
+    prior: Belief, x: Array, expected: WhitenedInnovation, joint: Belief, free: Array
+) -> Belief:
+    """Return Schmidt's update from that of all states, whose covariance is P⁺.
+
+    With noise of unit variance the gain is K = P⁺ Hᵀ. Its rows of considered states are left out;
+    the covariance is then (1 − K H) P (1 − K H)ᵀ + K Kᵀ (Joseph's form), of which the two factors
+    are the rows.
+    """
+    gain = joint.root @ (np.swapaxes(joint.root, 1, 2) @ expected.linear) * free[:, None]
+    first = refer_to_prior(prior, x, expected)
+    step = gain @ first.residual[:, :, None]
+    over = np.swapaxes(gain, 1, 2)
+    rows = np.concatenate([np.swapaxes(prior.root, 1, 2) - first.linear @ over, over], axis=1)
+    return Belief(prior.x + step[:, :, 0].T, lower_root(rows), prior.t_s)
 
 
 def _belief(x: Array, known: Array, t_s: Array) -> Belief:

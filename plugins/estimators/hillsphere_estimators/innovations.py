@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -13,18 +14,21 @@ from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array
 from hillsphere_estimators.differences import Layout, layout_of
+from hillsphere_estimators.roots import unit
 
 __all__ = [
+    "SAME_TIME",
     "WhitenedInnovation",
     "apply_gate",
     "gate_threshold",
     "refer_to_prior",
+    "require_independent",
     "usable",
     "usable_at",
     "whiten",
 ]
 
-_SAME_TIME = 1e-9
+SAME_TIME = 1e-9
 """Difference of two times, absolute (s) and relative, that is rounding: a belief and measurements
 that differ by more belong to different times."""
 
@@ -46,12 +50,17 @@ class WhitenedInnovation:
         Rows of the covariance that curvature adds; uncorrelated with the former.
     used : ndarray of bool, shape (m, N)
         Rows that are used.
+    root : ndarray, shape (N, m, m), optional
+        Lower root L of the correlation of the noise. The rows above are then those of noise with
+        the unit matrix as its covariance, L⁻¹ times those over the standard deviations. None for
+        independent noise: L = 1.
     """
 
     residual: Array
     linear: Array
     bent: Array
     used: NDArray[np.bool_]
+    root: Array | None = None
 
     def covariance(self) -> Array:
         """Return the covariance of the residual (N, m, m), with that of the noise, 1."""
@@ -61,6 +70,22 @@ class WhitenedInnovation:
         cases, m, _ = total.shape
         total.reshape(cases, m * m)[:, :: m + 1] += 1.0
         return np.asarray(total)
+
+    def in_sigmas(self) -> WhitenedInnovation:
+        """Return residual and rows over the standard deviations, the noise still correlated.
+
+        Its `covariance` leaves the correlation out: take that of this innovation, L S Lᵀ.
+        """
+        if self.root is None:
+            return self
+        mixed = np.swapaxes(self.root, 1, 2)
+        return replace(
+            self,
+            residual=(self.root @ self.residual[:, :, None])[:, :, 0],
+            linear=self.linear @ mixed,
+            bent=self.bent @ mixed,
+            root=None,
+        )
 
     def innovation(self, sigma: Array, nis: Array | None = None) -> Innovation:
         """Return the innovation in SI units.
@@ -81,17 +106,52 @@ class WhitenedInnovation:
         if nis is None:
             solved = np.linalg.solve(covariance, self.residual[:, :, None])[:, :, 0]
             nis = np.sum(solved * self.residual, axis=1)
-        unit = np.where((sigma > 0.0) & (sigma < np.inf), sigma, 1.0).T
-        covariance *= unit[:, :, None]
-        covariance *= unit[:, None]
-        return Innovation((self.residual * unit).T, covariance, self.used, nis)
+        residual = self.in_sigmas().residual
+        if self.root is not None:
+            covariance = self.root @ covariance @ np.swapaxes(self.root, 1, 2)
+        size = np.where((sigma > 0.0) & (sigma < np.inf), sigma, 1.0).T
+        covariance *= size[:, :, None]
+        covariance *= size[:, None]
+        return Innovation((residual * size).T, covariance, self.used, nis)
 
     def without(self, used: NDArray[np.bool_]) -> WhitenedInnovation:
         """Return the innovation with the rows `used` (m, N) only; the others become zero."""
         keep = used.T.astype(float)
-        return WhitenedInnovation(
-            self.residual * keep, self.linear * keep[:, None], self.bent * keep[:, None], used
+        sized = self.in_sigmas()
+        made = WhitenedInnovation(
+            sized.residual * keep, sized.linear * keep[:, None], sized.bent * keep[:, None], used
         )
+        if self.root is None:
+            return made
+        return _decorrelate(made, self.root @ np.swapaxes(self.root, 1, 2))
+
+
+def _decorrelate(sized: WhitenedInnovation, correlation: Array) -> WhitenedInnovation:
+    """Return an innovation over the standard deviations with its noise made independent.
+
+    Rows that are not used leave the correlation (N, m, m) with their columns: the errors of the
+    others have the marginal distribution.
+    """
+    used = sized.used.T
+    both = used[:, :, None] & used[:, None]
+    own = np.where(both, correlation, unit(used.shape[1]))
+    try:
+        root = np.linalg.cholesky(own)
+    except np.linalg.LinAlgError:
+        least = np.linalg.eigvalsh(own)[:, 0]
+        raise InputError(
+            f"the covariance of the measurements of case {int(np.argmin(least))} is not positive "
+            "definite across the predicted directions"
+        ) from None
+    inverse = np.linalg.inv(root)
+    mixed = np.swapaxes(inverse, 1, 2)
+    return WhitenedInnovation(
+        (inverse @ sized.residual[:, :, None])[:, :, 0],
+        sized.linear @ mixed,
+        sized.bent @ mixed,
+        sized.used,
+        root,
+    )
 
 
 def usable(measurements: MeasurementSet) -> tuple[Layout, NDArray[np.bool_]]:
@@ -114,7 +174,7 @@ def usable_at(belief: Belief, measurements: MeasurementSet) -> tuple[Layout, NDA
     at, then = belief.t_s, measurements.t_s
     if at.shape != then.shape:
         raise InputError(f"the belief has {len(at)} cases, the measurements have {len(then)}")
-    late = np.abs(then - at) > _SAME_TIME * (1.0 + np.abs(at))
+    late = np.abs(then - at) > SAME_TIME * (1.0 + np.abs(at))
     if late.any():
         case = int(np.argmax(late))
         raise InputError(
@@ -150,6 +210,13 @@ def whiten(
     linear, bent : ndarray, shape (N, k, m) and (N, l, m)
         Rows of their covariance, SI; see `WhitenedInnovation`.
     """
+    if measurements.correlation is not None:
+        sized = whiten(
+            layout, replace(measurements, correlation=None), used, middle, shift, linear, bent
+        )
+        # values that cannot be predicted have no direction; their case is no number by its residual
+        at = np.where(np.isfinite(middle), middle, 0.0)
+        return _decorrelate(sized, layout.noise(measurements.correlation, at))
     # without missing rows the masks below change nothing and cost as much as the rest
     if used.all():
         residual = layout.difference(measurements.values, middle) - shift
@@ -191,12 +258,14 @@ def apply_gate(layout: Layout, expected: WhitenedInnovation, sigmas: float) -> W
     WhitenedInnovation
         With the blocks that are taken.
     """
-    covariance = expected.covariance()
+    covariance, sized = expected.covariance(), expected.in_sigmas()
+    if expected.root is not None:
+        covariance = expected.root @ covariance @ np.swapaxes(expected.root, 1, 2)
     # variance of each row by curvature, in units of the noise's
-    bend = np.sum(expected.bent**2, axis=1)
+    bend = np.sum(sized.bent**2, axis=1)
     used = expected.used.copy()
     for rows in layout.blocks:
-        own = expected.residual[:, rows]
+        own = sized.residual[:, rows]
         solved = np.linalg.solve(covariance[:, rows, rows], own[:, :, None])[:, :, 0]
         distance = np.sum(own * solved, axis=1)
         straight = (bend[:, rows] <= 1.0).all(axis=1)
@@ -229,7 +298,17 @@ def refer_to_prior(prior: Belief, x: Array, expected: WhitenedInnovation) -> Whi
         np.swapaxes(prior.root, 1, 2) @ expected.linear,
         expected.bent,
         expected.used,
+        expected.root,
     )
+
+
+def require_independent(sets: Sequence[MeasurementSet], what: str) -> None:
+    """Raise `InputError` if the errors of a set are correlated, which `what` does not take."""
+    if any(one.correlation is not None for one in sets):
+        raise InputError(
+            f"{what} takes independent errors of measurements, given by standard deviations, but a "
+            "set states full covariances; take a filter or batch_least_squares"
+        )
 
 
 @lru_cache(maxsize=256)

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array, EstimationModel, LinearisedModel
 from hillsphere_estimators.differences import Layout
+from hillsphere_estimators.state_angles import state_angles, wrap_differences
 
-__all__ = ["predict_measurement", "sensitivity", "transition"]
+__all__ = ["noise_between", "predict_measurement", "sensitivity", "transition"]
 
 _STEP = 0.03
 """Step of the differences in standard deviations of the belief. Their error is of fourth order: the
@@ -55,7 +57,50 @@ def transition(
         points.reshape(n, -1), np.tile(belief.t_s, each), np.tile(t_to_s, each),
         np.tile(control, each), np.tile(case, each),
     ).reshape(n, each, cases)  # fmt: skip
-    return moved[:, 0], _slopes(moved[:, 1:] - moved[:, :1], steps)
+    off = wrap_differences(moved[:, 1:] - moved[:, :1], state_angles(model, n))
+    return moved[:, 0], _slopes(off, steps)
+
+
+def noise_between(model: EstimationModel, belief: Belief, t_to_s: Array, control: Array) -> Array:
+    """Return the roots of the process noise from the times of a belief to others.
+
+    Parameters
+    ----------
+    model : EstimationModel
+        Motion model.
+    belief : Belief
+        Belief of N cases.
+    t_to_s : ndarray, shape (N,)
+        Times of the prediction, s.
+    control : ndarray, shape (p, N)
+        Controls.
+
+    Returns
+    -------
+    ndarray, shape (N, n, r)
+        G with Q = G Gᵀ.
+
+    Raises
+    ------
+    InputError
+        If a case is predicted backward over process noise. Its states before are correlated with
+        the noise since, so that adding Q would be wrong in either direction.
+    """
+    back = np.asarray(t_to_s) < belief.t_s
+    if not back.any():
+        return model.process_noise(belief.x, belief.t_s, t_to_s, control)
+    # models may take roots of negative times here: what is no number is not zero
+    with np.errstate(invalid="ignore"):
+        noise = model.process_noise(belief.x, belief.t_s, t_to_s, control)
+    noisy = back & (noise != 0.0).any(axis=(1, 2))
+    if noisy.any():
+        case = int(np.argmax(noisy))
+        raise InputError(
+            f"case {case} would be predicted backward, from {belief.t_s[case]:.12g} s to "
+            f"{t_to_s[case]:.12g} s, over process noise; smooth earlier beliefs instead, or insert "
+            "a late measurement with FixedLag"
+        )
+    return noise
 
 
 def predict_measurement(model: EstimationModel, belief: Belief, layout: Layout) -> Array:

@@ -24,11 +24,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.estimation import Belief, MeasurementSet
+from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array, Integers
 from hillsphere_estimators.roots import lower_root
 
-__all__ = ["Mixture", "MixtureBelief", "Modes", "find_modes", "mixture_of", "take_cases"]
+__all__ = ["Mixture", "MixtureBelief", "Modes", "find_modes", "mixture_of"]
 
 _HALF = 0.5
 """Standard deviation of the parts of a split component along its direction. Halving divides the
@@ -294,27 +294,6 @@ def mixture_of(belief: Belief) -> tuple[Mixture, Array]:
         return Mixture.of(belief), np.zeros(len(belief.t_s))
     left = belief.unresolved
     return belief.mixture, np.zeros(len(belief.t_s)) if left is None else left
-
-
-def take_cases(measurements: MeasurementSet, owner: Integers) -> MeasurementSet:
-    """Return the measurements of the cases of components.
-
-    Parameters
-    ----------
-    measurements : MeasurementSet
-        Of N cases.
-    owner : ndarray of int, shape (M,)
-        Cases.
-
-    Returns
-    -------
-    MeasurementSet
-        Of M components.
-    """
-    return MeasurementSet(
-        measurements.t_s[owner], measurements.values[:, owner], measurements.sigma[:, owner],
-        measurements.blocks, measurements.present[:, owner],
-    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
+from hillsphere_estimators.casewise import replace_failed
 from hillsphere_estimators.convergence import regular_scales
 from hillsphere_estimators.gauss_newton import linearise_measurements
 from hillsphere_estimators.innovations import usable
@@ -27,6 +28,8 @@ __all__ = ["Observability", "observability"]
 @dataclass(frozen=True)
 class Observability:
     """Observability of the states at the start, in units of the given scales.
+
+    All is NaN in a case whose motion or measured rows the model gives no numbers for.
 
     Parameters
     ----------
@@ -44,7 +47,7 @@ class Observability:
     directions: Array
 
     def rank(self, tolerance: float = 1e-12) -> Array:
-        """Return the number of observable directions (N,).
+        """Return the number of observable directions (N,); 0 in a case that is NaN.
 
         Parameters
         ----------
@@ -87,7 +90,8 @@ def observability(
     Raises
     ------
     InputError
-        If the scales do not fit the states, or there are more or fewer controls than measurements.
+        If the scales do not fit the states, there are more or fewer controls than measurements, or
+        the model gives no numbers in any case.
     """
     n, cases = start.x.shape
     if controls is not None and len(controls) != len(measurements):
@@ -96,15 +100,26 @@ def observability(
         )
     now, phi = start, np.broadcast_to(np.diag(regular_scales(scales, n)), (cases, n, n))
     root = np.zeros((cases, n, n))
+    failed = np.zeros(cases, dtype=bool)
     for k, measured in enumerate(measurements):
         control = np.zeros((0, cases)) if controls is None else controls[k]
         x, step = transition(model, now, measured.t_s, control)
         phi = step @ phi
         # the standard deviations are only the steps of differences here: those of the start
-        now = Belief(x, start.root, measured.t_s)
+        now, lost, _ = replace_failed(Belief(x, start.root, measured.t_s))
+        failed = failed | lost
         layout, used = usable(measured)
         slopes = linearise_measurements(model, now, layout, measured, used).linear
         # rows R^(−1/2) H Φ of this time below the root of the earlier ones
         root = upper_triangle(np.concatenate([root, np.swapaxes(slopes, 1, 2) @ phi], axis=1))
+    failed = failed | ~np.isfinite(root).all(axis=(1, 2))
+    if failed.all():
+        raise InputError(
+            "the model gives no finite motion, or no finite measurement of rows that are present, "
+            "along the trajectory"
+        )
+    root = np.where(failed[:, None, None], np.eye(n), root)
     _, singular, directions = np.linalg.svd(root)
+    for values in (root, singular, directions):
+        values[failed] = np.nan
     return Observability(root, singular, directions)

@@ -9,11 +9,26 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
 
-__all__ = ["fix_signs", "lower_root", "sort_roots", "triangularise", "unit", "upper_triangle"]
+__all__ = [
+    "RANK",
+    "find_singular",
+    "fix_signs",
+    "lower_root",
+    "solve_root",
+    "sort_roots",
+    "triangularise",
+    "unit",
+    "upper_triangle",
+]
 
+RANK = 1e-14
+"""Diagonal element of a root over the standard deviation of its state below which the state is a
+function of those before it. Rounding leaves some 1e-16 times the number of states of a zero, which
+must not be taken for variance; a state that is independent to a larger part must not be dropped."""
 _ROUNDED = 1e7
 """Size of the linear rows of an innovation, in units of the noise, above which roots are sorted.
 The rows are rounded to 1e-16 of it, so that below the noise is kept to at least nine digits."""
@@ -53,6 +68,60 @@ def lower_root(rows: Array) -> Array:
     if missing > 0:
         rows = np.concatenate([rows, np.zeros((len(rows), missing, rows.shape[2]))], axis=1)
     return fix_signs(triangularise(rows)[:, :, : rows.shape[2]])
+
+
+def find_singular(root: Array) -> NDArray[np.bool_]:
+    """Return which covariances are singular: a state has no variance, or none given the others.
+
+    Parameters
+    ----------
+    root : ndarray, shape (N, n, n)
+        Lower triangular roots.
+
+    Returns
+    -------
+    ndarray of bool, shape (N,)
+        False for roots that are not finite.
+    """
+    variance = np.einsum("nij,nij->ni", root, root)
+    diagonal = root.diagonal(axis1=1, axis2=2)
+    small = (diagonal * diagonal <= RANK**2 * variance).any(axis=1)
+    # the common case, in few calls: this is asked in every iteration of an update
+    return small if not small.any() else np.asarray(small & np.isfinite(variance).all(axis=1))
+
+
+def solve_root(root: Array, b: Array, *, transposed: bool = False) -> Array:
+    """Solve S x = b, or Sᵀ x = b, with the least x where S is singular.
+
+    Parameters
+    ----------
+    root : ndarray, shape (N, n, n)
+        Lower triangular S.
+    b : ndarray, shape (N, n, k)
+        Right-hand sides. What is not in the range of a singular S is left out.
+    transposed : bool
+        Whether to solve with Sᵀ.
+
+    Returns
+    -------
+    ndarray, shape (N, n, k)
+        x.
+    """
+    singular = find_singular(root)
+    matrix = np.swapaxes(root, 1, 2) if transposed else root
+    if not singular.any():
+        return np.asarray(np.linalg.solve(matrix, b))
+    x = np.linalg.solve(np.where(singular[:, None, None], unit(root.shape[1]), matrix), b)
+    own, right = root[singular], b[singular]
+    # S = D Ŝ with rows Ŝ of length 1: the rank must not depend on units
+    size = np.linalg.norm(own, axis=2)[:, :, None]
+    size = np.where(size > 0.0, size, 1.0)
+    inverse = np.linalg.pinv(own / size, rcond=RANK)
+    if transposed:
+        x[singular] = np.swapaxes(inverse, 1, 2) @ right / size
+    else:
+        x[singular] = inverse @ (right / size)
+    return np.asarray(x)
 
 
 def sort_roots(root: Array, linear: Array) -> Array | None:

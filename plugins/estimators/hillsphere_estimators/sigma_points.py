@@ -33,6 +33,8 @@ from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array, EstimationModel, Integers
 from hillsphere_estimators.differences import Layout
+from hillsphere_estimators.linearisation import sensitivity, transition
+from hillsphere_estimators.state_angles import lift_differences, state_angles
 
 __all__ = [
     "Images",
@@ -178,7 +180,11 @@ def transform_motion(
         points.reshape(n, -1), _repeat_cases(belief.t_s, each), _repeat_cases(t_to_s, each),
         _repeat_cases(control, each), _case_of_points(each, cases),
     ).reshape(n, each, cases)  # fmt: skip
-    return _form_images(rule, there[:, 0], there[:, 1:] - there[:, :1], reach)
+    off, angles = there[:, 1:] - there[:, :1], state_angles(model, n)
+    if angles:
+        _, phi = transition(model, belief, t_to_s, control)
+        off = lift_differences(off, _predict_differences(phi, belief, reach), angles)
+    return _form_images(rule, there[:, 0], off, reach)
 
 
 def transform_measurement(
@@ -212,7 +218,11 @@ def transform_measurement(
             points.reshape(n, -1), _repeat_cases(belief.t_s, each), _case_of_points(each, cases)
         )
     ).reshape(-1, each, cases)
-    return _form_images(rule, shown[:, 0], layout.difference(shown[:, 1:], shown[:, :1]), reach)
+    off = layout.difference(shown[:, 1:], shown[:, :1])
+    if layout.angles and state_angles(model, n):
+        _, slopes = sensitivity(model, belief, layout)
+        off = lift_differences(off, _predict_differences(slopes, belief, reach), layout.angles)
+    return _form_images(rule, shown[:, 0], off, reach)
 
 
 def update_mask(model: EstimationModel, n: int) -> Array | None:
@@ -246,6 +256,12 @@ def update_mask(model: EstimationModel, n: int) -> Array | None:
     if considered.shape != (n,):
         raise InputError(f"considered must be ({n},), one for each state, got {considered.shape}")
     return np.where(considered, 0.0, 1.0) if considered.any() else None
+
+
+def _predict_differences(slopes: Array, belief: Belief, reach: float) -> Array:
+    """Return the differences (m, 2n, N) of images by a function with constant slopes (N, m, n)."""
+    ahead = reach * (slopes @ belief.root).transpose(1, 2, 0)
+    return np.concatenate([ahead, -ahead], axis=1)
 
 
 def _repeat_cases(values: Array, each: int) -> Array:

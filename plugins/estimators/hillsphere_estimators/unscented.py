@@ -47,7 +47,8 @@ from numpy.typing import NDArray
 
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
-from hillsphere_estimators.convergence import freeze_converged, regular_root, step_in_sigmas
+from hillsphere_estimators.casewise import CasewiseEstimator, drop_failed
+from hillsphere_estimators.convergence import freeze_converged, step_in_sigmas
 from hillsphere_estimators.gauss_newton import NEVER_HALVED_SIGMAS, halve_rising_steps
 from hillsphere_estimators.innovations import (
     WhitenedInnovation,
@@ -56,7 +57,15 @@ from hillsphere_estimators.innovations import (
     usable_at,
     whiten,
 )
-from hillsphere_estimators.roots import fix_signs, lower_root, sort_roots, triangularise, unit
+from hillsphere_estimators.linearisation import noise_between
+from hillsphere_estimators.roots import (
+    fix_signs,
+    lower_root,
+    solve_root,
+    sort_roots,
+    triangularise,
+    unit,
+)
 from hillsphere_estimators.sigma_points import (
     Images,
     SigmaRule,
@@ -79,7 +88,7 @@ _DIVERGING_SIGMAS = 1.0
 powers. Shorter steps move within the posterior, where either update is as good."""
 
 
-class BatchedUnscented:
+class BatchedUnscented(CasewiseEstimator):
     """An unscented Kalman filter in square-root form; `hillsphere.interfaces.Estimator`.
 
     Parameters
@@ -92,18 +101,18 @@ class BatchedUnscented:
         self.spec = spec
         self.rule = SigmaRule(spec.alpha, spec.beta, spec.kappa)
 
-    def predict(
+    def _predict(
         self, model: EstimationModel, belief: Belief, t_to_s: Array, control: Array
     ) -> Belief:
-        """Return the belief at later times; see `hillsphere.interfaces.Estimator`."""
+        """Return the belief at other times."""
+        noise = noise_between(model, belief, t_to_s, control)
         images = transform_motion(self.rule, model, belief, t_to_s, control)
-        noise = model.process_noise(belief.x, belief.t_s, t_to_s, control)
         return belief_of_images(images, noise, t_to_s)
 
-    def update(
+    def _update(
         self, model: EstimationModel, belief: Belief, measurements: MeasurementSet
-    ) -> tuple[Belief, Innovation]:
-        """Return the belief after measurements; see `hillsphere.interfaces.Estimator`."""
+    ) -> tuple[Belief, Innovation, NDArray[np.bool_]]:
+        """Return the belief after measurements, the innovation, and which cases have failed."""
         spec = self.spec
         layout, used = usable_at(belief, measurements)
         free = update_mask(model, len(belief.x))
@@ -114,23 +123,30 @@ class BatchedUnscented:
                 layout, measurements, rows, images.middle, images.shift, images.odd, images.even
             )
 
-        first = expect(belief, used)
+        first, failed = drop_failed(expect(belief, used))
         prior, sorted_root = belief, sort_roots(belief.root, first.linear)
         if sorted_root is not None:
             prior = Belief(belief.x, sorted_root, belief.t_s)
-            first = expect(prior, used)
+            first, failed = drop_failed(expect(prior, used))
         if spec.gate_sigmas is not None:
             first = apply_gate(layout, first, spec.gate_sigmas)
+        # one linear update leaves out the gain of considered states at once
+        once = spec.update == "plain" or (spec.update == "iterated" and spec.iterations == 1)
+        nis: Array | None = None
         if spec.update == "tempered":
-            after, nis = self._update_tempered(prior, first, expect, free), None
+            after = self._update_tempered(prior, first, expect)
         else:
-            after, nis = _linear_update_with_nis(prior, first, 1.0, free)
+            after, nis = _linear_update_with_nis(prior, first, 1.0, free if once else None)
         if spec.update == "iterated":
-            after = self._update_iterated(belief, prior, after, first, expect, free)
-        return after, first.innovation(measurements.sigma, nis)
+            after = self._update_iterated(belief, prior, after, first, expect)
+        if free is not None and not once:
+            # Schmidt's update, linearised about the solution for all states
+            expected = expect(after, first.used)
+            after = linear_update(prior, _relinearise(after, prior, expected), 1.0, free)
+        return after, first.innovation(measurements.sigma, nis), failed
 
     def _update_tempered(
-        self, belief: Belief, first: WhitenedInnovation, expect: InnovationAt, free: Array | None
+        self, belief: Belief, first: WhitenedInnovation, expect: InnovationAt
     ) -> Belief:
         """Apply the likelihood in powers that add up to 1, each with new sigma points.
 
@@ -145,8 +161,6 @@ class BatchedUnscented:
             The innovation at that belief, after the gate.
         expect : callable
             (belief, used rows) → innovation there.
-        free : ndarray, shape (n,), or None
-            See `update_mask`.
         """
         after, left = belief, np.ones(len(belief.t_s))
         last = np.full(left.shape, np.inf)
@@ -158,7 +172,7 @@ class BatchedUnscented:
             # the powers have run out: the likelihood must be applied as a whole
             if k == self.spec.powers - 1:
                 power = left
-            after = freeze_converged(left > 0.0, linear_update(after, expected, power, free), after)
+            after = freeze_converged(left > 0.0, linear_update(after, expected, power, None), after)
             left, last = left - power, power
             if not left.any():
                 break
@@ -171,7 +185,6 @@ class BatchedUnscented:
         after: Belief,
         first: WhitenedInnovation,
         expect: InnovationAt,
-        free: Array | None,
     ) -> Belief:
         """Repeat the update with the measurements linearised about the posterior; see the module.
 
@@ -184,19 +197,16 @@ class BatchedUnscented:
             The innovation at the prior, after the gate.
         expect : callable
             (belief, used rows) → innovation there.
-        free : ndarray, shape (n,), or None
-            See `update_mask`.
         """
         moving = np.ones(len(belief.t_s), dtype=bool)
         far = np.zeros(len(belief.t_s))
         for _ in range(1, self.spec.iterations):
             expected = expect(after, first.used)
-            there = linear_update(prior, _relinearise(after, prior, expected), 1.0, free)
+            there = linear_update(prior, _relinearise(after, prior, expected), 1.0, None)
             far = step_in_sigmas(there, after)
-            # far may be NaN: compared so that it counts as long. With considered states the step is
-            # not that of Gauss and Newton and need not reduce the sum of squares: no damping.
+            # far may be NaN: compared so that it counts as long
             long = moving & ~(far <= NEVER_HALVED_SIGMAS)
-            if free is None and long.any():
+            if long.any():
                 rises = _rise_test(belief, after, expected, expect)
                 there = halve_rising_steps(after, there, long, rises)
             after = freeze_converged(moving, there, after)
@@ -205,9 +215,7 @@ class BatchedUnscented:
                 return after
         leaping = moving & ~(far <= _DIVERGING_SIGMAS)
         if leaping.any():
-            after = freeze_converged(
-                leaping, self._update_tempered(prior, first, expect, free), after
-            )
+            after = freeze_converged(leaping, self._update_tempered(prior, first, expect), after)
         return after
 
 
@@ -304,7 +312,7 @@ def _relinearise(at: Belief, prior: Belief, expected: WhitenedInnovation) -> Whi
     The linear rows, of the sigma points of `at`, are divided by its root: Sᵀ H = rows, H the
     slopes.
     """
-    slopes = np.linalg.solve(np.swapaxes(regular_root(at), 1, 2), expected.linear)
+    slopes = solve_root(at.root, expected.linear, transposed=True)
     return refer_to_prior(
         prior, at.x, replace(expected, linear=np.asarray(slopes, dtype=np.float64))
     )
@@ -323,7 +331,7 @@ def _rise_test(
     spread = lower_root(np.concatenate([expected.bent, noise], axis=1))
 
     def squares(x: Array, residual: Array) -> Array:
-        off = np.linalg.solve(regular_root(prior), (x - prior.x).T[:, :, None])
+        off = solve_root(prior.root, (x - prior.x).T[:, :, None])
         missed = np.linalg.solve(spread, residual[:, :, None])
         return np.asarray(np.sum(off**2, axis=(1, 2)) + np.sum(missed**2, axis=(1, 2)))
 

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from tests.plugins.estimators.estimation_models import Linear, nothing
+from tests.plugins.estimators.estimation_models import Linear
 
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, MeasurementSet
@@ -17,7 +17,6 @@ from hillsphere_estimators.consistency import chi_square_band, nees
 from hillsphere_estimators.covariance_intersection import covariance_intersection
 from hillsphere_estimators.observability import observability
 from hillsphere_estimators.sigma_points import SigmaRule
-from hillsphere_estimators.smoother import link
 
 TYPES = ["unscented", "iterated_extended", "information", "ukf", "ekf"]
 MODEL = Linear(np.eye(2), np.zeros((2, 1)), np.eye(2))
@@ -83,13 +82,6 @@ def test_truth_of_another_shape(shape: tuple[int, ...]) -> None:
 def test_sigma_points_that_make_no_covariance(alpha: float, beta: float) -> None:
     with pytest.raises(InputError, match="beta of at least its square"):
         SigmaRule(alpha, beta)
-
-
-@pytest.mark.parametrize("rule", [None, SigmaRule()])
-def test_link_of_states_known_exactly(rule: SigmaRule | None) -> None:
-    known = Belief(np.zeros((2, 1)), np.zeros((1, 2, 2)), np.zeros(1))
-    with pytest.raises(InputError, match="covariance of a belief is singular"):
-        link(MODEL, known, np.ones(1), nothing(1), rule)
 
 
 def test_means_that_are_not_finite() -> None:

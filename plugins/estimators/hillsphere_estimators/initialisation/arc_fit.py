@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array
-from hillsphere_estimators.innovations import usable
+from hillsphere_estimators.innovations import require_independent, usable
 from hillsphere_estimators.orbit_refinement.motion import BodiesModel
 from hillsphere_estimators.roots import lower_root, upper_triangle
 
@@ -122,6 +122,7 @@ def arc_fit(
     ArcFit
         For each case that of the start with the least sum of squares.
     """
+    require_independent(sets, "a fit of an arc")
     n, cases = prior.x.shape
     begun = prior.x[:, None] if starts is None else starts
     tries = begun.shape[1]
@@ -230,6 +231,7 @@ def arc_rows(model: BodiesModel, x: Array, sets: Sequence[MeasurementSet], root:
     ArcRows
         Rows that were not measured are zero.
     """
+    require_independent(sets, "a fit of an arc")
     layout, _ = usable(sets[0])
     times = np.array([m.t_s[0] for m in sets])
     path, phi = model.path(x, times)

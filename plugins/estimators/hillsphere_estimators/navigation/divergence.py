@@ -81,9 +81,10 @@ def endings(
     Returns
     -------
     status, cause : tuple of str
-        Status and cause of each flight. The status is ``diverged`` if the filter has become
-        non-finite (cause ``filter``), or if its NEES at the end is too large, with an alarm by the
-        innovations (``innovations``) or without (``errors``).
+        Status and cause of each flight. The status is ``diverged`` if the NEES at the end is too
+        large, with an alarm by the innovations (``innovations``) or without (``errors``). It is
+        ``not_finite``, cause ``filter``, if the filter's numbers have become non-finite: the case
+        is then undecided, a failure of the class ``numerics``.
     """
     status, cause = list(flights.status), list(flights.cause)
     lost = np.isnan(record.nees[-1])
@@ -95,7 +96,7 @@ def endings(
         elif not lost[lane]:  # an ending after the last measurement does not concern navigation
             status[lane], cause[lane] = "completed", ""
         elif status[lane] == "completed":
-            status[lane], cause[lane] = "diverged", "filter"
+            status[lane], cause[lane] = "not_finite", "filter"
     return tuple(status), tuple(cause)
 
 

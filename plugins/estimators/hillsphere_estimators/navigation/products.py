@@ -63,7 +63,7 @@ class NavigationFlight:
     lost: int
     """Number of flights whose filter was lost before the end."""
     endings: Annotated[tuple[str, ...], Shape("flights")]
-    """How each flight ended, and why: ``"completed"``, ``"diverged (filter)"``."""
+    """How each flight ended, and why: ``"completed"``, ``"diverged (errors)"``."""
     metrics: Annotated[tuple[str, ...], Shape("metrics")]
     """Names of the metrics."""
     units: Annotated[tuple[str, ...], Shape("metrics")]

@@ -361,7 +361,7 @@ class NavigationStage(FlyingStage[_Planned, Record]):
     def _judge(
         self, planned: _Planned, batch: CaseBatch, record: Record, values: Array
     ) -> Judgement:
-        """Return how flights ended; all fail whose filter was lost or diverged, see `endings`."""
+        """Return how flights ended, see `endings`; those with a non-finite filter are undecided."""
         status, cause = endings(record, record.flights, self.spec.diverged_beyond)
         return status, cause, np.array(status) != "completed"
 

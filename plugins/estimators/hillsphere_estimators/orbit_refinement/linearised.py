@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, Channel, Integers
 from hillsphere_estimators.differences import layout_of
-from hillsphere_estimators.innovations import usable
+from hillsphere_estimators.innovations import require_independent, usable
 from hillsphere_estimators.orbit_refinement.motion import BodiesModel
 
 __all__ = ["LinearPath", "path_to"]
@@ -80,6 +80,7 @@ class LinearPath(BodiesModel):
 
     def beyond(self, measured: MeasurementSet) -> MeasurementSet:
         """Return measurements of one time as differences from those on the path."""
+        require_independent([measured], "a linearised path")
         layout, used = usable(measured)
         shown = self._shown[:, self._at[float(measured.t_s[0])]]
         off = layout.difference(np.where(used, measured.values, shown), shown)
