@@ -17,6 +17,7 @@ from hillsphere_controllers.full_order.riccati import (
     solution_by_pencil,
     stabilising_solution,
 )
+from hillsphere_controllers.slicot import hinf_guess
 from hillsphere_controllers.systems.algebra import close_with_gain
 
 __all__ = ["GammaProblem"]
@@ -101,6 +102,10 @@ class GammaProblem:
                     return float(below), float(high)
                 below, high = high, 10.0 * high
         return float(below), None
+
+    def guess(self, above: float, tolerance: float) -> float:
+        """Return SLICOT's least γ, see `hillsphere_controllers.slicot.hinf_guess`."""
+        return hinf_guess(self._plant, self._k, self._q, above, tolerance)
 
     def singular(self) -> SingularProblemError | None:
         """Return the error of a zero on the imaginary axis, None if none is found."""

@@ -29,13 +29,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hillsphere.errors import InputError
+from hillsphere.errors import HillsphereError, InputError
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import HinfNorm, hinf_norm
-from hillsphere_controllers.errors import SynthesisFailedError
+from hillsphere_controllers.errors import SingularProblemError, SynthesisFailedError
 from hillsphere_controllers.full_order.gamma_problem import GammaProblem
+from hillsphere_controllers.full_order.regularisation import Regularisation
+from hillsphere_controllers.full_order.regularised_search import search_regularised
+from hillsphere_controllers.full_order.response_bounds import frequency_bound
 from hillsphere_controllers.full_order.scaling import Units
-from hillsphere_controllers.slicot import hinf_guess
 from hillsphere_controllers.systems.algebra import lower_lft
 from hillsphere_controllers.systems.balancing import balance_states
 from hillsphere_controllers.systems.bilinear import continuous, discrete
@@ -55,6 +57,8 @@ _LOWER = 0.97
 _NEARLY = 0.99
 """A gap of 1 % between γ and its proved lower bound, or an improvement of less, does not justify a
 scan."""
+_WORTH = 0.997
+"""Share of the norm below which a loop of a regularised problem replaces one without."""
 _SHARES = (0.98, 0.9, 0.5)
 """Shares of the best γ at which a controller is tried before a scan, which takes up to 96
 attempts."""
@@ -79,12 +83,17 @@ class HinfDesign:
         Of it, with its peak's frequency.
     least : float
         The largest γ of which is proved, beyond the errors of rounding, that no controller of any
-        order reaches it: as a rule the bisection's tolerance below `solvable`, lower (or 0) where
-        the data are so badly conditioned that this cannot be told; 0 with a regularisation, which
-        poses another problem.
+        order reaches it with the plant as given: as a rule the bisection's tolerance below
+        `solvable`, lower (or 0) where the data are so badly conditioned or the problem so singular
+        that this cannot be told; 0 with a regularisation that was given, which poses another
+        problem.
     solvable : float
-        The least γ found for which the Riccati equations are solvable; `gamma` where rounding
-        hides whether they are.
+        The least γ found for which the Riccati equations are solvable, those of the regularised
+        problem if a regularisation was given; `gamma` where rounding hides whether they are, or
+        the regularisation was chosen here.
+    added : Regularisation or None
+        Weights and noise that were added for the synthesis alone; None if there are none. `gamma`,
+        `norm` and `closed_loop` are those of the plant without them.
     """
 
     controller: LtiSystem
@@ -93,6 +102,7 @@ class HinfDesign:
     norm: HinfNorm
     least: float
     solvable: float
+    added: Regularisation | None = None
 
 
 def hinf_synthesis(
@@ -102,7 +112,7 @@ def hinf_synthesis(
     *,
     tolerance: float = 1e-4,
     back_off: float = 0.005,
-    regularisation: float = 0.0,
+    regularisation: float | None = None,
     slicot: bool = False,
 ) -> HinfDesign:
     """Return a controller that nearly minimises the gain from w to z.
@@ -119,11 +129,13 @@ def hinf_synthesis(
     back_off : float
         By how much the γ of the controller is larger than the least one; it is enlarged where the
         controller does not pass the check of its closed loop.
-    regularisation : float
+    regularisation : float or None
         Weight that is put on every control, and size of the noise that is put on every measurement,
         for the synthesis only: makes problems solvable in which D12 or D21 lacks full rank, for a γ
-        that is a little larger. The closed loop is that of the plant as given;
-        `HinfDesign.solvable` then belongs to the problem with them.
+        that is a little larger. The closed loop is that of the plant as given. None: problems that
+        are singular, fail, or end more than 1 % above their lower bound are regularised by weights
+        and noise of many sizes, on states too, and the best loop is taken; what was added is in
+        `HinfDesign.added`. 0: never.
     slicot : bool
         Whether the bisection begins beside what SLICOT's SB10AD finds, which saves most of its
         steps. The Riccati equations are solved on both sides of it here, and the same is checked:
@@ -142,9 +154,9 @@ def hinf_synthesis(
     NotStabilisableError
         If u cannot stabilise the plant, or y does not show an unstable mode.
     SingularProblemError
-        If a control has no weight (D12 without full column rank), a measurement no noise (D21
-        without full row rank), or the plant from u to z or from w to y a zero on the imaginary
-        axis.
+        If no regularisation is allowed, or none helps, and a control has no weight (D12 without
+        full column rank), a measurement no noise (D21 without full row rank), or the plant from u
+        to z or from w to y a zero on the imaginary axis.
     SynthesisFailedError
         If no controller found passes the check.
     """
@@ -154,22 +166,21 @@ def hinf_synthesis(
     if not 1e-12 <= tolerance < 1.0:
         raise InputError(f"tolerance must be from 1e-12 to 1, got {tolerance}")
     for what, value in (("back-off", back_off), ("regularisation", regularisation)):
-        if not 0.0 <= value < np.inf:
+        if value is not None and not 0.0 <= value < np.inf:
             raise InputError(f"a {what} must be ≥ 0 and finite, got {value}")
     units = Units.of(plant, k, q)
     scaled = units.scale(plant)
-    if plant.dt_s is None:
-        made = _continuous(scaled, units, tolerance, back_off, regularisation, slicot)
-    else:
-        image = continuous(scaled)
-        made = _continuous(image, units, tolerance, back_off, regularisation, slicot)
-        made = _attach_lower_bound(
-            _verify_design(scaled, discrete(made.controller, plant.dt_s), made.solvable), made.least
-        )
+    image = scaled if plant.dt_s is None else continuous(scaled)
+    search = _solve_regularising if regularisation is None else _solve_given
+    made = search(image, units, tolerance, back_off, regularisation or 0.0, slicot)
+    if plant.dt_s is not None:
+        added, least = made.added, made.least
+        made = _verify_design(scaled, discrete(made.controller, plant.dt_s), made.solvable)
+        made = replace(_attach_lower_bound(made, least), added=added)
     return replace(made, controller=units.restore(made.controller))
 
 
-def _continuous(
+def _solve_given(
     plant: LtiSystem,
     units: Units,
     tolerance: float,
@@ -177,15 +188,70 @@ def _continuous(
     regularisation: float,
     slicot: bool,
 ) -> HinfDesign:
-    """Return the design for a plant in continuous time, its controls in these units."""
-    posed = _regularise(plant, units, regularisation) if regularisation else plant
+    """Return the design with a given regularisation or none; the plant is in these units."""
+    k, q = units.controls.size, units.measurements.size
+    if not regularisation:
+        problem = GammaProblem(balance_states(plant)[0], k, q)
+        made = _search_gamma(plant, problem, tolerance, back_off, slicot)
+        return _attach_lower_bound(made, problem.proved)
+    added = Regularisation.even(regularisation, k, q, plant.order)
     # the Riccati equations are solved for the balanced states; the controller is the same
-    posed = balance_states(posed)[0]
-    problem = GammaProblem(posed, units.controls.size, units.measurements.size)
+    problem = GammaProblem(balance_states(units.scale_added(added).add_to(plant))[0], k, q)
+    made = _search_gamma(plant, problem, tolerance, back_off, slicot)
+    return replace(_attach_lower_bound(made, 0.0), added=added)
+
+
+def _solve_regularising(
+    plant: LtiSystem,
+    units: Units,
+    tolerance: float,
+    back_off: float,
+    _: float,
+    slicot: bool,
+) -> HinfDesign:
+    """Return the design without a regularisation if it is near its bound, else the best with one."""
+    k, q = units.controls.size, units.measurements.size
+    failed: HillsphereError | None = None
+    best, least = None, 0.0
+    try:
+        problem = GammaProblem(balance_states(plant)[0], k, q)
+    except SingularProblemError as error:
+        failed = error
+    else:
+        try:
+            best = _search_gamma(plant, problem, tolerance, back_off, slicot)
+        except (SingularProblemError, SynthesisFailedError) as error:
+            failed = error
+        least = problem.proved
+    goal = (1.0 + back_off) * least / _NEARLY
+    if best is None or best.norm.upper > goal:
+        least = max(least, frequency_bound(plant, k, q))
+
+        def attempt(problem: GammaProblem, gamma: float, added: Regularisation) -> HinfDesign | None:
+            made = None
+            for problem.by_pencil in (False, True):
+                one = _design_at(plant, problem, gamma, checked=False)
+                made = _better(made, one)
+            return None if made is None else replace(
+                made, solvable=made.gamma, added=units.restore_added(added)
+            )
+
+        other = search_regularised(plant, k, q, best, attempt, goal)
+        if other is not None and (best is None or other.norm.upper < _WORTH * best.norm.upper):
+            best = other
+    if best is None:
+        assert failed is not None
+        raise failed
+    return _attach_lower_bound(best, least)
+
+
+def _search_gamma(
+    plant: LtiSystem, problem: GammaProblem, tolerance: float, back_off: float, slicot: bool
+) -> HinfDesign:
+    """Return the design of a problem for a plant in continuous time, without a lower bound."""
     low, high = problem.bracket()
     if problem.by_pencil and (singular := problem.singular()) is not None:
         raise singular
-    best = None
     if high is None:
         best = _scan_gamma(
             plant, problem, (problem.size / 10.0**_DECADES, 10.0**_DECADES * problem.size)
@@ -197,38 +263,37 @@ def _continuous(
                 "units lie too many decades apart for double precision; take very slow or fast "
                 "modes out, or enlarge the weights of controls and noise"
             )
-    else:
-        if slicot:
-            guess = hinf_guess(
-                posed, units.controls.size, units.measurements.size, high, 0.1 * tolerance
-            )
-            low, high = _bracket_guess(problem, guess, low, high, tolerance)
-        while high > low * (1.0 + tolerance):
-            # bisection in ln γ
-            middle = np.sqrt(low * high) if low > 0.0 else 0.1 * high
-            if middle <= 1e-12 * problem.size:
-                break
-            if problem.solve(middle) is None:
-                low = middle
-            else:
-                high = middle
-        # where X or Y is nearly infinite, a proof may be had a little below
-        for step in _STEPS:
-            if problem.proved < low * (1.0 - step):
-                problem.solve(low * (1.0 - step))
-        best = _back_off(plant, problem, high, back_off)
-        below = max(problem.proved, high / 10.0**_DECADES)
-        if best is None or (
-            problem.proved < _NEARLY * low and _improves_below(plant, problem, best, below)
-        ):
-            best = _better(best, _scan_gamma(plant, problem, (below, 10.0 * high)))
-        if best is None:
-            raise SynthesisFailedError(
-                f"the Riccati equations are solvable for γ = {high:.6g}, but no controller near it "
-                "makes a stable closed loop in floating point; scale inputs and outputs to order "
-                "one, or use a larger back_off"
-            )
-    return _attach_lower_bound(best, 0.0 if regularisation else problem.proved)
+        return best
+    if slicot:
+        low, high = _bracket_guess(
+            problem, problem.guess(high, 0.1 * tolerance), low, high, tolerance
+        )
+    while high > low * (1.0 + tolerance):
+        # bisection in ln γ
+        middle = np.sqrt(low * high) if low > 0.0 else 0.1 * high
+        if middle <= 1e-12 * problem.size:
+            break
+        if problem.solve(middle) is None:
+            low = middle
+        else:
+            high = middle
+    # where X or Y is nearly infinite, a proof may be had a little below
+    for step in _STEPS:
+        if problem.proved < low * (1.0 - step):
+            problem.solve(low * (1.0 - step))
+    best = _back_off(plant, problem, high, back_off)
+    below = max(problem.proved, high / 10.0**_DECADES)
+    if best is None or (
+        problem.proved < _NEARLY * low and _improves_below(plant, problem, best, below)
+    ):
+        best = _better(best, _scan_gamma(plant, problem, (below, 10.0 * high)))
+    if best is None:
+        raise SynthesisFailedError(
+            f"the Riccati equations are solvable for γ = {high:.6g}, but no controller near it "
+            "makes a stable closed loop in floating point; scale inputs and outputs to order "
+            "one, or use a larger back_off"
+        )
+    return best
 
 
 def _attach_lower_bound(design: HinfDesign, least: float) -> HinfDesign:
@@ -329,26 +394,3 @@ def _verify_design(plant: LtiSystem, controller: LtiSystem, solvable: float) -> 
     if not np.isfinite(norm.upper):
         raise SynthesisFailedError("the closed loop's entries do not determine its norm")
     return HinfDesign(controller, norm.value, loop, norm, 0.0, solvable)
-
-
-def _regularise(plant: LtiSystem, units: Units, size: float) -> LtiSystem:
-    """Return the plant with extra outputs for the controls and extra noise on the measurements."""
-    (p, m), n = plant.shape, plant.order
-    k, q = units.controls.size, units.measurements.size
-    b1, b2 = plant.b[:, : m - k], plant.b[:, m - k :]
-    c1, c2 = plant.c[: p - q], plant.c[p - q :]
-    d11, d12 = plant.d[: p - q, : m - k], plant.d[: p - q, m - k :]
-    d21, d22 = plant.d[p - q :, : m - k], plant.d[p - q :, m - k :]
-    weight, noise = np.diag(size / units.controls), np.diag(size / units.measurements)
-    return LtiSystem(
-        plant.a,
-        np.hstack([b1, np.zeros((n, q)), b2]),
-        np.vstack([c1, np.zeros((k, n)), c2]),
-        np.block(
-            [
-                [d11, np.zeros((p - q, q)), d12],
-                [np.zeros((k, m - k + q)), weight],
-                [d21, noise, d22],
-            ]
-        ),
-    )
