@@ -17,7 +17,6 @@ from hillsphere_controllers.full_order.riccati import (
     solution_by_pencil,
     stabilising_solution,
 )
-from hillsphere_controllers.slicot import hinf_guess
 from hillsphere_controllers.systems.algebra import close_with_gain
 
 __all__ = ["GammaProblem"]
@@ -45,7 +44,8 @@ class GammaProblem:
     def __init__(self, plant: LtiSystem, k: int, q: int) -> None:
         p, m = plant.shape
         p1, m1 = p - q, m - k
-        self._plant, self._a = plant, plant.a
+        self.plant, self.channels, self._a = plant, (k, q), plant.a
+        """The plant, and its numbers of controls and measurements."""
         self.by_pencil = False
         """Whether the Riccati equations are solved by their pencil, in vain without."""
         self.proved = 0.0
@@ -103,10 +103,6 @@ class GammaProblem:
                 below, high = high, 10.0 * high
         return float(below), None
 
-    def guess(self, above: float, tolerance: float) -> float:
-        """Return SLICOT's least γ, see `hillsphere_controllers.slicot.hinf_guess`."""
-        return hinf_guess(self._plant, self._k, self._q, above, tolerance)
-
     def singular(self) -> SingularProblemError | None:
         """Return the error of a zero on the imaginary axis, None if none is found."""
         for what, b, c, d in (
@@ -147,7 +143,7 @@ class GammaProblem:
             if x is None:
                 if checked and gamma > self.proved:
                     at = axis_frequencies(*matrices)
-                    bound = response_bound(self._plant, self._k, self._q, at)
+                    bound = response_bound(self.plant, self._k, self._q, at)
                     self.proved = max(self.proved, bound)
                 return None
             least = float(np.linalg.eigvalsh(x)[0]) if len(x) else 0.0

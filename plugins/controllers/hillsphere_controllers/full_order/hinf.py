@@ -34,10 +34,12 @@ from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import HinfNorm, hinf_norm
 from hillsphere_controllers.errors import SingularProblemError, SynthesisFailedError
 from hillsphere_controllers.full_order.gamma_problem import GammaProblem
+from hillsphere_controllers.full_order.modes import describe_weakest_mode
 from hillsphere_controllers.full_order.regularisation import Regularisation
-from hillsphere_controllers.full_order.regularised_search import search_regularised
+from hillsphere_controllers.full_order.regularised_search import rank_norm, search_regularised
 from hillsphere_controllers.full_order.response_bounds import frequency_bound
 from hillsphere_controllers.full_order.scaling import Units
+from hillsphere_controllers.slicot import hinf_guess
 from hillsphere_controllers.systems.algebra import lower_lft
 from hillsphere_controllers.systems.balancing import balance_states
 from hillsphere_controllers.systems.bilinear import continuous, discrete
@@ -171,8 +173,10 @@ def hinf_synthesis(
     units = Units.of(plant, k, q)
     scaled = units.scale(plant)
     image = scaled if plant.dt_s is None else continuous(scaled)
-    search = _solve_regularising if regularisation is None else _solve_given
-    made = search(image, units, tolerance, back_off, regularisation or 0.0, slicot)
+    if regularisation is None:
+        made = _solve_regularising(image, units, tolerance, back_off, slicot)
+    else:
+        made = _solve_given(image, units, tolerance, back_off, regularisation, slicot)
     if plant.dt_s is not None:
         added, least = made.added, made.least
         made = _verify_design(scaled, discrete(made.controller, plant.dt_s), made.solvable)
@@ -206,15 +210,15 @@ def _solve_regularising(
     units: Units,
     tolerance: float,
     back_off: float,
-    _: float,
     slicot: bool,
 ) -> HinfDesign:
     """Return the design without a regularisation if it is near its bound, else the best with one."""
     k, q = units.controls.size, units.measurements.size
     failed: HillsphereError | None = None
     best, least = None, 0.0
+    even, _ = balance_states(plant)
     try:
-        problem = GammaProblem(balance_states(plant)[0], k, q)
+        problem = GammaProblem(even, k, q)
     except SingularProblemError as error:
         failed = error
     else:
@@ -224,7 +228,7 @@ def _solve_regularising(
             failed = error
         least = problem.proved
     goal = (1.0 + back_off) * least / _NEARLY
-    if best is None or best.norm.upper > goal:
+    if best is None or rank_norm(best.norm) > goal:
         least = max(least, frequency_bound(plant, k, q))
 
         def attempt(problem: GammaProblem, gamma: float, added: Regularisation) -> HinfDesign | None:
@@ -237,11 +241,18 @@ def _solve_regularising(
             )
 
         other = search_regularised(plant, k, q, best, attempt, goal)
-        if other is not None and (best is None or other.norm.upper < _WORTH * best.norm.upper):
+        if other is not None and (
+            best is None or rank_norm(other.norm) < _WORTH * rank_norm(best.norm)
+        ):
             best = other
     if best is None:
         assert failed is not None
-        raise failed
+        b, c = even.b[:, plant.shape[1] - k :], even.c[plant.shape[0] - q :]
+        weakest = describe_weakest_mode(even.a, b, c)
+        raise type(failed)(
+            f"{failed}; with weights and noise of any size added no stable loop was found either"
+            + (f"; {weakest}" if weakest else "")
+        ) from failed
     return _attach_lower_bound(best, least)
 
 
@@ -265,9 +276,8 @@ def _search_gamma(
             )
         return best
     if slicot:
-        low, high = _bracket_guess(
-            problem, problem.guess(high, 0.1 * tolerance), low, high, tolerance
-        )
+        guess = hinf_guess(problem.plant, *problem.channels, high, 0.1 * tolerance)
+        low, high = _bracket_guess(problem, guess, low, high, tolerance)
     while high > low * (1.0 + tolerance):
         # bisection in ln γ
         middle = np.sqrt(low * high) if low > 0.0 else 0.1 * high
@@ -306,7 +316,7 @@ def _attach_lower_bound(design: HinfDesign, least: float) -> HinfDesign:
 def _better(one: HinfDesign | None, other: HinfDesign | None) -> HinfDesign | None:
     if one is None or other is None:
         return one or other
-    return other if other.norm.upper < one.norm.upper else one
+    return other if rank_norm(other.norm) < rank_norm(one.norm) else one
 
 
 def _bracket_guess(

@@ -9,7 +9,7 @@ from scipy.linalg import eig
 from hillsphere.interfaces import Array
 from hillsphere_controllers.errors import NotStabilisableError
 
-__all__ = ["axis_mode", "check_modes"]
+__all__ = ["axis_mode", "check_modes", "describe_weakest_mode"]
 
 _MODE = 1e-9
 """Smallest singular value of [A − λ I, B], relative to the largest, below which the controls do not
@@ -23,6 +23,8 @@ rounding, since rows and columns have norm one."""
 _CANCELLED = 1e-15
 """Entries of the diagonal of A − λ I below this share of the largest are what rounding leaves of
 zero."""
+_WEAK = 1e-2
+"""Share of B or C that an unstable mode has, below which it is named where a synthesis fails."""
 _EPS = float(np.finfo(float).eps)
 _ROUNDS = 3
 """Rounds of scaling rows and columns to norm one, each of which disturbs the other; three bring
@@ -64,6 +66,30 @@ def check_modes(a: Array, b: Array, c: Array, *, discrete: bool = False) -> None
                     f"stable; add {remedy}, or take weights with poles on the "
                     f"{'unit circle' if discrete else 'axis'} out of the plant"
                 )
+
+
+def describe_weakest_mode(a: Array, b: Array, c: Array) -> str:
+    """Return in words which unstable mode is reached or shown least; empty if none is so little.
+
+    Parameters
+    ----------
+    a, b, c : ndarray, shape (n, n), (n, m), (p, n)
+        Matrices from the controls to the measurements in continuous time, the states balanced.
+    """
+    if not len(a):
+        return ""
+    values, left, right = eig(a, left=True, right=True)
+    worst = _WEAK, ""
+    for k in np.flatnonzero(values.real >= 0.0):
+        for size, whole, what in (
+            (left[:, k].conj() @ b, b, "the controls reach"),
+            (c @ right[:, k], c, "the measurements show"),
+        ):
+            share = float(np.linalg.norm(size) / max(np.linalg.norm(whole), 1e-300))
+            if share < worst[0]:
+                name = _say(values[k], 0.0, discrete=False)
+                worst = share, f"{what} the unstable mode at {name} by {share:.1e} of their size"
+    return worst[1]
 
 
 def _modes_with_rounding(a: Array) -> tuple[NDArray[np.complex128], Array]:

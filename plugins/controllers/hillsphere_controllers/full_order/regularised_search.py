@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from hillsphere.errors import HillsphereError
 from hillsphere.lti import LtiSystem
+from hillsphere_controllers.analysis.hinf_norm import HinfNorm
 from hillsphere_controllers.full_order.gamma_problem import GammaProblem
 from hillsphere_controllers.full_order.regularisation import (
     Regularisation,
@@ -23,7 +24,7 @@ from hillsphere_controllers.systems.balancing import balance_states
 if TYPE_CHECKING:
     from hillsphere_controllers.full_order.hinf import HinfDesign
 
-__all__ = ["search_regularised"]
+__all__ = ["rank_norm", "search_regularised"]
 
 _SIZES = tuple(10.0**-k for k in range(1, 12))
 """Regularisations relative to the size of the problem: from 10 %, which changes every problem, to
@@ -34,6 +35,10 @@ _GAIN = 0.99
 _SHARES = (0.5, 0.8, 0.95, 0.99, 0.997)
 """Shares of the best norm that are tried as the next γ, the next one where nothing better results.
 The last is finer than the 1 % that a controller may be above the best."""
+_SLOWER = (2.0, 1.1, 1.02, 1.005)
+"""Multiples of a doubtful norm that are tried as γ: controllers of a larger γ have slower poles."""
+_DOUBTFUL = 1.5
+"""Factor by which a norm counts that rounding may have changed by more than 1 %."""
 _HIGHEST = 1e14
 """Largest γ tried, relative to the size of the problem, where there is no loop yet."""
 
@@ -67,10 +72,10 @@ def search_regularised(
             except HillsphereError:  # D12 or D21 still lacks rank: the units are too uneven
                 continue
             best = _descend(problem, added, best, attempt, goal)
-            if best is not None and best.norm.upper <= goal:
+            if best is not None and rank_norm(best.norm) <= goal:
                 return best
         if best is not None:
-            gained = before is None or best.norm.upper < _GAIN * before.norm.upper
+            gained = before is None or rank_norm(best.norm) < _GAIN * rank_norm(before.norm)
             since = 0 if gained else since + 1
             if since == _PATIENCE:
                 break
@@ -92,11 +97,21 @@ def _descend(
             gamma *= 10.0
         if best is None:
             return None
+    if best.norm.doubt:
+        for share in _SLOWER:
+            made = attempt(problem, share * best.norm.value, added)
+            if made is not None and rank_norm(made.norm) < rank_norm(best.norm):
+                best = made
     step = 0
-    while step < len(_SHARES) and best.norm.upper > goal:
+    while step < len(_SHARES) and rank_norm(best.norm) > goal:
         made = attempt(problem, _SHARES[step] * best.norm.upper, added)
-        if made is not None and made.norm.upper < best.norm.upper:
+        if made is not None and rank_norm(made.norm) < rank_norm(best.norm):
             best = made
         else:
             step += 1
     return best
+
+
+def rank_norm(norm: HinfNorm) -> float:
+    """Return what loops are ranked by: the upper bound, more if rounding makes it doubtful."""
+    return norm.upper * (_DOUBTFUL if norm.doubt else 1.0)
