@@ -103,7 +103,7 @@ class Regularisation:
 
 
 def choose_regularisations(plant: LtiSystem, k: int, q: int, size: float) -> Iterator[Regularisation]:
-    """Yield regularisations of a size relative to the problem: without and with the states.
+    """Yield regularisations of a size relative to the problem: of u and y, of the states, and of all.
 
     Parameters
     ----------
@@ -121,9 +121,14 @@ def choose_regularisations(plant: LtiSystem, k: int, q: int, size: float) -> Ite
                np.abs(even.d[: p - q, m - k :]).max(initial=0.0)) or 1.0  # fmt: skip
     driven = max(np.abs(even.b[:, : m - k]).max(initial=0.0),
                  np.abs(even.d[p - q :, : m - k]).max(initial=0.0)) or 1.0  # fmt: skip
+    if not size:
+        yield Regularisation.even(0.0, k, q, n)
+        return
     weights, noise = np.full(k, size * seen), np.full(q, size * driven)
+    states = size * seen / scale, size * driven * scale
     yield Regularisation(weights, noise, np.zeros(n), np.zeros(n))
-    yield Regularisation(weights, noise, size * seen / scale, size * driven * scale)
+    yield Regularisation(weights, noise, *states)
+    yield Regularisation(np.zeros(k), np.zeros(q), *states)
 
 
 def _list(sizes: Array | float) -> str:

@@ -64,22 +64,35 @@ def search_regularised(
         A norm at which the search ends.
     """
     since = 0
-    for size in _SIZES:
+    for size in (0.0, *_SIZES):
         before = best
         for added in choose_regularisations(plant, k, q, size):
-            try:
-                problem = GammaProblem(balance_states(added.add_to(plant))[0], k, q)
-            except HillsphereError:  # D12 or D21 still lacks rank: the units are too uneven
-                continue
-            best = _descend(problem, added, best, attempt, goal)
+            best = _try_problem(plant, added, best, attempt, goal)
             if best is not None and rank_norm(best.norm) <= goal:
                 return best
-        if best is not None:
+        if best is not None and size:
             gained = before is None or rank_norm(best.norm) < _GAIN * rank_norm(before.norm)
             since = 0 if gained else since + 1
             if since == _PATIENCE:
                 break
     return best
+
+
+def _try_problem(
+    plant: LtiSystem, added: Regularisation, best: HinfDesign | None, attempt: Attempt, goal: float
+) -> HinfDesign | None:
+    """Return the best loop so far and of a regularised problem."""
+    problem = _pose(plant, added)
+    return best if problem is None else _descend(problem, added, best, attempt, goal)
+
+
+def _pose(plant: LtiSystem, added: Regularisation) -> GammaProblem | None:
+    """Return a regularised problem, None if D12 or D21 still lacks rank: its units are uneven."""
+    channels = added.controls.size, added.measurements.size
+    try:
+        return GammaProblem(balance_states(added.add_to(plant))[0], *channels)
+    except HillsphereError:
+        return None
 
 
 def _descend(
