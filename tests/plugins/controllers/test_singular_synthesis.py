@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from benchmarks.hostile_plants import KINDS, PLANTS, hostile_plant
 from numpy.testing import assert_allclose
 from tests.plugins.controllers.test_hinf_synthesis import changed, scalar_plant
 
 import hillsphere_controllers as hc
-from benchmarks.hostile_plants import KINDS, PLANTS, hostile_plant
 from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
@@ -19,6 +19,7 @@ from hillsphere_controllers.full_order.mixed_sensitivity import (
     mixed_sensitivity,
     mixed_sensitivity_plant,
 )
+from hillsphere_controllers.full_order.modes import is_surely_stable
 from hillsphere_controllers.full_order.regularisation import Regularisation
 from hillsphere_controllers.systems.algebra import lower_lft
 from hillsphere_controllers.systems.bilinear import discrete
@@ -44,7 +45,7 @@ def test_a_control_without_weight() -> None:
     loop = lower_lft(free_control(), found.controller)
     assert loop.is_stable
     assert_allclose(hinf_norm(loop).value, found.gamma, rtol=1e-6)
-    with pytest.raises(SingularProblemError, match="D12 lacks full rank|as many weighted"):
+    with pytest.raises(SingularProblemError, match=r"D12 lacks full rank|as many weighted"):
         hinf_synthesis(free_control(), 1, 1, regularisation=0.0)
 
 
@@ -170,7 +171,9 @@ def test_rounding_does_not_hide_a_weights_modes(denominator: list[float], seed: 
     plant = hc.transfer_function([1.0], [1.0, 1.5, 0.5])
     made = mixed_sensitivity_plant(plant, hc.transfer_function([1.0], denominator), 0.1)
     t = np.random.default_rng(seed).normal(size=(made.order, made.order))
-    mixed = LtiSystem(np.linalg.solve(t, made.a @ t), np.linalg.solve(t, made.b), made.c @ t, made.d)
+    mixed = LtiSystem(
+        np.linalg.solve(t, made.a @ t), np.linalg.solve(t, made.b), made.c @ t, made.d
+    )
     with pytest.raises(NotStabilisableError, match="do not show the mode at s = "):
         hinf_synthesis(mixed, 1, 1)
 
@@ -192,3 +195,41 @@ def test_a_norm_that_a_pole_on_the_axis_hides() -> None:
     a = np.linalg.solve(t, np.diag([-1.0, -2.0, -1e-18]) @ t)
     norm = hinf_norm(LtiSystem(a, np.ones((3, 1)), np.ones((1, 3)), np.zeros((1, 1))))
     assert norm.error > 1e-2 or not np.isfinite(norm.value)
+
+
+def test_a_zero_on_the_axis_is_not_cancelled() -> None:
+    """s/(s + 1) from u to z: a pole at −1e-16 would seem stable and have the least norm."""
+    plant = LtiSystem(
+        np.array([[-1.0]]),
+        np.array([[1.0, 0.0, 1.0]]),
+        np.array([[-1.0], [0.0], [1.0]]),
+        np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+    )
+    found = hinf_synthesis(plant, 1, 1)
+    assert found.closed_loop.poles.real.max() < -1e-9
+    assert found.least <= found.gamma
+
+
+def test_hostile_plant_whose_zeros_a_controller_would_cancel() -> None:
+    """Without a look at rounding the slowest pole was −5.5e-16, on the stable side by luck."""
+    _, plant, controls, measurements = hostile_plant(5)
+    found = hinf_synthesis(plant, controls, measurements)
+    assert is_surely_stable(found.closed_loop.a)
+    assert found.closed_loop.poles.real.max() < -1e-6
+
+
+def test_schur_form_keeps_fast_controllers_from_spoiling_the_loop() -> None:
+    """In the states of the formulas rounding leaves this loop's norm no digit below 5.3e5."""
+    _, plant, controls, measurements = hostile_plant(212)
+    found = hinf_synthesis(plant, controls, measurements)
+    assert found.norm.error < 1e-2
+    assert found.gamma < 5.06014e5 * 1.01  # of a controller of SB10FD, rounded up
+
+
+def test_what_rounding_hides_of_stability() -> None:
+    t = np.random.default_rng(1).normal(size=(3, 3))
+    assert is_surely_stable(np.diag([-1e-12, -1e6, -1.0]))  # of entries of their own
+    assert not is_surely_stable(np.linalg.solve(t, np.diag([-1e-18, -1.0, -2.0]) @ t))
+    assert not is_surely_stable(np.diag([1e-12, -1.0]))
+    assert is_surely_stable(np.diag([0.5, -0.9]), discrete=True)
+    assert not is_surely_stable(np.diag([0.5, 1.0]), discrete=True)

@@ -23,11 +23,11 @@ from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.h2_norm import h2_norm, h2_rounding
 from hillsphere_controllers.errors import SingularProblemError, SynthesisFailedError
 from hillsphere_controllers.full_order.modes import check_modes
-from hillsphere_controllers.full_order.regulation import optimal_cost
 from hillsphere_controllers.full_order.regularisation import (
     Regularisation,
     choose_regularisations,
 )
+from hillsphere_controllers.full_order.regulation import optimal_cost
 from hillsphere_controllers.full_order.scaling import Units
 from hillsphere_controllers.systems.algebra import close_with_gain, lower_lft
 from hillsphere_controllers.systems.balancing import balance_states

@@ -35,7 +35,7 @@ from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import HinfNorm, hinf_norm
 from hillsphere_controllers.errors import SingularProblemError, SynthesisFailedError
 from hillsphere_controllers.full_order.gamma_problem import GammaProblem
-from hillsphere_controllers.full_order.modes import describe_weakest_mode
+from hillsphere_controllers.full_order.modes import describe_weakest_mode, is_surely_stable
 from hillsphere_controllers.full_order.regularisation import Regularisation
 from hillsphere_controllers.full_order.regularised_search import rank_norm, search_regularised
 from hillsphere_controllers.full_order.response_bounds import frequency_bound
@@ -213,7 +213,7 @@ def _solve_regularising(
     back_off: float,
     slicot: bool,
 ) -> HinfDesign:
-    """Return the design without a regularisation if it is near its bound, else the best with one."""
+    """Return the design without a regularisation if it is near its bound, else the best."""
     k, q = units.controls.size, units.measurements.size
     failed: HillsphereError | None = None
     best, least = None, 0.0
@@ -225,6 +225,15 @@ def _solve_regularising(
     else:
         try:
             best = _search_gamma(plant, problem, tolerance, back_off, slicot)
+            if not is_surely_stable(best.closed_loop.a):
+                # a zero on the axis, cancelled: the loop has a mode there but for rounding
+                best, failed = (
+                    None,
+                    SynthesisFailedError(
+                        "the closed loop has a mode so near to the imaginary axis that rounding "
+                        "decides whether it is stable"
+                    ),
+                )
         except (SingularProblemError, SynthesisFailedError) as error:
             failed = error
         least = problem.proved
@@ -232,7 +241,9 @@ def _solve_regularising(
     if best is None or rank_norm(best.norm) > goal:
         least = max(least, frequency_bound(plant, k, q))
 
-        def attempt(problem: GammaProblem, gamma: float, added: Regularisation) -> HinfDesign | None:
+        def attempt(
+            problem: GammaProblem, gamma: float, added: Regularisation
+        ) -> HinfDesign | None:
             made = _design_in_schur_form(plant, problem, gamma)
             if made is None:
                 return None
@@ -387,7 +398,8 @@ def _design_at(
             return None
         if turned:
             controller = _turn_to_schur_form(controller)
-        return _verify_design(plant, controller, gamma)
+        made = _verify_design(plant, controller, gamma)
+        return None if turned and not is_surely_stable(made.closed_loop.a) else made
     except (SynthesisFailedError, InputError, np.linalg.LinAlgError):
         return None
 

@@ -9,7 +9,7 @@ from scipy.linalg import eig
 from hillsphere.interfaces import Array
 from hillsphere_controllers.errors import NotStabilisableError
 
-__all__ = ["axis_mode", "check_modes", "describe_weakest_mode"]
+__all__ = ["axis_mode", "check_modes", "describe_weakest_mode", "is_surely_stable"]
 
 _MODE = 1e-9
 """Smallest singular value of [A − λ I, B], relative to the largest, below which the controls do not
@@ -66,6 +66,21 @@ def check_modes(a: Array, b: Array, c: Array, *, discrete: bool = False) -> None
                     f"stable; add {remedy}, or take weights with poles on the "
                     f"{'unit circle' if discrete else 'axis'} out of the plant"
                 )
+
+
+def is_surely_stable(a: Array, *, discrete: bool = False) -> bool:
+    """Return whether all eigenvalues of A are stable by more than rounding may have moved them.
+
+    Parameters
+    ----------
+    a : ndarray, shape (n, n)
+        Matrix; its units do not matter.
+    discrete : bool
+        Whether the stable modes are those inside of the unit circle.
+    """
+    values, moved = _modes_with_rounding(a)
+    size = np.abs(values) - 1.0 if discrete else values.real
+    return bool((size + moved < 0.0).all())
 
 
 def describe_weakest_mode(a: Array, b: Array, c: Array) -> str:

@@ -102,8 +102,10 @@ class Regularisation:
         return LtiSystem(plant.a, b, c, d, plant.dt_s)
 
 
-def choose_regularisations(plant: LtiSystem, k: int, q: int, size: float) -> Iterator[Regularisation]:
-    """Yield regularisations of a size relative to the problem: of u and y, of the states, and of all.
+def choose_regularisations(
+    plant: LtiSystem, k: int, q: int, size: float
+) -> Iterator[Regularisation]:
+    """Yield regularisations of a size relative to the problem: of u and y, of all, of the states.
 
     Parameters
     ----------

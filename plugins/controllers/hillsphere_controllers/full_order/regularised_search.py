@@ -39,6 +39,8 @@ _SLOWER = (2.0, 1.1, 1.02, 1.005)
 """Multiples of a doubtful norm that are tried as γ: controllers of a larger γ have slower poles."""
 _DOUBTFUL = 1.5
 """Factor by which a norm counts that rounding may have changed by more than 1 %."""
+_LEAP = 30.0
+"""Factor between the γ tried where there is no loop yet: from any loop the search goes on down."""
 _HIGHEST = 1e14
 """Largest γ tried, relative to the size of the problem, where there is no loop yet."""
 
@@ -67,7 +69,11 @@ def search_regularised(
     for size in (0.0, *_SIZES):
         before = best
         for added in choose_regularisations(plant, k, q, size):
-            best = _try_problem(plant, added, best, attempt, goal)
+            try:
+                problem = GammaProblem(balance_states(added.add_to(plant))[0], k, q)
+            except HillsphereError:  # D12 or D21 still lacks rank: the units are too uneven
+                continue
+            best = _descend(problem, added, best, attempt, goal)
             if best is not None and rank_norm(best.norm) <= goal:
                 return best
         if best is not None and size:
@@ -76,23 +82,6 @@ def search_regularised(
             if since == _PATIENCE:
                 break
     return best
-
-
-def _try_problem(
-    plant: LtiSystem, added: Regularisation, best: HinfDesign | None, attempt: Attempt, goal: float
-) -> HinfDesign | None:
-    """Return the best loop so far and of a regularised problem."""
-    problem = _pose(plant, added)
-    return best if problem is None else _descend(problem, added, best, attempt, goal)
-
-
-def _pose(plant: LtiSystem, added: Regularisation) -> GammaProblem | None:
-    """Return a regularised problem, None if D12 or D21 still lacks rank: its units are uneven."""
-    channels = added.controls.size, added.measurements.size
-    try:
-        return GammaProblem(balance_states(added.add_to(plant))[0], *channels)
-    except HillsphereError:
-        return None
 
 
 def _descend(
@@ -107,7 +96,7 @@ def _descend(
         gamma = problem.size
         while best is None and gamma <= _HIGHEST * problem.size:
             best = attempt(problem, gamma, added)
-            gamma *= 10.0
+            gamma *= _LEAP
         if best is None:
             return None
     if best.norm.doubt:

@@ -69,9 +69,7 @@ def design_controller(
         return _synthesise_by_lmi(spec.lmi or LmiSpec(), plants[0], controls, measurements)
     if spec.method == "h2":
         square = h2_synthesis(plants[0], controls, measurements)
-        return Design(
-            square.controller, square.norm, square.least, added=str(square.added or "")
-        )
+        return Design(square.controller, square.norm, square.least, added=str(square.added or ""))
     options = spec.mixed_sensitivity or spec.hinf or HinfSpec()
     full = hinf_synthesis(
         plants[0], controls, measurements, tolerance=options.tolerance, back_off=options.back_off,
