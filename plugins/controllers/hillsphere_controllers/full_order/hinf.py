@@ -224,7 +224,7 @@ def _solve_regularising(
         failed = error
     else:
         try:
-            best = _search_gamma(plant, problem, tolerance, back_off, slicot)
+            best = _search_gamma(plant, problem, tolerance, back_off, slicot, scans=False)
             if not is_surely_stable(best.closed_loop.a):
                 # a zero on the axis, cancelled: the loop has a mode there but for rounding
                 best, failed = (
@@ -268,16 +268,24 @@ def _solve_regularising(
 
 
 def _search_gamma(
-    plant: LtiSystem, problem: GammaProblem, tolerance: float, back_off: float, slicot: bool
+    plant: LtiSystem,
+    problem: GammaProblem,
+    tolerance: float,
+    back_off: float,
+    slicot: bool,
+    *,
+    scans: bool = True,
 ) -> HinfDesign:
-    """Return the design of a problem for a plant in continuous time, without a lower bound."""
+    """Return the design of a problem for a plant in continuous time, without a lower bound.
+
+    Without scans of γ where the bisection is in doubt: another search follows.
+    """
     low, high = problem.bracket()
     if problem.by_pencil and (singular := problem.singular()) is not None:
         raise singular
     if high is None:
-        best = _scan_gamma(
-            plant, problem, (problem.size / 10.0**_DECADES, 10.0**_DECADES * problem.size)
-        )
+        span = problem.size / 10.0**_DECADES, 10.0**_DECADES * problem.size
+        best = _scan_gamma(plant, problem, span) if scans else None
         if best is None:
             raise SynthesisFailedError(
                 f"the Riccati equations of the plant, of order {plant.order}, were solved for no "
@@ -304,8 +312,9 @@ def _search_gamma(
             problem.solve(low * (1.0 - step))
     best = _back_off(plant, problem, high, back_off)
     below = max(problem.proved, high / 10.0**_DECADES)
-    if best is None or (
-        problem.proved < _NEARLY * low and _improves_below(plant, problem, best, below)
+    if scans and (
+        best is None
+        or (problem.proved < _NEARLY * low and _improves_below(plant, problem, best, below))
     ):
         best = _better(best, _scan_gamma(plant, problem, (below, 10.0 * high)))
     if best is None:
