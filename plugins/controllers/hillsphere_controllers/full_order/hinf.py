@@ -60,7 +60,10 @@ _LOWER = 0.97
 _NEARLY = 0.99
 """A gap of 1 % between γ and its proved lower bound, or an improvement of less, does not justify a
 scan."""
-_WORTH = 0.997
+_AT_BOUND = 1.002
+"""Ratio of a norm to its lower bound, beside the back-off, up to which nothing better is sought:
+the bisection's tolerance and the margins of the proof leave no more."""
+_WORTH = 0.999
 """Share of the norm below which a loop of a regularised problem replaces one without."""
 _SHARES = (0.98, 0.9, 0.5)
 """Shares of the best γ at which a controller is tried before a scan, which takes up to 96
@@ -136,9 +139,9 @@ def hinf_synthesis(
         Weight that is put on every control, and size of the noise that is put on every measurement,
         for the synthesis only: makes problems solvable in which D12 or D21 lacks full rank, for a γ
         that is a little larger. The closed loop is that of the plant as given. None: problems that
-        are singular, fail, or end more than 1 % above their lower bound are regularised by weights
-        and noise of many sizes, on states too, and the best loop is taken; what was added is in
-        `HinfDesign.added`. 0: never.
+        are singular, fail, or end more than the back-off and 0.2 % above their lower bound are
+        regularised by weights and noise of many sizes, on states too, and the best loop is taken;
+        what was added is in `HinfDesign.added`. 0: never.
     slicot : bool
         Whether the bisection begins beside what SLICOT's SB10AD finds, which saves most of its
         steps. The Riccati equations are solved on both sides of it here, and the same is checked:
@@ -237,7 +240,7 @@ def _solve_regularising(
         except (SingularProblemError, SynthesisFailedError) as error:
             failed = error
         least = problem.proved
-    goal = (1.0 + back_off) * least / _NEARLY
+    goal = (1.0 + back_off) * least * _AT_BOUND
     if best is None or rank_norm(best.norm) > goal:
         least = max(least, frequency_bound(plant, k, q))
 
