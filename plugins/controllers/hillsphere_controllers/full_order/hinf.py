@@ -240,7 +240,7 @@ def _solve_regularising(
         except (SingularProblemError, SynthesisFailedError) as error:
             failed = error
         least = problem.proved
-    goal = (1.0 + back_off) * least * _AT_BOUND
+    goal = (1.0 + back_off) * (1.0 + tolerance) * least * _AT_BOUND
     if best is None or rank_norm(best.norm) > goal:
         least = max(least, frequency_bound(plant, k, q))
 

@@ -41,6 +41,11 @@ _DOUBTFUL = 1.5
 """Factor by which a norm counts that rounding may have changed by more than 1 %."""
 _LEAP = 30.0
 """Factor between the γ tried where there is no loop yet: from any loop the search goes on down."""
+_NOTHING = 1e-8
+"""Norm relative to the size of the problem that counts as zero: with cheap controls and accurate
+measurements there may be no least one, but for rounding."""
+_MOST = 40
+"""Values of γ at most per problem; halving takes as many over twelve decades."""
 _HIGHEST = 1e14
 """Largest γ tried, relative to the size of the problem, where there is no loop yet."""
 
@@ -104,8 +109,10 @@ def _descend(
             made = attempt(problem, share * best.norm.value, added)
             if made is not None and rank_norm(made.norm) < rank_norm(best.norm):
                 best = made
-    step = 0
-    while step < len(_SHARES) and rank_norm(best.norm) > goal:
+    step, goal = 0, max(goal, _NOTHING * problem.size)
+    for _ in range(_MOST):
+        if step == len(_SHARES) or rank_norm(best.norm) <= goal:
+            break
         made = attempt(problem, _SHARES[step] * best.norm.upper, added)
         if made is not None and rank_norm(made.norm) < rank_norm(best.norm):
             best = made
