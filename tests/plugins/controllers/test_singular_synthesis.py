@@ -233,3 +233,14 @@ def test_what_rounding_hides_of_stability() -> None:
     assert not is_surely_stable(np.diag([1e-12, -1.0]))
     assert is_surely_stable(np.diag([0.5, -0.9]), discrete=True)
     assert not is_surely_stable(np.diag([0.5, 1.0]), discrete=True)
+
+
+def test_a_norm_without_a_least_one_ends_the_search() -> None:
+    """Of ẋ = −x + w + u, z = x, y = w the feedback u = −y makes z silent."""
+    one = np.ones((1, 1))
+    plant = LtiSystem(
+        -one, np.ones((1, 2)), np.array([[1.0], [0.0]]), np.array([[0.0, 0.0], [1.0, 0.0]])
+    )
+    found = hinf_synthesis(plant, 1, 1)
+    assert found.gamma < 1e-3
+    assert found.least == 0.0
