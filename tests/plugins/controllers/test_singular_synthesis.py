@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+
 import numpy as np
 import pytest
 from benchmarks.hostile_plants import KINDS, PLANTS, hostile_plant
@@ -9,7 +14,7 @@ from numpy.testing import assert_allclose
 from tests.plugins.controllers.test_hinf_synthesis import changed, scalar_plant
 
 import hillsphere_controllers as hc
-from hillsphere.errors import InputError
+from hillsphere.errors import HillsphereError, InputError
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.errors import NotStabilisableError, SingularProblemError
@@ -21,8 +26,10 @@ from hillsphere_controllers.full_order.mixed_sensitivity import (
 )
 from hillsphere_controllers.full_order.modes import is_surely_stable
 from hillsphere_controllers.full_order.regularisation import Regularisation
+from hillsphere_controllers.stages.step_responses import step_responses
 from hillsphere_controllers.systems.algebra import lower_lft
 from hillsphere_controllers.systems.bilinear import discrete
+from hillsphere_controllers.systems.truncation import balanced_truncation
 
 
 def free_control() -> LtiSystem:
@@ -244,3 +251,48 @@ def test_a_norm_without_a_least_one_ends_the_search() -> None:
     found = hinf_synthesis(plant, 1, 1)
     assert found.gamma < 1e-3
     assert found.least == 0.0
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("index", [1, 7, 23])
+def test_nothing_warns_on_hostile_plants(index: int) -> None:
+    """Synthesis and analysis end with a result or with an error of this project."""
+    _, plant, k, q = hostile_plant(index)
+    (p, m), a = plant.shape, plant.a
+    inner = LtiSystem(a, plant.b[:, m - k :], plant.c[p - q :], plant.d[p - q :, m - k :])
+    fastest = np.linalg.eigvals(a).real.max()
+    stable = changed(inner, a=a - (1.001 * max(fastest, 0.0) + 1e-6) * np.eye(len(a)))
+    loop = hinf_synthesis(plant, k, q).closed_loop
+    calls: list[Callable[[], object]] = [
+        lambda: h2_synthesis(plant, k, q),
+        lambda: hc.ncfsyn(inner),
+        lambda: hc.mixsyn(inner, 1.0, 0.1),
+        lambda: hc.margins(inner),
+        *(
+            partial(function, system)
+            for system in (loop, stable)
+            for function in (hc.hinfnorm, hc.h2norm, hc.sigma, hc.bode, hc.step)
+        ),
+        *(partial(balanced_truncation, system, 2) for system in (loop, stable, inner)),
+    ]
+    for call in calls:
+        with suppress(HillsphereError):
+            call()
+
+
+def test_truncation_of_poles_over_twenty_decades() -> None:
+    """LAPACK's Lyapunov solver enlarges sums of poles to rounding, and warns of it."""
+    poles = -(10.0 ** np.linspace(-12.0, 8.0, 6))
+    one = np.ones((6, 1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        small = balanced_truncation(LtiSystem(np.diag(poles), one, one.T, np.zeros((1, 1))), 3)
+    assert_allclose(np.sort(-small.poles.real)[:2], [1e-12, 1e-8], rtol=1e-3)
+
+
+def test_step_response_of_a_mode_that_never_settles() -> None:
+    """Of z = 1 − 1e-12, hardly seen: 7e12 samples would be waited for."""
+    system = LtiSystem(
+        np.diag([1.0 - 1e-12, 0.5]), np.ones((2, 1)), np.array([[1e-9, 1.0]]), np.zeros((1, 1)), 0.1
+    )
+    assert len(step_responses([system], None)[0]) <= 100_001
