@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -16,6 +17,8 @@ from tests.plugins.controllers.test_hinf_synthesis import changed, scalar_plant
 import hillsphere_controllers as hc
 from hillsphere.errors import HillsphereError, InputError
 from hillsphere.lti import LtiSystem
+from hillsphere.plugins import validate
+from hillsphere.testing import RecordingContext
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.errors import NotStabilisableError, SingularProblemError
 from hillsphere_controllers.full_order.h2 import h2_synthesis
@@ -26,7 +29,11 @@ from hillsphere_controllers.full_order.mixed_sensitivity import (
 )
 from hillsphere_controllers.full_order.modes import is_surely_stable
 from hillsphere_controllers.full_order.regularisation import Regularisation
+from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.step_responses import step_responses
+from hillsphere_controllers.stages.synthesis.presentation import present_synthesis
+from hillsphere_controllers.stages.synthesis.specs import SynthesisSpec
+from hillsphere_controllers.stages.synthesis.stage import SynthesisStage
 from hillsphere_controllers.systems.algebra import lower_lft
 from hillsphere_controllers.systems.bilinear import discrete
 from hillsphere_controllers.systems.truncation import balanced_truncation
@@ -296,3 +303,28 @@ def test_step_response_of_a_mode_that_never_settles() -> None:
         np.diag([1.0 - 1e-12, 0.5]), np.ones((2, 1)), np.array([[1e-9, 1.0]]), np.zeros((1, 1)), 0.1
     )
     assert len(step_responses([system], None)[0]) <= 100_001
+
+
+@pytest.mark.parametrize("method", ["hinf", "h2"])
+def test_the_report_says_what_was_added(method: str) -> None:
+    names = ("w", "v", "u"), ("z", "y")
+    plant = changed(free_control(), d=[[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    plant = replace(plant, inputs=names[0], outputs=names[1])
+    models = LinearModels(
+        (plant,), ("one",), ("rate",), ("1/s",), np.ones((1, 1)), np.ones(1), 1, 1, ()
+    )
+
+    def said(**options: object) -> list[str]:
+        table = {"needs": {"models": "m"}, "method": method, **options}
+        spec = validate(SynthesisSpec, table, where="stage")
+        assert isinstance(spec, SynthesisSpec)
+        product = SynthesisStage(spec).run(RecordingContext(), models)
+        assert product.lower_bound <= product.gamma
+        return [one for one in present_synthesis(product, None).verdict if "regularised" in one]
+
+    assert len(said()) == 1
+    assert "weights on the controls" in said()[0]
+    if method == "hinf":
+        assert "weights on the controls 0.01" in said(hinf={"regularisation": 0.01})[0]
+        with pytest.raises(SingularProblemError):
+            said(hinf={"regularisation": 0.0})
