@@ -100,7 +100,7 @@ def describe_weakest_mode(a: Array, b: Array, c: Array) -> str:
             (left[:, k].conj() @ b, b, "the controls reach"),
             (c @ right[:, k], c, "the measurements show"),
         ):
-            share = float(np.linalg.norm(size) / max(np.linalg.norm(whole), 1e-300))
+            share = float(np.linalg.norm(size)) / max(float(np.linalg.norm(whole)), 1e-300)
             if share < worst[0]:
                 name = _say(values[k], 0.0, discrete=False)
                 worst = share, f"{what} the unstable mode at {name} by {share:.1e} of their size"
