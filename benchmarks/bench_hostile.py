@@ -171,7 +171,8 @@ def summarise(rows: list[dict[str, object]], kind: str) -> dict[str, float]:
     ratio = (get["ours"] / get["slicot"])[ours & theirs]
     return {
         "plants": len(some), "ours": int(ours.sum()), "slicot": int(theirs.sum()),
-        "missed": int((theirs & ~ours).sum()), "bound": int(broken.sum()), "above": int((ratio > ABOVE).sum()),
+        "missed": int((theirs & ~ours).sum()), "bound": int(broken.sum()),
+        "above": int((ratio > ABOVE).sum()),
         "largest": float(ratio.max(initial=0.0)),
         "median": float(np.median(ratio)) if ratio.size else np.nan,
         "ours_s": float(get["ours_s"].sum()), "longest_s": float(get["ours_s"].max(initial=0.0)),
