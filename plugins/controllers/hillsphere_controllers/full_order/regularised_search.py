@@ -9,7 +9,7 @@ lies between. It is judged by its own norm alone, rounding included.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import Protocol, TypeVar
 
 from hillsphere.errors import HillsphereError
 from hillsphere.lti import LtiSystem
@@ -20,9 +20,6 @@ from hillsphere_controllers.full_order.regularisation import (
     choose_regularisations,
 )
 from hillsphere_controllers.systems.balancing import balance_states
-
-if TYPE_CHECKING:
-    from hillsphere_controllers.full_order.hinf import HinfDesign
 
 __all__ = ["rank_norm", "search_regularised"]
 
@@ -49,12 +46,22 @@ _MOST = 40
 _HIGHEST = 1e14
 """Largest γ tried, relative to the size of the problem, where there is no loop yet."""
 
-Attempt = Callable[[GammaProblem, float, Regularisation], "HinfDesign | None"]
+
+class Design(Protocol):
+    """A design with a verified norm."""
+
+    @property
+    def norm(self) -> HinfNorm:
+        """Of its closed loop with the plant as given."""
+
+
+Made = TypeVar("Made", bound=Design)
+Attempt = Callable[[GammaProblem, float, Regularisation], Made | None]
 
 
 def search_regularised(
-    plant: LtiSystem, k: int, q: int, best: HinfDesign | None, attempt: Attempt, goal: float
-) -> HinfDesign | None:
+    plant: LtiSystem, k: int, q: int, best: Made | None, attempt: Attempt[Made], goal: float
+) -> Made | None:
     """Return the best loop over a ladder of regularisations, at least as good as the one given.
 
     Parameters
@@ -63,7 +70,7 @@ def search_regularised(
         In continuous time, its controls and measurements in units of their size.
     k, q : int
         Numbers of controls and measurements.
-    best : HinfDesign or None
+    best : design or None
         The best so far.
     attempt : callable
         Of a problem, γ and its regularisation: the design at that γ, checked on the plant, or None.
@@ -92,10 +99,10 @@ def search_regularised(
 def _descend(
     problem: GammaProblem,
     added: Regularisation,
-    best: HinfDesign | None,
-    attempt: Attempt,
+    best: Made | None,
+    attempt: Attempt[Made],
     goal: float,
-) -> HinfDesign | None:
+) -> Made | None:
     """Return the best loop of a problem by ever smaller γ; from a large γ if there is none yet."""
     if best is None:
         gamma = problem.size
