@@ -181,7 +181,7 @@ def test_what_has_no_optimum_is_named() -> None:
         ),
     ):
         with pytest.raises(error, match=message):
-            h2_synthesis(made, 1, 1)
+            h2_synthesis(made, 1, 1, regularisation=0.0)
     for k, q in ((0, 1), (1, 4), (4, 1)):
         with pytest.raises(InputError, match="do not fit a plant"):
             h2_synthesis(given, k, q)

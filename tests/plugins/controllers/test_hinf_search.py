@@ -174,7 +174,7 @@ def test_without_a_bracket_sixteen_decades_are_tried(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(hinf, "_scan_gamma", tried)
     monkeypatch.setattr(GammaProblem, "bracket", lambda self: (0.0, None))
     with pytest.raises(SynthesisFailedError, match="were solved for no γ"):
-        hinf_synthesis(PLANT, 1, 1)
+        hinf_synthesis(PLANT, 1, 1, regularisation=0.0)
     assert_allclose(spans, [(1e-8, 1e8)], rtol=1e-12)
 
 
@@ -192,9 +192,9 @@ def test_where_backing_off_fails_all_above_the_proof_is_tried(
     monkeypatch.setattr(hinf, "_scan_gamma", tried)
     monkeypatch.setattr(hinf, "_back_off", lambda *args: None)
     with pytest.raises(SynthesisFailedError, match="no controller near it makes a stable"):
-        hinf_synthesis(PLANT, 1, 1)
+        hinf_synthesis(PLANT, 1, 1, regularisation=0.0)
     result[0] = design(50.0)
-    assert hinf_synthesis(PLANT, 1, 1).gamma == 50.0
+    assert hinf_synthesis(PLANT, 1, 1, regularisation=0.0).gamma == 50.0
     least = 1.0 + np.sqrt(3.0)
     for low, high in spans:
         assert least * (1.0 - 2e-4) < low < least  # what is proved, by the bisection's tolerance
@@ -224,7 +224,7 @@ def test_a_proof_is_sought_a_little_below_what_the_bisection_refuses(
     monkeypatch.setattr(hinf, "GammaProblem", proved_up_to(least * (1.0 - lost)))
     # narrow from the beginning: what the bisection refuses is not proved by chance
     monkeypatch.setattr(GammaProblem, "bracket", lambda self: (0.999999 * least, least))
-    found = hinf_synthesis(PLANT, 1, 1, tolerance=1e-5)
+    found = hinf_synthesis(PLANT, 1, 1, tolerance=1e-5, regularisation=0.0)
     assert 1.0 - 3.4 * lost < found.least / least <= 1.0 - lost  # steps grow by 10/3 at most
     assert_allclose(found.solvable, least, rtol=1e-12)
 
@@ -239,7 +239,7 @@ def test_without_a_proof_eight_decades_are_tried(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(hinf, "GammaProblem", proved_up_to(0.0))
     monkeypatch.setattr(hinf, "_scan_gamma", tried)
     monkeypatch.setattr(hinf, "_back_off", lambda *args: None)
-    found = hinf_synthesis(PLANT, 1, 1)
+    found = hinf_synthesis(PLANT, 1, 1, regularisation=0.0)
     assert (found.gamma, found.least) == (50.0, 0.0)
     least = 1.0 + np.sqrt(3.0)
     assert_allclose(spans, [(1e-8 * least, 10.0 * least)], rtol=2e-4)
@@ -259,7 +259,7 @@ def test_a_plant_of_measurements_and_controls_alone(a: float) -> None:
         found = hinf_synthesis(plant, 1, 1, regularisation=size)
         assert_allclose(found.solvable, 2.0 * a * size**2, rtol=1e-4)
     with pytest.raises(SingularProblemError, match=r"outputs \(there are 0\)"):
-        hinf_synthesis(plant, 1, 1)
+        hinf_synthesis(plant, 1, 1, regularisation=0.0)
 
 
 def test_a_loop_whose_norm_is_not_told_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -110,7 +110,7 @@ def test_a_plant_without_weights_and_noise_is_solved_too() -> None:
         np.array([[1.0, 0.0], [1.0, 0.0]]), np.zeros((2, 2)),
     )  # fmt: skip
     with pytest.raises(SingularProblemError):
-        hinf_synthesis(given, 1, 1)
+        hinf_synthesis(given, 1, 1, regularisation=0.0)
     found = output_feedback(
         given, 1, 1, [Channel(limit=0.5)], PoleRegion(decay_1_s=0.2, fastest_rad_s=20.0)
     )

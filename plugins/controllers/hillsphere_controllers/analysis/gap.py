@@ -125,5 +125,5 @@ def _directed_gap(one: CoprimeFactors, other: CoprimeFactors, tolerance: float) 
         np.block([[g1.c, g2.c], [np.zeros((m, n1 + n2))]]),
         np.block([[g1.d, g2.d], [np.eye(m), np.zeros((m, m))]]),
     )
-    design = hinf_synthesis(plant, m, m, tolerance=tolerance)
+    design = hinf_synthesis(plant, m, m, tolerance=tolerance, regularisation=0.0)
     return min(design.solvable, 1.0)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import schur, solve_triangular
+from scipy.linalg import schur, solve_continuous_lyapunov, solve_triangular
 
 from hillsphere.interfaces import Array
 
-__all__ = ["gramian"]
+__all__ = ["gramian", "lyapunov_solution"]
 
 Complex = NDArray[np.complex128]
 
@@ -48,3 +50,19 @@ def gramian(a: Array, q: Array, *, discrete: bool = False) -> Array:
         x[:, k] = solve_triangular(matrix, -side, check_finite=False)
     made = (u @ x @ u.conj().T).real
     return np.asarray(0.5 * (made + made.T))
+
+
+def lyapunov_solution(a: Array, q: Array) -> Array:
+    """Return P (n, n) of A P + P Aᵀ + Q = 0 by LAPACK, by `gramian` where poles lie too far apart.
+
+    Parameters
+    ----------
+    a, q : ndarray, shape (n, n)
+        A, stable, and Q, symmetric.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        try:
+            return np.asarray(solve_continuous_lyapunov(a, -q))
+        except (RuntimeWarning, np.linalg.LinAlgError):  # sums of eigenvalues near rounding
+            return gramian(a, q)

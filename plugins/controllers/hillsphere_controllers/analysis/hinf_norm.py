@@ -140,6 +140,8 @@ def hinf_norm(system: LtiSystem, tolerance: float = 1e-9) -> HinfNorm:
     if system.order == 0 or 0 in system.shape:
         return HinfNorm(direct, 0.0, direct)
     search = _Search(system, poles)
+    if search.value == np.inf:  # rounding has put a pole on the axis: nothing is told
+        return HinfNorm(np.inf, search.frequency, np.inf, np.inf)
     if search.value > direct:
         return search.climb(tolerance)
     # The peak is at infinity, where R is singular: s → ω²/s puts it at zero.
@@ -181,7 +183,13 @@ class _Search:
     def look(self, omega: Array) -> None:
         """Take the gains at frequencies into account, and refine the best."""
         points = np.unique(np.concatenate([omega, [self.frequency]]))
-        gains = largest_gains(self.response(1j * points))
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            responses = self.response(1j * points)
+        lost = ~np.isfinite(responses).all(axis=(1, 2))
+        if lost.any():  # a pole on the axis but for rounding
+            self.value, self.frequency = np.inf, float(points[np.argmax(lost)])
+            return
+        gains = largest_gains(responses)
         inner = np.flatnonzero(
             (gains >= np.append(gains[1:], -1.0)) & (gains >= np.insert(gains[:-1], 0, -1.0))
         )
@@ -230,6 +238,8 @@ class _Search:
 
     def climb(self, tolerance: float) -> HinfNorm:
         """Raise the level until the gain reaches it at no nearly imaginary eigenvalue."""
+        if self.value == np.inf:
+            return HinfNorm(np.inf, self.frequency, np.inf, np.inf)
         if self.value == 0.0:  # at so many frequencies: everywhere
             return HinfNorm(0.0, self.frequency, 0.0)
         for _ in range(_MOST_LEVELS):
@@ -241,6 +251,8 @@ class _Search:
             omega = np.unique(np.abs(values[near].imag))
             if omega.size:
                 self.look(np.concatenate([omega, 0.5 * (omega[1:] + omega[:-1])]))
+                if self.value == np.inf:
+                    return HinfNorm(np.inf, self.frequency, np.inf, np.inf)
             if self.value > level:
                 continue
             bound = self._bound_with_rounding(level)

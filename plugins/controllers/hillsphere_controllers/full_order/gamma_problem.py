@@ -44,7 +44,8 @@ class GammaProblem:
     def __init__(self, plant: LtiSystem, k: int, q: int) -> None:
         p, m = plant.shape
         p1, m1 = p - q, m - k
-        self._plant, self._a = plant, plant.a
+        self.plant, self.channels, self._a = plant, (k, q), plant.a
+        """The plant, and its numbers of controls and measurements."""
         self.by_pencil = False
         """Whether the Riccati equations are solved by their pencil, in vain without."""
         self.proved = 0.0
@@ -142,7 +143,7 @@ class GammaProblem:
             if x is None:
                 if checked and gamma > self.proved:
                     at = axis_frequencies(*matrices)
-                    bound = response_bound(self._plant, self._k, self._q, at)
+                    bound = response_bound(self.plant, self._k, self._q, at)
                     self.proved = max(self.proved, bound)
                 return None
             least = float(np.linalg.eigvalsh(x)[0]) if len(x) else 0.0

@@ -28,12 +28,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import schur
 
-from hillsphere.errors import InputError
+from hillsphere.errors import HillsphereError, InputError
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import HinfNorm, hinf_norm
-from hillsphere_controllers.errors import SynthesisFailedError
+from hillsphere_controllers.errors import SingularProblemError, SynthesisFailedError
 from hillsphere_controllers.full_order.gamma_problem import GammaProblem
+from hillsphere_controllers.full_order.modes import describe_weakest_mode, is_surely_stable
+from hillsphere_controllers.full_order.regularisation import Regularisation
+from hillsphere_controllers.full_order.regularised_search import rank_norm, search_regularised
+from hillsphere_controllers.full_order.response_bounds import frequency_bound
 from hillsphere_controllers.full_order.scaling import Units
 from hillsphere_controllers.slicot import hinf_guess
 from hillsphere_controllers.systems.algebra import lower_lft
@@ -55,6 +60,11 @@ _LOWER = 0.97
 _NEARLY = 0.99
 """A gap of 1 % between γ and its proved lower bound, or an improvement of less, does not justify a
 scan."""
+_AT_BOUND = 1.002
+"""Ratio of a norm to its lower bound, beside the back-off, up to which nothing better is sought:
+the bisection's tolerance and the margins of the proof leave no more."""
+_WORTH = 0.999
+"""Share of the norm below which a loop of a regularised problem replaces one without."""
 _SHARES = (0.98, 0.9, 0.5)
 """Shares of the best γ at which a controller is tried before a scan, which takes up to 96
 attempts."""
@@ -79,12 +89,17 @@ class HinfDesign:
         Of it, with its peak's frequency.
     least : float
         The largest γ of which is proved, beyond the errors of rounding, that no controller of any
-        order reaches it: as a rule the bisection's tolerance below `solvable`, lower (or 0) where
-        the data are so badly conditioned that this cannot be told; 0 with a regularisation, which
-        poses another problem.
+        order reaches it with the plant as given: as a rule the bisection's tolerance below
+        `solvable`, lower (or 0) where the data are so badly conditioned or the problem so singular
+        that this cannot be told; 0 with a regularisation that was given, which poses another
+        problem.
     solvable : float
-        The least γ found for which the Riccati equations are solvable; `gamma` where rounding
-        hides whether they are.
+        The least γ found for which the Riccati equations are solvable, those of the regularised
+        problem if a regularisation was given; `gamma` where rounding hides whether they are, or
+        the regularisation was chosen here.
+    added : Regularisation or None
+        Weights and noise that were added for the synthesis alone; None if there are none. `gamma`,
+        `norm` and `closed_loop` are those of the plant without them.
     """
 
     controller: LtiSystem
@@ -93,6 +108,7 @@ class HinfDesign:
     norm: HinfNorm
     least: float
     solvable: float
+    added: Regularisation | None = None
 
 
 def hinf_synthesis(
@@ -102,7 +118,7 @@ def hinf_synthesis(
     *,
     tolerance: float = 1e-4,
     back_off: float = 0.005,
-    regularisation: float = 0.0,
+    regularisation: float | None = None,
     slicot: bool = False,
 ) -> HinfDesign:
     """Return a controller that nearly minimises the gain from w to z.
@@ -119,11 +135,13 @@ def hinf_synthesis(
     back_off : float
         By how much the γ of the controller is larger than the least one; it is enlarged where the
         controller does not pass the check of its closed loop.
-    regularisation : float
+    regularisation : float or None
         Weight that is put on every control, and size of the noise that is put on every measurement,
         for the synthesis only: makes problems solvable in which D12 or D21 lacks full rank, for a γ
-        that is a little larger. The closed loop is that of the plant as given;
-        `HinfDesign.solvable` then belongs to the problem with them.
+        that is a little larger. The closed loop is that of the plant as given. None: problems that
+        are singular, fail, or end more than the back-off and 0.2 % above their lower bound are
+        regularised by weights and noise of many sizes, on states too, and the best loop is taken;
+        what was added is in `HinfDesign.added`. 0: never.
     slicot : bool
         Whether the bisection begins beside what SLICOT's SB10AD finds, which saves most of its
         steps. The Riccati equations are solved on both sides of it here, and the same is checked:
@@ -142,9 +160,9 @@ def hinf_synthesis(
     NotStabilisableError
         If u cannot stabilise the plant, or y does not show an unstable mode.
     SingularProblemError
-        If a control has no weight (D12 without full column rank), a measurement no noise (D21
-        without full row rank), or the plant from u to z or from w to y a zero on the imaginary
-        axis.
+        If no regularisation is allowed, or none helps, and a control has no weight (D12 without
+        full column rank), a measurement no noise (D21 without full row rank), or the plant from u
+        to z or from w to y a zero on the imaginary axis.
     SynthesisFailedError
         If no controller found passes the check.
     """
@@ -154,22 +172,23 @@ def hinf_synthesis(
     if not 1e-12 <= tolerance < 1.0:
         raise InputError(f"tolerance must be from 1e-12 to 1, got {tolerance}")
     for what, value in (("back-off", back_off), ("regularisation", regularisation)):
-        if not 0.0 <= value < np.inf:
+        if value is not None and not 0.0 <= value < np.inf:
             raise InputError(f"a {what} must be ≥ 0 and finite, got {value}")
     units = Units.of(plant, k, q)
     scaled = units.scale(plant)
-    if plant.dt_s is None:
-        made = _continuous(scaled, units, tolerance, back_off, regularisation, slicot)
+    image = scaled if plant.dt_s is None else continuous(scaled)
+    if regularisation is None:
+        made = _solve_regularising(image, units, tolerance, back_off, slicot)
     else:
-        image = continuous(scaled)
-        made = _continuous(image, units, tolerance, back_off, regularisation, slicot)
-        made = _attach_lower_bound(
-            _verify_design(scaled, discrete(made.controller, plant.dt_s), made.solvable), made.least
-        )
+        made = _solve_given(image, units, tolerance, back_off, regularisation, slicot)
+    if plant.dt_s is not None:
+        added, least = made.added, made.least
+        made = _verify_design(scaled, discrete(made.controller, plant.dt_s), made.solvable)
+        made = replace(_attach_lower_bound(made, least), added=added)
     return replace(made, controller=units.restore(made.controller))
 
 
-def _continuous(
+def _solve_given(
     plant: LtiSystem,
     units: Units,
     tolerance: float,
@@ -177,19 +196,99 @@ def _continuous(
     regularisation: float,
     slicot: bool,
 ) -> HinfDesign:
-    """Return the design for a plant in continuous time, its controls in these units."""
-    posed = _regularise(plant, units, regularisation) if regularisation else plant
+    """Return the design with a given regularisation or none; the plant is in these units."""
+    k, q = units.controls.size, units.measurements.size
+    if not regularisation:
+        problem = GammaProblem(balance_states(plant)[0], k, q)
+        made = _search_gamma(plant, problem, tolerance, back_off, slicot)
+        return _attach_lower_bound(made, problem.proved)
+    added = Regularisation.even(regularisation, k, q, plant.order)
     # the Riccati equations are solved for the balanced states; the controller is the same
-    posed = balance_states(posed)[0]
-    problem = GammaProblem(posed, units.controls.size, units.measurements.size)
+    problem = GammaProblem(balance_states(units.scale_added(added).add_to(plant))[0], k, q)
+    made = _search_gamma(plant, problem, tolerance, back_off, slicot)
+    return replace(_attach_lower_bound(made, 0.0), added=added)
+
+
+def _solve_regularising(
+    plant: LtiSystem,
+    units: Units,
+    tolerance: float,
+    back_off: float,
+    slicot: bool,
+) -> HinfDesign:
+    """Return the design without a regularisation if it is near its bound, else the best."""
+    k, q = units.controls.size, units.measurements.size
+    failed: HillsphereError | None = None
+    best, least = None, 0.0
+    even, _ = balance_states(plant)
+    try:
+        problem = GammaProblem(even, k, q)
+    except SingularProblemError as error:
+        failed = error
+    else:
+        try:
+            best = _search_gamma(plant, problem, tolerance, back_off, slicot, scans=False)
+            if not is_surely_stable(best.closed_loop.a):
+                # a zero on the axis, cancelled: the loop has a mode there but for rounding
+                best, failed = (
+                    None,
+                    SynthesisFailedError(
+                        "the closed loop has a mode so near to the imaginary axis that rounding "
+                        "decides whether it is stable"
+                    ),
+                )
+        except (SingularProblemError, SynthesisFailedError) as error:
+            failed = error
+        least = problem.proved
+    goal = (1.0 + back_off) * (1.0 + tolerance) * least * _AT_BOUND
+    if best is None or rank_norm(best.norm) > goal:
+        least = max(least, frequency_bound(plant, k, q))
+
+        def attempt(
+            problem: GammaProblem, gamma: float, added: Regularisation
+        ) -> HinfDesign | None:
+            made = _design_in_schur_form(plant, problem, gamma)
+            if made is None:
+                return None
+            return replace(
+                made, solvable=made.gamma, added=units.restore_added(added) if added else None
+            )
+
+        other = search_regularised(plant, k, q, best, attempt, goal)
+        if other is not None and (
+            best is None or rank_norm(other.norm) < _WORTH * rank_norm(best.norm)
+        ):
+            best = other
+    if best is None:
+        assert failed is not None
+        b, c = even.b[:, plant.shape[1] - k :], even.c[plant.shape[0] - q :]
+        weakest = describe_weakest_mode(even.a, b, c)
+        raise type(failed)(
+            f"{failed}; with weights and noise of any size added no stable loop was found either"
+            + (f"; {weakest}" if weakest else "")
+        ) from failed
+    return _attach_lower_bound(best, least)
+
+
+def _search_gamma(
+    plant: LtiSystem,
+    problem: GammaProblem,
+    tolerance: float,
+    back_off: float,
+    slicot: bool,
+    *,
+    scans: bool = True,
+) -> HinfDesign:
+    """Return the design of a problem for a plant in continuous time, without a lower bound.
+
+    Without scans of γ where the bisection is in doubt: another search follows.
+    """
     low, high = problem.bracket()
     if problem.by_pencil and (singular := problem.singular()) is not None:
         raise singular
-    best = None
     if high is None:
-        best = _scan_gamma(
-            plant, problem, (problem.size / 10.0**_DECADES, 10.0**_DECADES * problem.size)
-        )
+        span = problem.size / 10.0**_DECADES, 10.0**_DECADES * problem.size
+        best = _scan_gamma(plant, problem, span) if scans else None
         if best is None:
             raise SynthesisFailedError(
                 f"the Riccati equations of the plant, of order {plant.order}, were solved for no "
@@ -197,38 +296,37 @@ def _continuous(
                 "units lie too many decades apart for double precision; take very slow or fast "
                 "modes out, or enlarge the weights of controls and noise"
             )
-    else:
-        if slicot:
-            guess = hinf_guess(
-                posed, units.controls.size, units.measurements.size, high, 0.1 * tolerance
-            )
-            low, high = _bracket_guess(problem, guess, low, high, tolerance)
-        while high > low * (1.0 + tolerance):
-            # bisection in ln γ
-            middle = np.sqrt(low * high) if low > 0.0 else 0.1 * high
-            if middle <= 1e-12 * problem.size:
-                break
-            if problem.solve(middle) is None:
-                low = middle
-            else:
-                high = middle
-        # where X or Y is nearly infinite, a proof may be had a little below
-        for step in _STEPS:
-            if problem.proved < low * (1.0 - step):
-                problem.solve(low * (1.0 - step))
-        best = _back_off(plant, problem, high, back_off)
-        below = max(problem.proved, high / 10.0**_DECADES)
-        if best is None or (
-            problem.proved < _NEARLY * low and _improves_below(plant, problem, best, below)
-        ):
-            best = _better(best, _scan_gamma(plant, problem, (below, 10.0 * high)))
-        if best is None:
-            raise SynthesisFailedError(
-                f"the Riccati equations are solvable for γ = {high:.6g}, but no controller near it "
-                "makes a stable closed loop in floating point; scale inputs and outputs to order "
-                "one, or use a larger back_off"
-            )
-    return _attach_lower_bound(best, 0.0 if regularisation else problem.proved)
+        return best
+    if slicot:
+        guess = hinf_guess(problem.plant, *problem.channels, high, 0.1 * tolerance)
+        low, high = _bracket_guess(problem, guess, low, high, tolerance)
+    while high > low * (1.0 + tolerance):
+        # bisection in ln γ
+        middle = np.sqrt(low * high) if low > 0.0 else 0.1 * high
+        if middle <= 1e-12 * problem.size:
+            break
+        if problem.solve(middle) is None:
+            low = middle
+        else:
+            high = middle
+    # where X or Y is nearly infinite, a proof may be had a little below
+    for step in _STEPS:
+        if problem.proved < low * (1.0 - step):
+            problem.solve(low * (1.0 - step))
+    best = _back_off(plant, problem, high, back_off)
+    below = max(problem.proved, high / 10.0**_DECADES)
+    if scans and (
+        best is None
+        or (problem.proved < _NEARLY * low and _improves_below(plant, problem, best, below))
+    ):
+        best = _better(best, _scan_gamma(plant, problem, (below, 10.0 * high)))
+    if best is None:
+        raise SynthesisFailedError(
+            f"the Riccati equations are solvable for γ = {high:.6g}, but no controller near it "
+            "makes a stable closed loop in floating point; scale inputs and outputs to order "
+            "one, or use a larger back_off"
+        )
+    return best
 
 
 def _attach_lower_bound(design: HinfDesign, least: float) -> HinfDesign:
@@ -241,7 +339,7 @@ def _attach_lower_bound(design: HinfDesign, least: float) -> HinfDesign:
 def _better(one: HinfDesign | None, other: HinfDesign | None) -> HinfDesign | None:
     if one is None or other is None:
         return one or other
-    return other if other.norm.upper < one.norm.upper else one
+    return other if rank_norm(other.norm) < rank_norm(one.norm) else one
 
 
 def _bracket_guess(
@@ -297,15 +395,50 @@ def _scan_gamma(
 
 
 def _design_at(
-    plant: LtiSystem, problem: GammaProblem, gamma: float, *, checked: bool = True
+    plant: LtiSystem,
+    problem: GammaProblem,
+    gamma: float,
+    *,
+    checked: bool = True,
+    turned: bool = False,
 ) -> HinfDesign | None:
     """Return the central controller's design at a γ, None if there is none that works."""
     try:
         solved = problem.solve(gamma, checked=checked)
         controller = None if solved is None else problem.controller(gamma, *solved)
-        return None if controller is None else _verify_design(plant, controller, gamma)
+        if controller is None:
+            return None
+        if turned:
+            controller = _turn_to_schur_form(controller)
+        made = _verify_design(plant, controller, gamma)
+        return None if turned and not is_surely_stable(made.closed_loop.a) else made
     except (SynthesisFailedError, InputError, np.linalg.LinAlgError):
         return None
+
+
+def _design_in_schur_form(
+    plant: LtiSystem, problem: GammaProblem, gamma: float
+) -> HinfDesign | None:
+    """Return the design at a γ whose controller has a block triangular A, None if none works.
+
+    Near the least γ the controller has fast poles. In the states of the formulas they mix with the
+    slow ones, and rounding spoils these; in balanced Schur form a loop's norm has two digits more.
+    """
+    made = None
+    for problem.by_pencil in (False, True):
+        made = _better(made, _design_at(plant, problem, gamma, checked=False, turned=True))
+        if made is not None and not made.norm.doubt:
+            break
+    return made
+
+
+def _turn_to_schur_form(controller: LtiSystem) -> LtiSystem:
+    even, _ = balance_states(controller)
+    if not even.order:
+        return even
+    a, turn = schur(even.a)
+    turned = replace(even, a=a, b=turn.T @ even.b, c=even.c @ turn)
+    return balance_states(turned)[0]
 
 
 def _back_off(
@@ -329,26 +462,3 @@ def _verify_design(plant: LtiSystem, controller: LtiSystem, solvable: float) -> 
     if not np.isfinite(norm.upper):
         raise SynthesisFailedError("the closed loop's entries do not determine its norm")
     return HinfDesign(controller, norm.value, loop, norm, 0.0, solvable)
-
-
-def _regularise(plant: LtiSystem, units: Units, size: float) -> LtiSystem:
-    """Return the plant with extra outputs for the controls and extra noise on the measurements."""
-    (p, m), n = plant.shape, plant.order
-    k, q = units.controls.size, units.measurements.size
-    b1, b2 = plant.b[:, : m - k], plant.b[:, m - k :]
-    c1, c2 = plant.c[: p - q], plant.c[p - q :]
-    d11, d12 = plant.d[: p - q, : m - k], plant.d[: p - q, m - k :]
-    d21, d22 = plant.d[p - q :, : m - k], plant.d[p - q :, m - k :]
-    weight, noise = np.diag(size / units.controls), np.diag(size / units.measurements)
-    return LtiSystem(
-        plant.a,
-        np.hstack([b1, np.zeros((n, q)), b2]),
-        np.vstack([c1, np.zeros((k, n)), c2]),
-        np.block(
-            [
-                [d11, np.zeros((p - q, q)), d12],
-                [np.zeros((k, m - k + q)), weight],
-                [d21, noise, d22],
-            ]
-        ),
-    )

@@ -116,7 +116,7 @@ def mixed_sensitivity(
     disturbance: float = 0.0,
     tolerance: float = 1e-4,
     back_off: float = 0.005,
-    regularisation: float = 0.0,
+    regularisation: float | None = None,
 ) -> MixedSensitivityDesign:
     """Return the controller of a mixed-sensitivity problem.
 
@@ -124,7 +124,7 @@ def mixed_sensitivity(
     ----------
     system, w1, w2, w3, disturbance
         As in `mixed_sensitivity_plant`.
-    tolerance, back_off, regularisation : float
+    tolerance, back_off, regularisation
         As in `hillsphere_controllers.full_order.hinf.hinf_synthesis`.
 
     Returns

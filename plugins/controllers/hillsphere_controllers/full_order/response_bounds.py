@@ -11,11 +11,15 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 
-__all__ = ["response_bound", "solution_error"]
+__all__ = ["frequency_bound", "response_bound", "solution_error"]
 
 _SAFETY = 10.0
 """Units of rounding per order that an entry of the Hamiltonian matrix may be wrong by: above the
 usual error of sums of n products, so that a proved bound holds."""
+_GRID = 30
+"""Frequencies, even in their logarithm: a bound between two of them is hardly higher."""
+_MARGIN = 1e-13
+"""Relative rounding of the gain of a matrix."""
 _EPS = float(np.finfo(float).eps)
 
 
@@ -56,6 +60,27 @@ def response_bound(plant: LtiSystem, controls: int, measurements: int, omega_rad
         if np.isfinite(one + other):
             bound = max(bound, min(one, other) - 2.0 * abs(one - other))
     return bound
+
+
+def frequency_bound(plant: LtiSystem, controls: int, measurements: int) -> float:
+    """Return the largest `response_bound` over frequencies about the plant's poles, and infinity.
+
+    It holds for singular problems too: nothing is inverted.
+
+    Parameters
+    ----------
+    plant, controls, measurements
+        As of `response_bound`.
+    """
+    p, m = plant.shape
+    if p - measurements <= controls and m - controls <= measurements:
+        return 0.0  # all of z is reached and all of w shown
+    size = np.abs(plant.poles)
+    size = size[size > 0.0]
+    low, high = (size.min(), size.max()) if size.size else (1.0, 1.0)
+    omega = np.concatenate([[0.0], size, np.geomspace(0.1 * low, 10.0 * high, _GRID)])
+    direct = _residual_gain(plant.d.astype(complex), controls, measurements) * (1.0 - _MARGIN)
+    return max(direct, response_bound(plant, controls, measurements, omega))
 
 
 def _residual_gain(response: Array, k: int, q: int) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
+from hillsphere_controllers.full_order.regularisation import Regularisation
 from hillsphere_controllers.systems.balancing import balance_states
 
 __all__ = ["Units"]
@@ -53,6 +54,22 @@ class Units:
         columns = np.concatenate([np.ones(m - k), self.controls])
         rows = np.concatenate([np.ones(p - q), self.measurements])[:, None]
         return replace(plant, b=plant.b / columns, c=plant.c / rows, d=plant.d / columns / rows)
+
+    def scale_added(self, added: Regularisation) -> Regularisation:
+        """Return weights and noise in these units, given in the original ones."""
+        return replace(
+            added,
+            controls=added.controls / self.controls,
+            measurements=added.measurements / self.measurements,
+        )
+
+    def restore_added(self, added: Regularisation) -> Regularisation:
+        """Return weights and noise in the original units, given in these."""
+        return replace(
+            added,
+            controls=added.controls * self.controls,
+            measurements=added.measurements * self.measurements,
+        )
 
     def restore(self, controller: LtiSystem) -> LtiSystem:
         """Return the controller for the plant in its original units."""

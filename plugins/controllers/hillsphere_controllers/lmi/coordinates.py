@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_continuous_lyapunov
 
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
+from hillsphere_controllers.analysis.gramians import lyapunov_solution
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.errors import SynthesisFailedError
 from hillsphere_controllers.full_order.riccati import stabilising_solution
@@ -86,7 +86,7 @@ def _lqr_covariance(plant: LtiSystem, controls: int) -> tuple[Array, LtiSystem]:
     b1, b2, d12 = plant.b[:, :m], plant.b[:, m:], plant.d[:, m:]
     _, gain = _feedback(plant.a, b2, plant.c, d12)
     loop = LtiSystem(plant.a + b2 @ gain, b1, plant.c + d12 @ gain, plant.d[:, :m])
-    covariance = solve_continuous_lyapunov(loop.a, -_make_positive(b1 @ b1.T, 1.0))
+    covariance = lyapunov_solution(loop.a, _make_positive(b1 @ b1.T, 1.0))
     return np.asarray(0.5 * (covariance + covariance.T)), loop
 
 

@@ -27,11 +27,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import solve_continuous_lyapunov, solve_discrete_lyapunov
+from scipy.linalg import solve_discrete_lyapunov
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
+from hillsphere_controllers.analysis.gramians import lyapunov_solution
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.errors import InfeasibleError, SynthesisFailedError
 from hillsphere_controllers.linear_fractional.transformation import Lft
@@ -307,7 +308,7 @@ def _coordinates(systems: Sequence[LtiSystem]) -> Array:
         cost = c.T @ c
         cost = cost + _SMALL * (float(np.trace(cost)) or 1.0) * np.eye(len(a))
         if system.dt_s is None:
-            total += solve_continuous_lyapunov(a.T, -cost)
+            total += lyapunov_solution(a.T, cost)
         else:
             total += solve_discrete_lyapunov(a.T, cost)
     values, vectors = np.linalg.eigh(total / np.trace(total))

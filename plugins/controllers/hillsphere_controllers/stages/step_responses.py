@@ -14,6 +14,8 @@ __all__ = ["step_responses"]
 
 _SAMPLES = 400
 """Samples of a response in continuous time: a curve of a printed figure shows no corners."""
+_MOST_SAMPLES = 100_000
+"""Samples of a response at most: a mode slower than these is not waited for."""
 _SETTLED = 0.01
 """A response has settled when it stays within 1 % of its size, a usual limit of the settling
 time."""
@@ -62,11 +64,13 @@ def _settling(system: LtiSystem) -> float:
         return 10.0 * (system.dt_s or 1.0)
     # exp(−7) = 0.1 %: well below the settling limit of 1 %
     longest = 7.0 / float(rates.min())
+    if system.dt_s is not None:  # a very slow mode is not waited for: each sample is one
+        longest = min(longest, _MOST_SAMPLES * system.dt_s)
     # the slowest modes may hardly be seen: times from the fastest to the slowest are tried
     trial = 7.0 / float(np.median(rates))
     while trial < longest:
         step = system.dt_s or trial / _SAMPLES
-        count = min(max(round(trial / step), 2) + 1, 100_000)
+        count = min(max(round(trial / step), 2) + 1, _MOST_SAMPLES)
         response = _response(system, step, count)
         final = _final(system)
         size = max(float(np.abs(response).max()), 1e-300)

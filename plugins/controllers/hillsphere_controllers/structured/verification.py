@@ -193,7 +193,7 @@ def full_order(plants: Sequence[DesignPlant], structure: Structure) -> FullOrder
                 continue
             try:
                 alone = _channel_plant(plant, channel, nu, ny)
-                design = hinf_synthesis(alone, nu, ny)
+                design = hinf_synthesis(alone, nu, ny, regularisation=0.0)
             except (SingularProblemError, SynthesisFailedError):
                 continue
             except NotStabilisableError as error:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import schur, solve_continuous_lyapunov, solve_sylvester
+from scipy.linalg import schur, solve_sylvester
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
+from hillsphere_controllers.analysis.gramians import lyapunov_solution
 from hillsphere_controllers.systems.algebra import parallel
 from hillsphere_controllers.systems.bilinear import continuous, discrete
 
@@ -46,8 +47,8 @@ def balanced_truncation(system: LtiSystem, order: int) -> LtiSystem:
         return system
     stable, rest = _split(system)
     kept = min(max(order - rest.order, 0), stable.order)
-    reach = solve_continuous_lyapunov(stable.a, -stable.b @ stable.b.T)
-    see = solve_continuous_lyapunov(stable.a.T, -stable.c.T @ stable.c)
+    reach = lyapunov_solution(stable.a, stable.b @ stable.b.T)
+    see = lyapunov_solution(stable.a.T, stable.c.T @ stable.c)
     left, right = _root(reach), _root(see)
     # square-root method: the singular values are the Hankel singular values
     u, values, v = np.linalg.svd(right.T @ left)

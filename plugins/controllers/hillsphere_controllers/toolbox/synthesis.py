@@ -11,6 +11,7 @@ from hillsphere_controllers.full_order.h2 import h2_synthesis
 from hillsphere_controllers.full_order.hinf import hinf_synthesis
 from hillsphere_controllers.full_order.loop_shaping import coprime_margin, loop_shaping
 from hillsphere_controllers.full_order.mixed_sensitivity import mixed_sensitivity
+from hillsphere_controllers.full_order.regularisation import Regularisation
 from hillsphere_controllers.systems.conversion import as_lti, like
 from hillsphere_controllers.toolbox.results import Readable, System
 
@@ -34,16 +35,25 @@ class HinfSynthesis(Readable, Generic[System]):
         Its H∞ norm, computed from the closed loop.
     lower_bound : float
         No controller of any order reaches a γ below this.
+    added : Regularisation or None
+        Weights and noise that were added for the synthesis alone; None if there are none.
     """
 
     K: System
     CL: System
     gamma: float
     lower_bound: float
+    added: Regularisation | None = None
 
 
 def hinfsyn(
-    P: System, nmeas: int, ncont: int, *, tolerance: float = 1e-4, back_off: float = 0.005
+    P: System,
+    nmeas: int,
+    ncont: int,
+    *,
+    tolerance: float = 1e-4,
+    back_off: float = 0.005,
+    regularisation: float | None = None,
 ) -> HinfSynthesis[System]:
     """Return the controller that nearly minimises the H∞ norm from w to z.
 
@@ -53,7 +63,7 @@ def hinfsyn(
         Generalised plant; its last inputs are the controls, its last outputs the measurements.
     nmeas, ncont : int
         Numbers of measurements and controls.
-    tolerance, back_off : float
+    tolerance, back_off, regularisation
         As of `hillsphere_controllers.full_order.hinf.hinf_synthesis`.
 
     Returns
@@ -67,11 +77,13 @@ def hinfsyn(
         As `hinf_synthesis`.
     """
     design = hinf_synthesis(
-        as_lti(P, "the plant P"), ncont, nmeas, tolerance=tolerance, back_off=back_off
-    )
+        as_lti(P, "the plant P"), ncont, nmeas, tolerance=tolerance, back_off=back_off,
+        regularisation=regularisation,
+    )  # fmt: skip
     return HinfSynthesis(
-        like(design.controller, P), like(design.closed_loop, P), design.gamma, design.least
-    )
+        like(design.controller, P), like(design.closed_loop, P), design.gamma, design.least,
+        design.added,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -85,21 +97,28 @@ class H2Synthesis(Readable, Generic[System]):
     CL : System
         The closed loop from w to z.
     gamma : float
-        Its H2 norm; no controller has a smaller one.
+        Its H2 norm; where nothing was added, no controller has a smaller one.
+    added : Regularisation or None
+        As of `HinfSynthesis`.
     """
 
     K: System
     CL: System
     gamma: float
+    added: Regularisation | None = None
 
 
-def h2syn(P: System, nmeas: int, ncont: int) -> H2Synthesis[System]:
+def h2syn(
+    P: System, nmeas: int, ncont: int, *, regularisation: float | None = None
+) -> H2Synthesis[System]:
     """Return the controller that minimises the H2 norm from w to z.
 
     Parameters
     ----------
     P, nmeas, ncont
         As of `hinfsyn`.
+    regularisation : float or None
+        As of `hillsphere_controllers.full_order.h2.h2_synthesis`.
 
     Returns
     -------
@@ -111,8 +130,10 @@ def h2syn(P: System, nmeas: int, ncont: int) -> H2Synthesis[System]:
     InputError, NotStabilisableError, SingularProblemError, SynthesisFailedError
         As `hillsphere_controllers.full_order.h2.h2_synthesis`.
     """
-    design = h2_synthesis(as_lti(P, "the plant P"), ncont, nmeas)
-    return H2Synthesis(like(design.controller, P), like(design.closed_loop, P), design.norm)
+    design = h2_synthesis(as_lti(P, "the plant P"), ncont, nmeas, regularisation=regularisation)
+    return H2Synthesis(
+        like(design.controller, P), like(design.closed_loop, P), design.norm, design.added
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -129,6 +150,8 @@ class MixedSensitivity(Readable, Generic[System]):
         Its H∞ norm.
     S, KS, T : System
         Sensitivity, K S and complementary sensitivity, without weights.
+    added : Regularisation or None
+        As of `HinfSynthesis`.
     """
 
     K: System
@@ -137,6 +160,7 @@ class MixedSensitivity(Readable, Generic[System]):
     S: System
     KS: System
     T: System
+    added: Regularisation | None = None
 
 
 def mixsyn(
@@ -147,6 +171,7 @@ def mixsyn(
     *,
     disturbance: float = 0.0,
     back_off: float = 0.005,
+    regularisation: float | None = None,
 ) -> MixedSensitivity[System]:
     """Return the controller that nearly minimises the H∞ norm of [W₁ S; W₂ K S; W₃ T].
 
@@ -161,6 +186,8 @@ def mixsyn(
     back_off : float
         By how much γ is larger than the least one, as in
         `hillsphere_controllers.full_order.hinf.hinf_synthesis`.
+    regularisation : float or None
+        As there.
 
     Returns
     -------
@@ -177,11 +204,13 @@ def mixsyn(
         for k, w in enumerate((W1, W2, W3), 1)
     ]
     design = mixed_sensitivity(
-        as_lti(G, "the plant G"), *weights, disturbance=disturbance, back_off=back_off
-    )
+        as_lti(G, "the plant G"), *weights, disturbance=disturbance, back_off=back_off,
+        regularisation=regularisation,
+    )  # fmt: skip
     return MixedSensitivity(
         like(design.controller, G), like(design.design.closed_loop, G), design.gamma,
         like(design.sensitivity, G), like(design.control, G), like(design.complementary, G),
+        design.design.added,
     )  # fmt: skip
 
 

@@ -38,6 +38,8 @@ class Design:
     search: SearchResult | None = None
     iterations: Iterations | None = None
     others: tuple[LtiSystem, ...] = ()
+    added: str = ""
+    """Weights and noise that were added for the synthesis alone, in words."""
 
 
 def design_controller(
@@ -67,14 +69,13 @@ def design_controller(
         return _synthesise_by_lmi(spec.lmi or LmiSpec(), plants[0], controls, measurements)
     if spec.method == "h2":
         square = h2_synthesis(plants[0], controls, measurements)
-        return Design(square.controller, square.norm, square.norm)
+        return Design(square.controller, square.norm, square.least, added=str(square.added or ""))
     options = spec.mixed_sensitivity or spec.hinf or HinfSpec()
     full = hinf_synthesis(
         plants[0], controls, measurements, tolerance=options.tolerance, back_off=options.back_off,
         regularisation=options.regularisation,
     )  # fmt: skip
-    # with a regularisation the bound is that of another problem
-    return Design(full.controller, full.gamma, 0.0 if options.regularisation else full.least)
+    return Design(full.controller, full.gamma, full.least, added=str(full.added or ""))
 
 
 def _synthesise_by_lmi(spec: LmiSpec, plant: LtiSystem, controls: int, measurements: int) -> Design:

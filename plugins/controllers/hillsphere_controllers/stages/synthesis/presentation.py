@@ -198,6 +198,11 @@ def _verdict(product: Synthesis) -> list[str]:
         f"{bound}, computed from the closed loops. It stabilises {stable} of {count} "
         f"model{'' if count == 1 else 's'}."
     ]
+    if product.added:
+        said.append(
+            f"For the synthesis alone the problem was regularised ({product.added}); γ is that of "
+            "the models without."
+        )
     if (over := judged.sampled > judged.hinf_upper * (1.0 + _CHECK)).any():
         said.append(
             f"For {int(over.sum())} models a sampled gain exceeds the bound of the H∞ norm: these "

@@ -174,6 +174,9 @@ class Synthesis(ControlDesign):
         Of a fixed structure.
     iterations : Iterations or None
         Of a µ synthesis.
+    added : str
+        Weights and noise that a full-order synthesis added for itself alone, in words; empty if
+        there are none.
     """
 
     method: str
@@ -189,3 +192,4 @@ class Synthesis(ControlDesign):
     judged: Judged
     search: SearchResult | None
     iterations: Iterations | None
+    added: str = ""

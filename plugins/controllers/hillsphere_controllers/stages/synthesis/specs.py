@@ -32,9 +32,10 @@ class HinfSpec(Spec):
         "by how much the controller's γ is larger than the least one, relative", default=0.005,
         gt=0, lt=1,
     )  # fmt: skip
-    regularisation: float = option(
-        "weight put on every control and noise put on every measurement, for the synthesis only",
-        default=0.0, ge=0,
+    regularisation: float | None = option(
+        "weight put on every control and noise put on every measurement, for the synthesis only; "
+        "0: never; left out: chosen where the problem is singular or badly conditioned",
+        default=None, ge=0,
     )  # fmt: skip
 
 

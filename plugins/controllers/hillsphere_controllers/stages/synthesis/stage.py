@@ -132,6 +132,7 @@ class SynthesisStage:
             norm={"h2": "h2", "dk": "mu"}.get(spec.method, "hinf"),
             gamma=gamma,
             lower_bound=made.lower_bound,
+            added=made.added,
             plants=tuple(plants),
             labels=models.labels,
             designed=chosen,
