@@ -19,10 +19,11 @@ from hillsphere_controllers.systems.algebra import append as append_systems
 from hillsphere_controllers.systems.algebra import gain
 from hillsphere_controllers.systems.delay import pade_delay
 from hillsphere_controllers.systems.interconnection import connect as connect_by_names
+from hillsphere_controllers.systems.interconnection import with_names as with_names_of_lti
 
 __all__ = [
     "append", "approximate_delays", "connect", "delay", "feedback", "parallel", "series",
-    "with_delays",
+    "with_delays", "with_names",
 ]  # fmt: skip
 
 
@@ -205,6 +206,34 @@ def feedback(forward: DelayOperand, back: DelayOperand, sign: int = -1) -> Delay
     feed = np.block([[np.zeros((m, p)), sign * np.eye(m)], [np.eye(p), np.zeros((p, m))]])
     into = np.vstack([np.eye(m), np.zeros((p, m))])
     return connect_delay_systems((g, h), feed, into, np.eye(p, p + m), g.inputs, g.outputs)
+
+
+def with_names(
+    system: DelaySystem, inputs: str | Sequence[str], outputs: str | Sequence[str]
+) -> DelaySystem:
+    """Return a system with names for its signals.
+
+    Parameters
+    ----------
+    system : DelaySystem
+        Any.
+    inputs, outputs : str or sequence of str
+        As of `hillsphere_controllers.systems.interconnection.with_names`.
+
+    Returns
+    -------
+    DelaySystem
+        The same system with names.
+
+    Raises
+    ------
+    InputError
+        If the names are not as many as the signals, or one is listed twice.
+    """
+    named = with_names_of_lti(_static_with_names(system), inputs, outputs)
+    p, m = system.shape
+    feed, into, out = np.zeros((m, p)), np.eye(m), np.eye(p)
+    return connect_delay_systems((system,), feed, into, out, named.inputs, named.outputs)
 
 
 def connect(

@@ -59,8 +59,8 @@ _ROUNDING = 1e-9
 def pade_cover(system: DelaySystem, order: int = 1, *, weight_order: int = 2) -> Lft:
     """Return an uncertain system without delays that contains the system with delays.
 
-    Each delay is P(s T) + W(s T) Δ with any stable Δ of norm at most one. What holds for all Δ, such
-    as the robust stability and performance of a loop, holds for the delays.
+    Each delay is P(s T) + W(s T) Δ with any stable Δ of norm at most one. What holds for all Δ,
+    such as the robust stability and performance of a loop, holds for the delays.
 
     Parameters
     ----------

@@ -124,25 +124,18 @@ def _scale_part(d: Array, times: Array) -> tuple[Array, bool | None, str]:
     if np.linalg.norm(root[:, None] * d / root, 2) < 1.0 - 0.5 * _SURE:
         return np.diag(1.0 / root), True, ""
     lower = lower_bound(d + 0j, structure, scalings=upper.scalings).value
-    what = f"delays of {', '.join(f'{one:g}' for one in times)} s"
+    what = f"the direct loop of the delays of {', '.join(f'{one:g}' for one in times)} s"
     if lower > 1.0 + _SURE:
-        return (
-            np.eye(q),
-            None,
-            (
-                f"the direct loop of the {what} is not strongly stable: for some phases its gain is "
-                f"{lower:.6g}, so that arbitrarily small changes of the delays make infinitely many "
-                "poles unstable"
-            ),
+        reason = (
+            f"{what} is not strongly stable: for some phases its gain is {lower:.6g}, so that "
+            "arbitrarily small changes of the delays make infinitely many poles unstable"
         )
-    return (
-        np.eye(q),
-        None,
-        (
-            f"the gain of the direct loop of the {what} is from {lower:.6g} to {upper.value:.6g} over "
-            "all phases: strong stability is undecided"
-        ),
-    )
+    else:
+        reason = (
+            f"the gain of {what} is from {lower:.6g} to {upper.value:.6g} over all phases: strong "
+            "stability is undecided"
+        )
+    return np.eye(q), None, reason
 
 
 def _radius(matrix: Array) -> float:

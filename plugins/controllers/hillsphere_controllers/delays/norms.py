@@ -131,7 +131,7 @@ def _search(pencil: Pencil, tolerance: float) -> HinfNorm:
 def _bound_tail(
     pencil: Pencil, loop: Array, direct: float, level: float, start: float
 ) -> tuple[float, float]:
-    """Return a frequency, start · 2ᵏ, and a bound of all gains beyond, below the level if it can."""
+    """Return a frequency, start · 2ᵏ, and a bound of gains beyond it, below the level if it can."""
     bar = np.abs(pencil.a) + np.abs(pencil.b) @ loop @ np.abs(pencil.c)
     into = np.abs(pencil.b_u) + np.abs(pencil.b) @ loop @ np.abs(pencil.d_zu)
     out = np.abs(pencil.c_y) + np.abs(pencil.d_yw) @ loop @ np.abs(pencil.c)
