@@ -67,6 +67,6 @@ def test_a_design_with_the_cover_holds_with_the_delay() -> None:
     assert isinstance(closed, DelaySystem)
     assert judge_stability(closed).stable
     norm = hc.hinfnorm(closed)
-    # robust performance at µ: the gain is at most µ for all Δ of size 1/µ > 1, the delay's among them
+    # robust performance: the gain is at most µ for all Δ of size 1/µ > 1, the delay's among them
     assert norm.upper <= design.mu
     assert norm.value > 0.9 * design.mu
