@@ -269,15 +269,17 @@ def cover_axis(
         narrow = hi - lo <= _NARROW * lo
         if (narrow | singular).any():
             place = float(middle[narrow | singular][0])
-            return _sorted(done), f"a pole within rounding of the axis near {place:.6g} rad/s"
+            return _sort_intervals(
+                done
+            ), f"a pole within rounding of the axis near {place:.6g} rad/s"
         if count + lo.size > most:
-            return _sorted(done), f"more than {most} intervals of the axis are needed"
+            return _sort_intervals(done), f"more than {most} intervals of the axis are needed"
         # the halves of what is left
         lo, hi = np.concatenate([lo, middle]), np.concatenate([middle, hi])
-    return _sorted(done), ""
+    return _sort_intervals(done), ""
 
 
-def _sorted(done: list[Array]) -> Array:
+def _sort_intervals(done: list[Array]) -> Array:
     intervals = np.concatenate(done)
     return np.asarray(intervals[np.argsort(intervals[:, 0])])
 

@@ -369,8 +369,9 @@ def margins(L: LtiSystem) -> Margins:
     """
     if isinstance(L, DelaySystem):
         raise InputError(
-            "the margins of a loop with delays are not computed; isstable and hinfnorm of "
-            "feedback(np.eye(p), L) judge it, exactly"
+            "the margins of a loop with delays are not computed; delay_margin of "
+            "hillsphere_controllers.delays.margin gives the extra delay, and hinfnorm of "
+            "feedback(np.eye(p), L) the distance from instability"
         )
     loop = as_lti(L, "the loop L")
     found = loop_margins(loop)
