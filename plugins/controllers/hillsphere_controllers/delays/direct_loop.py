@@ -20,6 +20,7 @@ from scipy.linalg import block_diag, solve_discrete_lyapunov
 from scipy.sparse.csgraph import connected_components
 
 from hillsphere.interfaces import Array
+from hillsphere_controllers.delays.expansion import bound_perturbed
 from hillsphere_controllers.mu.blocks import BlockStructure, repeated_complex
 from hillsphere_controllers.mu.lower_bound import lower_bound
 from hillsphere_controllers.mu.upper_bound import upper_bound
@@ -71,9 +72,9 @@ def bound_direct_loop(d: Array, times: Array) -> DirectLoop:
     order = np.concatenate([*places, np.zeros(0, dtype=int)]).astype(int)
     size = np.abs(d)
     # all parts at once by the sizes of the entries; this includes loops without feedback
-    if _radius(size) < 1.0 - _SURE:
-        bound = np.linalg.inv(np.eye(q) - size)
-        return DirectLoop(np.maximum(bound, 0.0) * (1.0 + _SURE), True)
+    bound = bound_perturbed(size[None], np.eye(q)[None])[0]
+    if np.isfinite(bound).all():
+        return DirectLoop(bound, True)
     coordinates, doubt = [], ""
     for at in places:
         made, stable, reason = _scale_part(d[np.ix_(at, at)], times[at])

@@ -67,6 +67,8 @@ class Expansion:
         H, and a bound of its size that allows for rounding.
     x, l, g : ndarray, shape (K, N, m), (K, p, N), (K, p, m)
         X, L and G.
+    x_rounding : ndarray, shape (K, N, m)
+        Bound of the rounding of the product that X is.
     out : ndarray, shape (K, p, N)
         Sizes of the matrix from e to y.
     """
@@ -79,6 +81,7 @@ class Expansion:
     x: Complex
     l: Complex  # noqa: E741
     g: Complex
+    x_rounding: Array
     out: Array
 
 
@@ -160,7 +163,8 @@ class Pencil:
         into[:n, :n], into[:n, n:], into[n:, n:] = np.eye(n), self.b, self.d
         late = self.late(omega)
         h = z @ into
-        x = z @ np.vstack([self.b_u, self.d_zu])
+        source = np.vstack([self.b_u, self.d_zu])
+        x = z @ source
         out = np.zeros((count, len(self.d_yu), size), dtype=complex)
         out[:, :, :n] = self.c_y
         out[:, :, n:] = self.d_yw * late[:, None, :]
@@ -178,7 +182,10 @@ class Pencil:
             bound = np.abs(h) + unit * (large @ np.abs(into))
         bad = ~np.isfinite(residual).all(axis=(1, 2)) | ~np.isfinite(bound).all(axis=(1, 2))
         residual[bad], bound[bad] = np.inf, np.inf
-        return Expansion(omega, z, residual, h, bound, x, left, out @ x + self.d_yu, np.abs(out))
+        rounded = unit * (large @ np.abs(source))
+        return Expansion(
+            omega, z, residual, h, bound, x, left, out @ x + self.d_yu, rounded, np.abs(out)
+        )
 
     def turn(self, omega: Array, half: Array, spread: Array | None = None) -> Array:
         r"""Return bounds Θ̄ (K, N) within `half` of frequencies (K,).

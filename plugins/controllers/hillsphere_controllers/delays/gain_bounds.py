@@ -115,7 +115,7 @@ def bound_gains(pencil: Pencil, middle: Array, half: Array) -> tuple[Array, Arra
     n, late, size = len(pencil.a), pencil.late(middle), pencil.size
     turn = pencil.turn(middle, half)
     y = e.residual + e.h_bound * turn[:, None, :]
-    x = np.abs(e.x)
+    x = np.abs(e.x) + e.x_rounding
     bar = bound_perturbed(y, x)
     # without the turn: what rounding alone can have changed at the centre
     there = bound_perturbed(e.residual, x)
@@ -129,14 +129,15 @@ def bound_gains(pencil: Pencil, middle: Array, half: Array) -> tuple[Array, Arra
     with np.errstate(invalid="ignore", over="ignore"):
         unit = 4.0 * (size + 3) * _EPS
         phase = 4.0 * _EPS * middle[:, None] * pencil.times
-        rounding = (
-            unit * (e.out @ x + np.abs(pencil.d_yu))
-            + (np.abs(pencil.d_yw) * phase[:, None, :]) @ x[:, n:]
-        )
-        size_l = large + unit * (e.out @ np.abs(e.h) + 1.0)
+        rounding = unit * (e.out @ x + np.abs(pencil.d_yu)) + e.out @ e.x_rounding
+        rounding += (np.abs(pencil.d_yw) * phase[:, None, :]) @ x[:, n:]
+        size_l = large + e.out @ (e.h_bound - np.abs(e.h)) + unit * (e.out @ np.abs(e.h) + 1.0)
         rest = size_l @ (second[:, :, None] * x)
-        rest += size_l @ (turn[:, :, None] * (y @ bar)) + e.out @ (e.residual @ bar)
-        rest += rounding + unit * half[:, None, None] * (size_l @ (np.abs(slope)[:, :, None] * x))
+        rest += size_l @ (turn[:, :, None] * (y @ bar)) + e.out @ (e.residual @ bar) + rounding
+        # rounding of the slope
+        steep = np.abs(slope)[:, :, None]
+        most = (1.0 + unit) * (size_l @ (steep * x))
+        rest += half[:, None, None] * (most - large @ (steep * np.abs(e.x)))
         errors = np.linalg.norm(rounding + e.out @ (e.residual @ there), axis=(1, 2))
     gains = largest_gains(e.g)
     move = half[:, None, None] * first

@@ -116,7 +116,8 @@ def _search(pencil: Pencil, tolerance: float) -> HinfNorm:
     )
     gains, errors, _ = bound_gains(pencil, cuts, np.zeros(cuts.size))
     best = int(np.argmax(gains))
-    known = GainPeak(float(gains[best]), float(cuts[best]), float(errors[best]), 0.0)
+    size = float(gains[best])
+    known = GainPeak(size, float(cuts[best]), float(errors[best]) / size if size else 0.0, 0.0)
     if high.lower > known.value:
         known = GainPeak(high.lower, np.inf, high.error, 0.0)
     end, tail = _bound_tail(pencil, loop, high.upper, known.value * (1.0 + tolerance), cuts[-1])
