@@ -26,6 +26,8 @@ __all__ = ["GainPeak", "bound_gains", "search_peak"]
 
 _MOST = 200_000
 """Intervals at most, as in `stability`; the bounds reached by then are returned."""
+_NOISE = 4.0
+"""Multiple of the rounding of a gain within which its bound is not brought lower by division."""
 _EPS = float(np.finfo(float).eps)
 
 
@@ -76,9 +78,10 @@ def search_peak(pencil: Pencil, cuts: Array, tolerance: float, known: GainPeak) 
         middle = 0.5 * (lo + hi)
         # the centre is rounded too
         half = 0.5 * (hi - lo) + 2.0 * _EPS * hi
-        upper = np.empty(lo.size)
+        upper, noise = np.empty(lo.size), np.empty(lo.size)
         for at in pencil.chunks(middle):
             gains, errors, upper[at] = bound_gains(pencil, middle[at], half[at])
+            noise[at] = gains + _NOISE * errors
             k = int(np.argmax(gains))
             if gains[k] > best.value:
                 error = float(errors[k] / gains[k])
@@ -87,8 +90,8 @@ def search_peak(pencil: Pencil, cuts: Array, tolerance: float, known: GainPeak) 
         settled = upper <= best.value * (1.0 + tolerance)
         if count > _MOST:
             settled[:] = True
-        # rounding alone keeps the bound up where an interval is as narrow as this
-        settled |= half <= 8.0 * _EPS * hi
+        # rounding alone keeps the bound up
+        settled |= (upper <= noise) | (half <= 8.0 * _EPS * hi)
         highest = max(highest, float(upper[settled].max(initial=0.0)))
         lo, hi, middle = lo[~settled], hi[~settled], middle[~settled]
         lo, hi = np.concatenate([lo, middle]), np.concatenate([middle, hi])
@@ -131,7 +134,8 @@ def bound_gains(pencil: Pencil, middle: Array, half: Array) -> tuple[Array, Arra
         phase = 4.0 * _EPS * middle[:, None] * pencil.times
         rounding = unit * (e.out @ x + np.abs(pencil.d_yu)) + e.out @ e.x_rounding
         rounding += (np.abs(pencil.d_yw) * phase[:, None, :]) @ x[:, n:]
-        size_l = large + e.out @ (e.h_bound - np.abs(e.h)) + unit * (e.out @ np.abs(e.h) + 1.0)
+        size_l = large + e.out @ (e.h_bound - np.abs(e.h)) + unit * (e.out @ np.abs(e.h))
+        size_l[:, :, n:] += unit * np.abs(pencil.d_yw)
         rest = size_l @ (second[:, :, None] * x)
         rest += size_l @ (turn[:, :, None] * (y @ bar)) + e.out @ (e.residual @ bar) + rounding
         # rounding of the slope
