@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from numpy.typing import NDArray
 
 import hillsphere_controllers as hc
 from hillsphere.errors import InputError
@@ -35,7 +36,7 @@ LEAD = transfer_function([1.0, 1.0], [0.2, 1.0])
 INTEGRATOR = transfer_function([1.0], [1.0, 0.0])
 
 
-def at(system: DelaySystem, omega: Array = OMEGA) -> Array:
+def at(system: DelaySystem, omega: Array = OMEGA) -> NDArray[np.complex128]:
     """Return the response (K,) of one input and one output."""
     return np.asarray(system.response(omega)[:, 0, 0])
 
@@ -96,7 +97,8 @@ def test_channels_have_their_own_delays() -> None:
 def test_connection_by_names() -> None:
     plant = hc.with_names(with_delays(LAG, input_s=0.4), "u", "y")
     controller = hc.with_names(LEAD, "e", "u")
-    made = hc.connect([plant, controller], ["e = r - y"], ["r"], ["y", "e"])
+    parts: list[LtiSystem | DelaySystem] = [plant, controller]
+    made = hc.connect(parts, ["e = r - y"], ["r"], ["y", "e"])
     assert isinstance(made, DelaySystem)
     assert (made.inputs, made.outputs) == (("r",), ("y", "e"))
     loop = 2.0 / (S + 3.0) * np.exp(-0.4 * S) * (S + 1.0) / (0.2 * S + 1.0)

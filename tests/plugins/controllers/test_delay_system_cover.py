@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import hillsphere_controllers as hc
+from hillsphere.lti import LtiSystem
 from hillsphere_controllers.delays.algebra import delay, feedback
 from hillsphere_controllers.delays.cover import pade_cover, pade_error_weight
 from hillsphere_controllers.delays.stability import judge_stability
@@ -57,7 +58,7 @@ def test_a_design_with_the_cover_holds_with_the_delay() -> None:
     )
     error = hc.with_names(hc.performance_weight(0.5, peak=3.0, steady_error=0.1), "e", "z1")
     effort = hc.with_names(hc.gain(np.array([[0.05]])), "u", "z2")
-    parts = [plant, error, effort]
+    parts: list[LtiSystem | DelaySystem] = [plant, error, effort]
     open_loop = hc.connect(parts, ["e = r - y"], ["r", "u"], ["z1", "z2", "e"])
     assert isinstance(open_loop, DelaySystem)
     design = hc.musyn(hc.padecover(open_loop), 1, 1, iterations=1, joint_steps=0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from numpy.typing import NDArray
 
 from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.interfaces import Array
@@ -39,7 +40,7 @@ def chebyshev_delay(time_s: float, nodes: int = 30) -> LtiSystem:
     return LtiSystem(d[1:, 1:], d[1:, :1], last, np.zeros((1, 1)))
 
 
-def rightmost(system: DelaySystem, nodes: int = 30) -> Array:
+def rightmost(system: DelaySystem, nodes: int = 30) -> NDArray[np.complex128]:
     """Return the approximate poles of a system, from the right."""
     parts = append(*(chebyshev_delay(time, nodes) for time in system.delays_s))
     poles = lower_lft(system.system, parts).poles

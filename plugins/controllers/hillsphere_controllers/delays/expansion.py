@@ -126,7 +126,7 @@ class Pencil:
         """Number of states and delays."""
         return len(self.a) + len(self.times)
 
-    def part(self, places: Array) -> Pencil:
+    def part(self, places: NDArray[np.intp]) -> Pencil:
         """Return the part of some states and delays, numbered one after the other, without ends."""
         n = len(self.a)
         x, w = places[places < n], places[places >= n] - n

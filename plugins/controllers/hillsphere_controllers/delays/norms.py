@@ -136,7 +136,7 @@ def _bound_tail(
     bar = np.abs(pencil.a) + np.abs(pencil.b) @ loop @ np.abs(pencil.c)
     into = np.abs(pencil.b_u) + np.abs(pencil.b) @ loop @ np.abs(pencil.d_zu)
     out = np.abs(pencil.c_y) + np.abs(pencil.d_yw) @ loop @ np.abs(pencil.c)
-    waves = pencil.d_yw.any() and (pencil.c.any() or pencil.d_zu.any())
+    waves = bool(pencil.d_yw.any() and (pencil.c.any() or pencil.d_zu.any()))
     waves |= bool(pencil.d.any() or (pencil.b.any() and pencil.d_zu.any()))
     longest = float(pencil.times.max(initial=0.0)) if waves else 0.0
     end = start

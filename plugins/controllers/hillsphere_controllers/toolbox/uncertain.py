@@ -231,7 +231,16 @@ def append(
     first: LtiSystem | Array | float, second: Lft, /, *more: Lft | LtiSystem | Array | float
 ) -> Lft: ...
 @overload
-def append(*systems: DelaySystem) -> DelaySystem: ...
+def append(
+    first: DelaySystem, /, *more: DelaySystem | LtiSystem | Array | float
+) -> DelaySystem: ...
+@overload
+def append(
+    first: LtiSystem | Array | float,
+    second: DelaySystem,
+    /,
+    *more: DelaySystem | LtiSystem | Array | float,
+) -> DelaySystem: ...
 @overload
 def append(*systems: LtiSystem | Array | float) -> LtiSystem: ...
 def append(*systems: Any) -> Any:
