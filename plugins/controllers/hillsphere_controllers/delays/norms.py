@@ -75,7 +75,8 @@ def hinf_norm(system: DelaySystem, tolerance: float = 1e-4) -> HinfNorm:
     InputError
         If the tolerance is out of range.
     ConvergenceError
-        If the stability is undecided: then no norm is known.
+        If the stability is undecided, or a bound of the direct terms is not found: then no norm is
+        known.
     """
     if not 1e-10 <= tolerance < 1.0:
         raise InputError(f"tolerance must be from 1e-10 to 1, got {tolerance}")
@@ -96,7 +97,8 @@ def _search(pencil: Pencil, tolerance: float) -> HinfNorm:
     """Return the norm of a stable system."""
     direct = bound_direct_loop(pencil.d, pencil.times)
     loop = direct.inverse_bound
-    assert loop is not None  # the system is stable
+    if loop is None:
+        raise ConvergenceError(f"the direct terms are not bounded: {direct.reason}")
     high = bound_direct_gain(pencil, loop, tolerance)
     if not len(pencil.a):
         if high.is_exact:
