@@ -30,8 +30,11 @@ _MOST = 2000
 interval of the delay is cheaper."""
 _FIRST = 0.1
 """First half interval of the delay, times the bound of the poles: a turn of 0.1 rad there."""
+_SHARE = 0.125
+"""Share of the tolerance below which an interval of the delay is not halved again: the proof ends
+before the margin by about as much, and so far beyond are poles counted first."""
 _BEYOND = (1.0, 2.0, 4.0, 8.0)
-"""Distances beyond the proved delay, in tolerances, at which poles are counted."""
+"""Distances beyond the proved delay at which poles are counted, times that share."""
 
 
 @dataclass(frozen=True)
@@ -109,15 +112,15 @@ def delay_margin(loop: DelayOperand, longest_s: float, *, tolerance: float = 1e-
             proved, half = middle + half, 2.0 * half
         else:
             half *= 0.5
-            if 2.0 * half < 0.25 * tolerance * max(proved, tolerance / radius):
+            if 2.0 * half < _SHARE * tolerance * max(proved, tolerance / radius):
                 break
     if proved >= longest_s * (1.0 - 1e-12):
         return DelayMargin(longest_s, np.inf, "")
     for share in _BEYOND:
-        later = proved + 0.25 * share * tolerance * max(proved, tolerance / radius)
+        later = proved + _SHARE * share * tolerance * max(proved, tolerance / radius)
         found = judge_stability(feedback(delay(later, p) @ given, np.eye(p)))
         if found.stable is False:
-            apart = later > proved * (1.0 + tolerance)
+            apart = later > proved * (1.0 + tolerance * (1.0 + 1e-9))
             return DelayMargin(proved, later, "the bounds are apart" if apart else "")
     return DelayMargin(
         proved, np.inf, "poles come near the axis there, but none was found on the right beyond"
