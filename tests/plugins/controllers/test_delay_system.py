@@ -171,7 +171,7 @@ def test_toolbox_takes_systems_with_delays() -> None:
         (lambda: feedback(LAG, delay(1.0, 2)), "to fit"),
         # the loop -1 + 1 without the delay has no solution
         (lambda: feedback(1.0, -1.0 + delay(1.0)), "not well posed"),
-        (lambda: hc.step(delay(1.0)), "step response of a system with delays"),
+        (lambda: hc.step(delay(1.0)), "step response of a system with delays"),  # type: ignore[arg-type]
         (lambda: hc.margins(delay(1.0)), "margins of a loop with delays"),  # type: ignore[arg-type]
         (lambda: hc.feedback(hc.ureal("a", 1.0), delay(1.0)), "padecover"),  # type: ignore[call-overload]
         (lambda: hc.ureal("a", 1.0) * delay(1.0), "has delays"),

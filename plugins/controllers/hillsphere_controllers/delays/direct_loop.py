@@ -120,11 +120,11 @@ def _scale_part(d: Array, times: Array) -> tuple[Array, bool | None, str]:
         factor = np.linalg.cholesky(0.5 * (gramian + gramian.T)).T
         return np.asarray(np.linalg.inv(factor)), True, ""
     structure = BlockStructure([repeated_complex(1)] * q)
-    upper = upper_bound(d + 0j, structure)
+    upper = upper_bound(d, structure)
     root = np.sqrt(np.abs(np.diagonal(upper.scalings.d)))
     if np.linalg.norm(root[:, None] * d / root, 2) < 1.0 - 0.5 * _SURE:
         return np.diag(1.0 / root), True, ""
-    lower = lower_bound(d + 0j, structure, scalings=upper.scalings).value
+    lower = lower_bound(d, structure, scalings=upper.scalings).value
     what = f"the direct loop of the delays of {', '.join(f'{one:g}' for one in times)} s"
     if lower > 1.0 + _SURE:
         reason = (

@@ -229,7 +229,7 @@ def spectral_radius_bounded(matrices: Array) -> NDArray[np.bool_]:
         True where it is proved.
     """
     ones = np.ones((*matrices.shape[:2], 1))
-    return np.isfinite(bound_perturbed(matrices, ones)).all(axis=(1, 2))
+    return np.asarray(np.isfinite(bound_perturbed(matrices, ones)).all(axis=(1, 2)))
 
 
 def bound_perturbed(matrices: Array, right: Array) -> Array:
@@ -254,7 +254,7 @@ def bound_perturbed(matrices: Array, right: Array) -> Array:
     if not size or not len(y):
         made[usable] = 0.0
         return made
-    inverse = _inverses(np.eye(size) - y + 0j).real
+    inverse = _inverses((np.eye(size) - y).astype(complex)).real
     more = 1.0 + _SAFETY * size * _EPS
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         # two solutions: the first brings the units of the entries, which the second needs as its

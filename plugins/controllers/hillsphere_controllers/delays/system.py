@@ -299,7 +299,7 @@ class DelaySystem:
         # the places of the outer signals, by the rules of LtiSystem
         numbers = LtiSystem(
             np.zeros((0, 0)), np.zeros((0, m)), np.zeros((p, 0)),
-            np.arange(p * m).reshape(p, m), inputs=self.inputs, outputs=self.outputs,
+            np.arange(float(p * m)).reshape(p, m), inputs=self.inputs, outputs=self.outputs,
         )[part].d.astype(int)  # fmt: skip
         rows = [*(numbers[:, 0] // m if numbers.size else []), *range(p, p + q)]
         columns = [*(numbers[0] % m if numbers.size else []), *range(m, m + q)]
