@@ -33,7 +33,8 @@ MODULES: Mapping[str, tuple[str, ...]] = {
             "systems.exchange", "systems.holding", "systems.interconnection", "systems.sampling",
             "systems.truncation", "systems.weights", "analysis.disk_margins", "analysis.frequency",
             "analysis.h2_norm", "analysis.hinf_norm", "analysis.margins", "analysis.sampled_loop",
-            "analysis.stability", "analysis.worst_case_samples",
+            "analysis.stability", "analysis.worst_case_samples", "delays.algebra", "delays.cover",
+            "delays.margin", "delays.norms", "delays.stability", "delays.system",
         )
     ),
     "Synthesis of controllers": tuple(

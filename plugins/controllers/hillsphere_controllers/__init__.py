@@ -21,8 +21,18 @@ if TYPE_CHECKING:
         to_control,
         transfer_function,
     )
-    from hillsphere_controllers.systems.interconnection import connect, with_names
     from hillsphere_controllers.systems.weights import performance_weight, shelving_weight
+    from hillsphere_controllers.toolbox.delays import (
+        DelaySystem,
+        connect,
+        delay,
+        freqresp,
+        isstable,
+        pade,
+        padecover,
+        with_delays,
+        with_names,
+    )
     from hillsphere_controllers.toolbox.responses import (
         Bode,
         Margins,
@@ -89,6 +99,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Bode",
+    "DelaySystem",
     "DiskMargins",
     "FixedStructure",
     "GainBounds",
@@ -115,8 +126,10 @@ __all__ = [
     "append",
     "bode",
     "connect",
+    "delay",
     "diskmargin",
     "feedback",
+    "freqresp",
     "from_control",
     "gain",
     "gapmetric",
@@ -126,6 +139,7 @@ __all__ = [
     "hinfnorm",
     "hinfstruct",
     "hinfsyn",
+    "isstable",
     "lft",
     "margins",
     "mixsyn",
@@ -133,6 +147,8 @@ __all__ = [
     "musyn",
     "ncfmargin",
     "ncfsyn",
+    "pade",
+    "padecover",
     "performance_weight",
     "robgain",
     "robstab",
@@ -151,6 +167,7 @@ __all__ = [
     "ureal",
     "uss",
     "wcgain",
+    "with_delays",
     "with_names",
 ]
 
@@ -159,8 +176,10 @@ _MODULES = {
     "hillsphere_controllers.linear_fractional.transformation": "Lft",
     "hillsphere_controllers.systems.algebra": "gain",
     "hillsphere_controllers.systems.conversion": "from_control to_control transfer_function",
-    "hillsphere_controllers.systems.interconnection": "connect with_names",
     "hillsphere_controllers.systems.weights": "performance_weight shelving_weight",
+    "hillsphere_controllers.toolbox.delays": (
+        "DelaySystem connect delay freqresp isstable pade padecover with_delays with_names"
+    ),
     "hillsphere_controllers.toolbox.responses": (
         "Bode Margins SingularValues StepResponse bode h2norm hinfnorm margins sigma step"
     ),

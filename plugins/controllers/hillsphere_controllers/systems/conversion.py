@@ -50,6 +50,11 @@ def as_lti(given: object, what: str = "the system") -> LtiSystem:
         return from_control(given)
     if isinstance(given, float | int | np.number | np.ndarray | list):
         return gain(np.asarray(given))
+    if hasattr(given, "delays_s"):
+        raise InputError(
+            f"{what} has delays, which are not known here: replace them by states, by pade(G, "
+            "order), or by uncertain dynamics, by padecover(G, order)"
+        )
     raise InputError(
         f"{what} must be an LtiSystem, a control.StateSpace, a control.TransferFunction or a "
         f"matrix, got {type(given).__name__}"
@@ -151,6 +156,7 @@ def to_control(system: LtiSystem) -> Any:
         If python-control is not installed, or the system has no inputs or no outputs, for which it
         has no form.
     """
+    system = as_lti(system)
     if 0 in system.shape:
         raise InputError("python-control has no systems without inputs or outputs")
     names = {

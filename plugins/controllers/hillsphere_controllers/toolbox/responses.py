@@ -17,6 +17,9 @@ from hillsphere.show.drawing import Drawing, draw
 from hillsphere_controllers.analysis.h2_norm import h2_norm
 from hillsphere_controllers.analysis.hinf_norm import HinfNorm, hinf_norm
 from hillsphere_controllers.analysis.margins import LoopMargins, loop_margins
+from hillsphere_controllers.delays.norms import h2_norm as h2_norm_with_delays
+from hillsphere_controllers.delays.norms import hinf_norm as hinf_norm_with_delays
+from hillsphere_controllers.delays.system import DelaySystem
 from hillsphere_controllers.stages.step_responses import step_responses
 from hillsphere_controllers.systems.conversion import as_lti
 from hillsphere_controllers.toolbox.results import Readable
@@ -28,6 +31,11 @@ __all__ = [
 
 _POINTS = 400
 """Frequencies of a curve: a printed figure shows no corners."""
+_WITHOUT_DELAYS, _WITH_DELAYS = 1e-9, 1e-4
+"""Tolerances of the H∞ norm by default, those of the functions that compute it."""
+_TURN, _MOST_TURNS = np.pi / 4.0, 20_000
+"""Turn of the phase of all delays together from one frequency of a curve to the next at most, so
+that it is followed; and the number of such steps, beyond which a curve shows nothing."""
 _BEYOND = 100.0
 """Factor by which the default frequencies go beyond the slowest and the fastest pole: two decades
 show the asymptotes."""
@@ -207,37 +215,53 @@ class Margins(_Plotted):
         return Chart("Loop and its margins", panels, alt=bode_chart.alt, share_x=True)
 
 
-def hinfnorm(G: LtiSystem, *, tolerance: float = 1e-9) -> HinfNorm:
+def hinfnorm(G: LtiSystem | DelaySystem, *, tolerance: float | None = None) -> HinfNorm:
     """Return the H∞ norm of a system, where it is reached, and an upper bound.
 
     Parameters
     ----------
-    G : LtiSystem or system of python-control
+    G : LtiSystem, DelaySystem or system of python-control
         The system.
-    tolerance : float
-        Relative distance between the bounds.
+    tolerance : float, optional
+        Relative distance between the bounds; by default 1e-9, and 1e-4 with delays.
 
     Returns
     -------
     HinfNorm
         The norm, the frequency where it is reached, and an upper bound.
+
+    Raises
+    ------
+    InputError, ConvergenceError
+        As `hillsphere_controllers.delays.norms.hinf_norm`.
     """
+    if isinstance(G, DelaySystem):
+        return hinf_norm_with_delays(G, _WITH_DELAYS if tolerance is None else tolerance)
+    tolerance = _WITHOUT_DELAYS if tolerance is None else tolerance
     return hinf_norm(as_lti(G, "the system G"), tolerance)
 
 
-def h2norm(G: LtiSystem) -> float:
+def h2norm(G: LtiSystem | DelaySystem) -> float:
     """Return the H2 norm of a system of this library or of python-control.
 
     Parameters
     ----------
-    G : LtiSystem or system of python-control
-        Stable, in continuous time strictly proper; the norm is infinite otherwise.
+    G : LtiSystem, DelaySystem or system of python-control
+        Stable, in continuous time strictly proper; the norm is infinite otherwise. Delays at its
+        inputs or outputs alone.
 
     Returns
     -------
     float
         The norm.
+
+    Raises
+    ------
+    InputError
+        If a delay is inside the system.
     """
+    if isinstance(G, DelaySystem):
+        return h2_norm_with_delays(G)
     return h2_norm(as_lti(G, "the system G"))
 
 
@@ -259,8 +283,14 @@ def step(G: LtiSystem, duration_s: float | None = None) -> StepResponse:
     Raises
     ------
     InputError
-        If the system is not stable and no duration is given, or the duration is not positive.
+        If the system is not stable and no duration is given, the duration is not positive, or the
+        system has delays.
     """
+    if isinstance(G, DelaySystem):
+        raise InputError(
+            "the step response of a system with delays is not computed; step(pade(G, order)) gives "
+            "that of an approximation"
+        )
     system = as_lti(G, "the system G")
     if duration_s is None and not system.is_stable:
         raise InputError("the system is not stable: give the duration of its step response")
@@ -270,15 +300,17 @@ def step(G: LtiSystem, duration_s: float | None = None) -> StepResponse:
     return StepResponse(times, outputs, _names(system))
 
 
-def bode(G: LtiSystem, omega_rad_s: Array | None = None) -> Bode:
+def bode(G: LtiSystem | DelaySystem, omega_rad_s: Array | None = None) -> Bode:
     """Return magnitude and phase over frequency.
 
     Parameters
     ----------
-    G : LtiSystem or system of python-control
+    G : LtiSystem, DelaySystem or system of python-control
         The system.
     omega_rad_s : ndarray, shape (K,), optional
         Frequencies, rising; by default two decades beyond the poles, or to half the sampling rate.
+        The phase is continued from one to the next: for delays of together T s, they must be nearer
+        to each other than π/T.
 
     Returns
     -------
@@ -290,18 +322,18 @@ def bode(G: LtiSystem, omega_rad_s: Array | None = None) -> Bode:
     InputError
         If a frequency is that of a pole.
     """
-    system = as_lti(G, "the system G")
+    system = G if isinstance(G, DelaySystem) else as_lti(G, "the system G")
     omega, made = _response(system, omega_rad_s)
     phase = np.unwrap(np.angle(made), axis=0)
     return Bode(omega, np.abs(made), phase, _names(system))
 
 
-def sigma(G: LtiSystem, omega_rad_s: Array | None = None) -> SingularValues:
+def sigma(G: LtiSystem | DelaySystem, omega_rad_s: Array | None = None) -> SingularValues:
     """Return the singular values over frequency.
 
     Parameters
     ----------
-    G : LtiSystem or system of python-control
+    G : LtiSystem, DelaySystem or system of python-control
         The system.
     omega_rad_s : ndarray, shape (K,), optional
         Frequencies, rising; by default as of `bode`.
@@ -311,7 +343,8 @@ def sigma(G: LtiSystem, omega_rad_s: Array | None = None) -> SingularValues:
     SingularValues
         The frequencies and the singular values there.
     """
-    omega, made = _response(as_lti(G, "the system G"), omega_rad_s)
+    system = G if isinstance(G, DelaySystem) else as_lti(G, "the system G")
+    omega, made = _response(system, omega_rad_s)
     values: Array = np.asarray(np.linalg.svd(made, compute_uv=False), dtype=float)
     return SingularValues(omega, values)
 
@@ -332,19 +365,37 @@ def margins(L: LtiSystem) -> Margins:
     Raises
     ------
     InputError
-        As `hillsphere_controllers.analysis.margins.loop_margins`.
+        As `hillsphere_controllers.analysis.margins.loop_margins`, or if the loop has delays.
     """
+    if isinstance(L, DelaySystem):
+        raise InputError(
+            "the margins of a loop with delays are not computed; delay_margin of "
+            "hillsphere_controllers.delays.margin gives the extra delay, and hinfnorm of "
+            "feedback(np.eye(p), L) the distance from instability"
+        )
     loop = as_lti(L, "the loop L")
     found = loop_margins(loop)
     return Margins(all(one.stable for one in found), found, bode(loop))
 
 
-def _response(system: LtiSystem, omega_rad_s: Array | None) -> tuple[Array, NDArray[np.complex128]]:
+def _response(
+    system: LtiSystem | DelaySystem, omega_rad_s: Array | None
+) -> tuple[Array, NDArray[np.complex128]]:
     omega = _grid(system) if omega_rad_s is None else np.asarray(omega_rad_s, dtype=float)
     return omega, system.response(omega)
 
 
-def _grid(system: LtiSystem) -> Array:
+def _grid(system: LtiSystem | DelaySystem) -> Array:
+    if isinstance(system, DelaySystem):
+        together = sum(system.delays_s)
+        coarse = _grid(system.system)
+        if not together:
+            return coarse
+        low, high = min(coarse[0], 0.1 / together), max(coarse[-1], _BEYOND / together)
+        step = _TURN / together
+        high = min(high, _MOST_TURNS * step)
+        fine = np.arange(step, high, step)
+        return np.union1d(np.geomspace(low, high, _POINTS), fine)
     poles = system.poles
     if system.dt_s is not None:
         poles = np.asarray(np.log(poles[np.abs(poles) > 0.0]) / system.dt_s)
@@ -357,7 +408,7 @@ def _grid(system: LtiSystem) -> Array:
     return np.geomspace(min(low, top) / _BEYOND, top, _POINTS)
 
 
-def _names(system: LtiSystem) -> tuple[str, ...]:
+def _names(system: LtiSystem | DelaySystem) -> tuple[str, ...]:
     p, m = system.shape
     outputs = system.outputs or tuple(f"y{i + 1}" for i in range(p))
     inputs = system.inputs or tuple(f"u{j + 1}" for j in range(m))

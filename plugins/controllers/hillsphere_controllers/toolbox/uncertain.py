@@ -11,6 +11,9 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
+from hillsphere_controllers.delays.algebra import append as append_late
+from hillsphere_controllers.delays.algebra import feedback as late_feedback
+from hillsphere_controllers.delays.system import DelaySystem
 from hillsphere_controllers.linear_fractional.algebra import (
     diagonal,
     dynamics,
@@ -180,28 +183,37 @@ def feedback(G: Lft, H: Lft | LtiSystem | Array | float | None = None, sign: int
 def feedback(G: LtiSystem | Array | float, H: Lft, sign: int = -1) -> Lft: ...
 @overload
 def feedback(
+    G: DelaySystem, H: DelaySystem | LtiSystem | Array | float | None = None, sign: int = -1
+) -> DelaySystem: ...
+@overload
+def feedback(G: LtiSystem | Array | float, H: DelaySystem, sign: int = -1) -> DelaySystem: ...
+@overload
+def feedback(
     G: LtiSystem | Array | float, H: LtiSystem | Array | float | None = None, sign: int = -1
 ) -> LtiSystem: ...
 def feedback(G: Any, H: Any = None, sign: int = -1) -> Any:
-    """Return the closed loop (I − sign G H)⁻¹ G of two systems, certain or uncertain.
+    """Return the closed loop (I − sign G H)⁻¹ G of two systems, certain, uncertain or with delays.
 
     Parameters
     ----------
-    G, H : LtiSystem, system of python-control, ndarray, float or Lft
+    G, H : LtiSystem, DelaySystem, system of python-control, ndarray, float or Lft
         Forward system and system in the feedback; H is the unit matrix if left out.
     sign : {-1, 1}
         Negative or positive feedback.
 
     Returns
     -------
-    Lft, LtiSystem or control.StateSpace
-        Uncertain if one of them is, else of python-control if one of them is.
+    Lft, DelaySystem, LtiSystem or control.StateSpace
+        Uncertain or with delays if one of them is, else of python-control if one of them is.
 
     Raises
     ------
     InputError
-        If the two do not fit, or the loop is not well posed.
+        If the two do not fit, the loop is not well posed, or one is uncertain and one has delays.
     """
+    if _have_delays(G, H):
+        back = gain(np.eye(G.shape[1], G.shape[0])) if H is None else H
+        return late_feedback(G, back, sign)
     g = G if isinstance(G, Lft) else as_lti(G, "the system G")
     if H is None:
         h: Lft | LtiSystem = gain(np.eye(g.shape[1], g.shape[0]))
@@ -219,30 +231,54 @@ def append(
     first: LtiSystem | Array | float, second: Lft, /, *more: Lft | LtiSystem | Array | float
 ) -> Lft: ...
 @overload
+def append(
+    first: DelaySystem, /, *more: DelaySystem | LtiSystem | Array | float
+) -> DelaySystem: ...
+@overload
+def append(
+    first: LtiSystem | Array | float,
+    second: DelaySystem,
+    /,
+    *more: DelaySystem | LtiSystem | Array | float,
+) -> DelaySystem: ...
+@overload
 def append(*systems: LtiSystem | Array | float) -> LtiSystem: ...
 def append(*systems: Any) -> Any:
-    """Return the block-diagonal system of several, certain or uncertain.
+    """Return the block-diagonal system of several, certain, uncertain or with delays.
 
     Parameters
     ----------
-    *systems : LtiSystem, system of python-control, ndarray, float or Lft
+    *systems : LtiSystem, DelaySystem, system of python-control, ndarray, float or Lft
         The blocks.
 
     Returns
     -------
-    Lft, LtiSystem or control.StateSpace
-        Uncertain if one of them is, else of python-control if one of them is.
+    Lft, DelaySystem, LtiSystem or control.StateSpace
+        Uncertain or with delays if one of them is, else of python-control if one of them is.
 
     Raises
     ------
     InputError
-        If there is none, or the sampling periods differ.
+        If there is none, the sampling periods differ, or one is uncertain and one has delays.
     """
+    if _have_delays(*systems):
+        return append_late(*systems)
     parts = [s if isinstance(s, Lft) else as_lti(s) for s in systems]
     certain = [part for part in parts if isinstance(part, LtiSystem)]
     if len(certain) < len(parts):
         return diagonal(*parts)
     return like(append_systems(*certain), *systems)
+
+
+def _have_delays(*systems: object) -> bool:
+    """Say whether a system has delays; `InputError` if another one is uncertain."""
+    late = any(isinstance(one, DelaySystem) for one in systems)
+    if late and any(isinstance(one, Lft) for one in systems):
+        raise InputError(
+            "a system with delays does not connect to an uncertain one; padecover(G, order) makes "
+            "it uncertain itself"
+        )
+    return late
 
 
 def _star(a: Lft | LtiSystem, b: Lft | LtiSystem, nu: int, ny: int) -> Lft | LtiSystem:

@@ -1,0 +1,1 @@
+"""Linear systems with delays, which feedback may hold: responses, stability, norms, covers."""
