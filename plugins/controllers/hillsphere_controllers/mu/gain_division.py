@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from heapq import heappop, heappush
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.interfaces import Array
@@ -120,9 +121,7 @@ def divide_gain(
     return DividedGain(-waiting[0][0], lower, values, len(waiting))
 
 
-def _ranges(
-    real: np.ndarray[tuple[int, ...], np.dtype[np.bool_]], low: Array, high: Array
-) -> tuple[Array, Array]:
+def _ranges(real: NDArray[np.bool_], low: Array, high: Array) -> tuple[Array, Array]:
     """Return ranges (k,) of all blocks, those that are not real from −1 to 1."""
     return np.where(real, low, -1.0), np.where(real, high, 1.0)
 

@@ -135,9 +135,11 @@ def fit_by_affine(
     order = [nearest, *(k for k in range(len(systems)) if k != nearest)]
     samples = np.array([_matrix(systems[k]) for k in order])
     fit, first = affine_fit(points[:, order], samples, tolerance=_AFFINE), systems[0]
-    rule = {"truncation": spec.truncation, "truncation_of": spec.truncation_of}
-    made = affine_lft(fit, parameters, **rule)
-    sizes = [affine_lft(fit, one, **rule).after.sum() for one in others]
+    made, *compared = (
+        affine_lft(fit, one, truncation=spec.truncation, truncation_of=spec.truncation_of)
+        for one in (parameters, *others)
+    )
+    sizes = [int(one.after.sum()) for one in compared]
     return Fit(
         state_space(made.lft, first.order, first.dt_s), None, made.before, made.after, made.bound,
         made.sampled, made.dropped, fit.checks, np.array(sizes, dtype=np.int64),

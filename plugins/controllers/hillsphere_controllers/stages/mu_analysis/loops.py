@@ -131,10 +131,13 @@ class Analyses:
             if bare.omega_rad_s.size:
                 bounds = upper_bounds(loop.response(bare.omega_rad_s), structure)
                 curve = np.array([one.value for one in bounds])
+        peak, peak_rad_s = _peak(certified, bare.lower, bare.frequency_rad_s)
+        low, high, at, bound = _intervals(certified)
         return replace(
-            bare, upper=float(upper), parts=division.proved, parts_left=division.left,
-            curve_upper=curve, **_intervals(certified),
-            **_peak(certified, bare.lower, bare.frequency_rad_s),
+            bare, upper=float(upper), peak=peak, peak_rad_s=peak_rad_s,
+            parts=division.proved, parts_left=division.left, curve_upper=curve,
+            interval_low_rad_s=low, interval_high_rad_s=high, interval_at_rad_s=at,
+            interval_bound=bound,
         )  # fmt: skip
 
     def _analyse_bare(self, piece: Piece) -> Analysed:
@@ -274,14 +277,17 @@ def _result(
     small = np.array([values[u.name] for _, u in real])
     in_units = physical_values([u for _, u in real], {u.name: values[u.name] for _, u in real})
     physical = np.array([in_units[u.name] for _, u in real])
+    peak, peak_rad_s = _peak(certified, lower, frequency_rad_s)
+    low, high, at, bound = _intervals(certified)
     return Analysed(
         loop=piece.loop, analysis=piece.analysis, channel=piece.channel,
         upper=float(upper), lower=float(lower),
-        **_peak(certified, lower, frequency_rad_s),
+        peak=peak, peak_rad_s=peak_rad_s,
         frequency_rad_s=float(frequency_rad_s), lower_channel=piece.channel,
         parts=division.proved, parts_left=division.left,
         grid_peak=float(grid_peak),
-        **_intervals(certified),
+        interval_low_rad_s=low, interval_high_rad_s=high, interval_at_rad_s=at,
+        interval_bound=bound,
         omega_rad_s=drawn.omega_rad_s, curve_lower=drawn.lower, curve_upper=drawn.upper,
         curve_nominal=drawn.nominal, curve_shares=drawn.shares,
         blocks=tuple(b.name or str(k) for k, b in enumerate(structure.blocks)), shares=shares,
@@ -293,24 +299,21 @@ def _result(
     )  # fmt: skip
 
 
-def _peak(certified: CertifiedPeak, lower: float, frequency_rad_s: float) -> dict[str, float]:
-    """Return the largest bound found at one frequency, from above or by a perturbation."""
-    shown = certified.peak < lower < np.inf
-    return {
-        "peak": float(lower if shown else certified.peak),
-        "peak_rad_s": float(frequency_rad_s if shown else certified.frequency_rad_s),
-    }
+def _peak(certified: CertifiedPeak, lower: float, frequency_rad_s: float) -> tuple[float, float]:
+    """Return the largest bound found at one frequency, from above or by a perturbation, and it."""
+    if certified.peak < lower < np.inf:
+        return float(lower), float(frequency_rad_s)
+    return float(certified.peak), float(certified.frequency_rad_s)
 
 
-def _intervals(certified: CertifiedPeak) -> dict[str, Array]:
-    """Return the intervals of a certificate by the fields of `Analysed`."""
-    intervals = certified.intervals
-    return {
-        "interval_low_rad_s": np.array([one.low_rad_s for one in intervals]),
-        "interval_high_rad_s": np.array([one.high_rad_s for one in intervals]),
-        "interval_at_rad_s": np.array([one.frequency_rad_s for one in intervals]),
-        "interval_bound": np.array([one.bound for one in intervals]),
-    }
+def _intervals(certified: CertifiedPeak) -> tuple[Array, Array, Array, Array]:
+    """Return ends, frequencies and bounds (K,) of the intervals of a certificate."""
+    rows = [
+        (one.low_rad_s, one.high_rad_s, one.frequency_rad_s, one.bound)
+        for one in certified.intervals
+    ]
+    low, high, at, bound = np.array(rows, dtype=float).reshape(-1, 4).T
+    return low, high, at, bound
 
 
 def _curve_frequencies(
