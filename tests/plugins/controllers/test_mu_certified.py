@@ -377,7 +377,7 @@ def test_too_many_intervals_widen_the_gap_and_say_so(monkeypatch: pytest.MonkeyP
         reached = max(reached, high)
     assert reached == np.inf
     # the widest gap at once: the norm with the scalings D of the peak
-    monkeypatch.setattr(certified, "_WIDEST", 1e-4)
+    monkeypatch.setattr(certified, "_WIDEST", 0.5)
     norm = certified_peak(system, structure, gap=1e-4)
     assert norm.upper >= plain.peak
     skewed = certified_peak(system, structure, gap=1e-4, skewed=[1])

@@ -46,8 +46,8 @@ _HOPELESS = 10.0
 """Multiple of the intervals allowed that the rest of the axis would take at the present rate, above
 which the gap is widened at once. The rate grows as gaps are halved, so that ten times too many may
 still end in time."""
-_WIDEST = 1.0
-"""Gap beyond which no wider one is tried: the bound is then that of scalings D alone."""
+_WIDEST = 1e3
+"""Gap beyond which no wider one is tried: the bound is then at most that of scalings D alone."""
 _MOST_OF_A_LIMIT = 500
 """Where a bound is all but the limit, intervals on which that is proved are short without end."""
 _NARROW = 1e-7
@@ -242,13 +242,13 @@ class _Cover:
                 before, rest = rest, self._uncovered()
                 allowed = (before - rest) / _CHECKED * _HOPELESS * _MOST_INTERVALS
                 if rest > allowed or len(self.intervals) > most:
-                    if self.gap >= _WIDEST:
-                        self._bound_by_norm(low)
-                        return
                     # the intervals so far prove smaller bounds and stay
                     most = len(self.intervals) + 2 * _CHECKED
-                    self.gap = min(4.0 * self.gap, _WIDEST)
+                    self.gap *= 4.0
                     self.beta = max(self.beta, (1.0 + self.gap) * self.peak)
+                    if self.gap >= 1.0 and (self.gap > _WIDEST or self.beta >= self._norm()):
+                        self._bound_by_norm(low)
+                        return
             # a gap this narrow, or beyond all poles, is closed by one pair of scalings for both its
             # ends
             if far <= near * (1.0 + _NARROW):
@@ -375,19 +375,27 @@ class _Cover:
                 return
         self._enter(middle, bound.scalings)
 
+    def _diagonal(self) -> Array:
+        """Return the diagonal (n,) of D at the peak: a diagonal D is real, and of the structure."""
+        return np.asarray(np.diagonal(self.bounds[self.where].scalings.d).real)
+
+    def _norm(self) -> float:
+        """Return a bound by one diagonal D at all frequencies; none for a skewed problem."""
+        if not self.loop.free.all():
+            return np.inf
+        return hinf_norm(self.loop.scaled(np.sqrt(self._diagonal()))).upper
+
     def _bound_by_norm(self, low: float) -> None:
         """Cover the axis by one pair of scalings, the D of the peak and no G, and their norm."""
+        self.intervals.clear()
         if not self.loop.free.all():
             # without room for the blocks of fixed size, nothing is proved
             self.beta = np.inf
-            self.intervals.clear()
             return
-        # a diagonal D is real, and of the structure
-        diagonal = np.diagonal(self.bounds[self.where].scalings.d).real
+        diagonal = self._diagonal()
         plain = Scalings(np.diag(diagonal).astype(complex), np.zeros((diagonal.size,) * 2, complex))
-        norm = hinf_norm(self.loop.scaled(np.sqrt(diagonal))).upper
         for room in (1e-6, 1e-2):  # beyond rounding
-            self.beta = max(self.beta, (1.0 + room) * norm)
+            self.beta = (1.0 + room) * self._norm()
             self._enter(self.where, plain)
             if self._widest_gap() is None:
                 return
