@@ -127,6 +127,11 @@ def affine_fit(points: Array, samples: Array, *, tolerance: float = 1e-9) -> Aff
     tolerance : float
         Largest error of an entry at a sample, relative to its range.
 
+    Returns
+    -------
+    AffineFit
+        The matrix as a function of the parameters.
+
     Raises
     ------
     InputError
@@ -188,6 +193,11 @@ def affine_lft(
         change.
     seed : int
         Of the random corners that `AffineLft.sampled` is found at.
+
+    Returns
+    -------
+    AffineLft
+        The LFT, with a block that covers what is left out, and the errors of the truncation.
 
     Raises
     ------

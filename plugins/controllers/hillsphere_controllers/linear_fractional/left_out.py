@@ -175,7 +175,12 @@ def entry_sizes(largest: Array) -> tuple[Array, Array]:
     Parameters
     ----------
     largest : ndarray, shape (p, m)
-        Sizes of the entries, ≥ 0. A row or column of zeros has the size zero.
+        Sizes of the entries, ≥ 0.
+
+    Returns
+    -------
+    tuple of ndarray
+        The sizes; zero of a row or column of zeros.
     """
     by_row = largest.max(axis=1, initial=0.0)
     unit = np.where(by_row > 0.0, by_row, 1.0)
@@ -191,6 +196,11 @@ def diagonal_weights(by_row: Array, by_column: Array, size: float) -> tuple[Arra
         Sizes ≥ 0.
     size : float
         Largest singular value of an error whose rows and columns are divided by them.
+
+    Returns
+    -------
+    tuple of ndarray
+        L and R, with which such an error is L Δ R with ‖Δ‖ ≤ 1.
     """
     rows, columns = np.flatnonzero(by_row), np.flatnonzero(by_column)
     if not (rows.size and columns.size):

@@ -122,6 +122,11 @@ def restrict_to_part(
         Size that the ranges are divided by.
     low, high : ndarray, shape (k,)
         Ends of the range of each block; −1 and 1 of those that are not real.
+
+    Returns
+    -------
+    LtiSystem
+        M with the middle of the part as its nominal Δ.
     """
     p, m = structure.shape
     centre, half = np.zeros((m, p)), np.zeros((m, m))
