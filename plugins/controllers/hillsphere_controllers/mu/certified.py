@@ -125,6 +125,7 @@ def certified_peak(
     *,
     skewed: Sequence[int] | None = None,
     gap: float = 0.01,
+    most: int | None = None,
 ) -> CertifiedPeak:
     """Return an upper bound of µ that is proved at all frequencies, without a grid.
 
@@ -140,6 +141,8 @@ def certified_peak(
         By how much, relatively, the result is above the largest bound found at one frequency;
         smaller ones need more intervals. Where they are too many it grows, and
         `CertifiedPeak.undecided_gap` says what it became.
+    most : int, optional
+        Intervals that are too many; by default 3000.
 
     Returns
     -------
@@ -165,7 +168,7 @@ def certified_peak(
         raise InputError(f"gap must be from 1e-6 to 1, got {gap}")
     image = continuous_image(system, structure)
     free = structure.indices(range(len(structure.blocks)) if skewed is None else skewed)
-    search = _Cover(Loop(balance_states(image)[0], structure, free), skewed, gap)
+    search = _Cover(Loop(balance_states(image)[0], structure, free), skewed, gap, allowed=most)
     return search.result(system.dt_s)
 
 
@@ -216,9 +219,10 @@ class _Cover:
         skewed: Sequence[int] | None,
         gap: float,
         limit: float | None = None,
+        allowed: int | None = None,
     ) -> None:
         self.loop, self.skewed, self.gap, self.limit = loop, skewed, gap, limit
-        self.asked = gap
+        self.asked, self.allowed = gap, _MOST_INTERVALS if allowed is None else allowed
         self.bounds: dict[float, UpperBound] = {}  # the least at their frequencies
         self.proved: dict[float, Scalings] = {}  # of any bound, to begin others with
         self.intervals: list[Interval] = []
@@ -229,7 +233,7 @@ class _Cover:
         self.slowest, self.fastest = 1e-6 * float(size.min()), 1e6 * float(size.max())
         self._add(0.0)
         self._add(np.inf)
-        most, checked, rest = _MOST_INTERVALS, _CHECKED, np.inf
+        most, checked, rest = self.allowed, _CHECKED, np.inf
         # cover the axis: bound µ in the middle of the widest gap, then take the interval it proves
         while not self._is_decided() and (between := self._widest_gap()) is not None:
             low, high = between
@@ -240,7 +244,7 @@ class _Cover:
             if limit is None and len(self.intervals) >= checked:
                 checked += _CHECKED
                 before, rest = rest, self._uncovered()
-                allowed = (before - rest) / _CHECKED * _HOPELESS * _MOST_INTERVALS
+                allowed = (before - rest) / _CHECKED * _HOPELESS * self.allowed
                 if rest > allowed or len(self.intervals) > most:
                     # the intervals so far prove smaller bounds and stay
                     most = len(self.intervals) + 2 * _CHECKED

@@ -37,6 +37,10 @@ __all__ = ["Analyses", "Piece"]
 
 _NONE: Array = np.zeros(0)
 _UNDIVIDED = Division(0, 0)
+_MOST_COVERED = 450
+"""Intervals for a certificate with a cover, before its gap is widened: half of what the truncated
+loops of the packaged missions take at most. The cover is itself wider than what it covers, so that
+a narrower gap would say little."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +130,7 @@ class Analyses:
                 loop = LtiSystem(loop.a, loop.b[:, :m], loop.c[:p], loop.d[:p, :m], loop.dt_s)
             else:
                 structure = performance_structure(loop, structure)
-            certified = certified_peak(loop, structure, gap=self.gap)
+            certified = certified_peak(loop, structure, gap=self.gap, most=_MOST_COVERED)
             upper, division = self._upper(bare.lower, certified.upper, loop, structure)
             if bare.omega_rad_s.size:
                 bounds = upper_bounds(loop.response(bare.omega_rad_s), structure)
