@@ -485,8 +485,8 @@ def test_the_certificate_covers_what_a_truncation_left_out() -> None:
     shown = present_analyses(made, None)
     names = [column.name for column in shown.tables["mu_summary"].columns]
     assert "robust_stability_without_cover" in names
-    assert shown.metrics["robust_stability_upper"].value > 0.51 * (1 - 1e-6)
-    assert shown.metrics["robust_stability_without_cover"].value < 0.505
+    assert float(shown.metrics["robust_stability_upper"].value) > 0.51 * (1 - 1e-6)
+    assert float(shown.metrics["robust_stability_without_cover"].value) < 0.505
     assert "without the cover" in shown.verdict[0]
     assert "a block covers" in " ".join(shown.tables["mu_summary"].notes)
     none = present_analyses(exact, None)
