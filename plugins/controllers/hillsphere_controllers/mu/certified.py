@@ -246,13 +246,18 @@ class _Cover:
                 before, rest = rest, self._uncovered()
                 allowed = (before - rest) / _CHECKED * _HOPELESS * self.allowed
                 if rest > allowed or len(self.intervals) > most:
-                    # the intervals so far prove smaller bounds and stay
-                    most = len(self.intervals) + 2 * _CHECKED
                     self.gap *= 4.0
                     self.beta = max(self.beta, (1.0 + self.gap) * self.peak)
                     if self.gap >= 1.0 and (self.gap > _WIDEST or self.beta >= self._norm()):
                         self._bound_by_norm(low)
                         return
+                    # short intervals leave as many gaps, each of which would need one more: fewer
+                    # and wider ones prove the larger bound from the beginning
+                    self.intervals.clear()
+                    self._add(0.0)
+                    self._add(np.inf)
+                    most, checked, rest = 2 * _CHECKED, _CHECKED, np.inf
+                    continue
             # a gap this narrow, or beyond all poles, is closed by one pair of scalings for both its
             # ends
             if far <= near * (1.0 + _NARROW):
