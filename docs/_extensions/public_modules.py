@@ -50,8 +50,9 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "Uncertain systems and µ": tuple(
         f"hillsphere_controllers.{name}"
         for name in (
-            "linear_fractional.algebra", "linear_fractional.fitting",
-            "linear_fractional.polynomials", "linear_fractional.reduction",
+            "linear_fractional.affine", "linear_fractional.algebra", "linear_fractional.fitting",
+            "linear_fractional.left_out", "linear_fractional.polynomials",
+            "linear_fractional.reduction",
             "linear_fractional.transformation", "linear_fractional.uncertainties", "mu.blocks",
             "mu.certified", "mu.division", "mu.lower_bound",
             "mu.robustness", "mu.sensitivities", "mu.upper_bound", "mu.worst_case",

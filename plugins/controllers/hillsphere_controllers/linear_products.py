@@ -76,6 +76,8 @@ class UncertainModel:
     """Value at Δ = 1; 1 of other uncertainties."""
     dynamic: Annotated[NDArray[np.bool_], Shape("uncertainties")]
     """Whether it may be the response of any stable system."""
+    covers: Annotated[NDArray[np.bool_], Shape("uncertainties")]
+    """Whether it covers what the approximation of the model left out."""
 
 
 @dataclass(frozen=True)

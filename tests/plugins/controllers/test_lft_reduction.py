@@ -15,7 +15,12 @@ from hillsphere_controllers.linear_fractional.algebra import (
     state_space,
 )
 from hillsphere_controllers.linear_fractional.polynomials import affine, polynomial
-from hillsphere_controllers.linear_fractional.reduction import gain_bound, minimal, reduce_lft
+from hillsphere_controllers.linear_fractional.reduction import (
+    ReducedLft,
+    gain_bound,
+    minimal,
+    reduce_lft,
+)
 from hillsphere_controllers.linear_fractional.transformation import Lft
 from hillsphere_controllers.linear_fractional.uncertainties import (
     corners,
@@ -90,13 +95,36 @@ def test_full_blocks_stay() -> None:
     assert minimal(Lft(gain(np.eye(2)))).size == 0
 
 
+def assert_covered(whole: Lft, found: ReducedLft) -> None:
+    """At 200 corners the error is L Δ R with a Δ of norm one at most."""
+    random = np.random.default_rng(5)
+    names = {u.name: u for u in whole.uncertainties}
+    values = {n: random.choice([u.lower, u.upper], 200) for n, u in names.items()}
+    kept = {u.name for u in found.truncated.uncertainties}
+    there = whole.matrices(values)
+    here = found.truncated.matrices({n: v for n, v in values.items() if n in kept})
+    error = np.block([[a - b for a, b in zip(there[k : k + 2], here[k : k + 2], strict=True)]
+                      for k in (0, 2)])  # fmt: skip
+    cover, (out, into) = found.lft.uncertainties[-1], found.truncated.closed_channels
+    assert cover.covers
+    m11, m12, m21, _ = found.lft.parts()
+    left, right = m21[:, into:], m12[out:]
+    assert not m11[out:].any()
+    assert not m11[:, into:].any()
+    delta = np.linalg.pinv(left) @ error @ np.linalg.pinv(right)
+    assert_allclose(left @ delta @ right, error, rtol=0, atol=1e-9 * np.abs(error).max())
+    sizes = np.linalg.norm(delta, 2, axis=(1, 2))
+    assert 0.05 < sizes.max() <= 1.0 + 1e-6
+
+
 @pytest.mark.parametrize("tolerance", [0.003, 0.02, 1.0])
 def test_the_error_is_below_its_bound_and_that_below_the_tolerance(tolerance: float) -> None:
     full = nearly_of_low_rank(0)
     found = reduce_lft(full, tolerance)
-    assert found.lft.size < full.size
+    assert found.truncated.size < full.size
     assert found.bound <= tolerance
-    assert difference(full, found.lft) <= found.bound * (1.0 + 1e-6)
+    assert difference(full, found.truncated) <= found.bound * (1.0 + 1e-6)
+    assert_covered(full, found)
     assert found.sampled <= found.bound * (1.0 + 1e-6)
     assert found.sampled > 0.5 * found.bound
     assert_allclose(found.lft.nominal.d, full.nominal.d, rtol=0, atol=1e-12)
@@ -109,7 +137,8 @@ def test_the_weak_part_of_a_matrix_of_low_rank_goes() -> None:
     made = affine(np.eye(3), {"a": np.outer(u, v) + weak, "b": np.diag([0.3, 0.0, 0.0])}, (A, B))
     assert made.times == (3, 1)
     found = reduce_lft(made, 2e-3)
-    assert found.lft.times == (1, 1)
+    assert found.truncated.times == (1, 1)
+    assert [u.name for u in found.lft.uncertainties] == ["a", "b", "left_out"]
     kept = np.linalg.svd(np.outer(u, v) + weak)
     # half the range of a is 1
     assert_allclose(found.bound, kept.S[1], rtol=1e-3)
@@ -118,9 +147,10 @@ def test_the_weak_part_of_a_matrix_of_low_rank_goes() -> None:
 def test_reduction_with_states_counts_their_matrices() -> None:
     made = state_space(nearly_of_low_rank(1, 4), 2)
     found = reduce_lft(made, 0.02)
-    assert found.lft.size < made.size
+    assert found.truncated.size < made.size
     assert found.lft.system.order == 2
-    assert difference(made, found.lft) <= found.bound * (1.0 + 1e-6) <= 0.02
+    assert difference(made, found.truncated) <= found.bound * (1.0 + 1e-6) <= 0.02
+    assert_covered(made, found)
 
 
 def test_without_a_tolerance_nothing_changes() -> None:

@@ -195,18 +195,51 @@ def test_affine_models_along_points_are_met_to_the_last_digit() -> None:
 def test_affine_models_lose_their_weakest_directions() -> None:
     keys = {"known": ["point"], "fit": "affine", "dispersions": [SPRING], "sigmas": 1}
     size = 0.1 / 3**0.5 / float(np.hypot(1.0, 0.5))  # one σ of each, relative to the lower row
-    made = run(along([0.1, 10.0]), truncation=1.001 * size, compare_sigmas=[0.5, 1.0, 1.5], **keys)
+    made = run(
+        along([0.1, 10.0]),
+        truncation=1.001 * size,
+        truncation_of="nominal",
+        compare_sigmas=[0.5, 1.0, 1.5],
+        **keys,
+    )
     # near the start the damping hardly matters, near the end the stiffness
     assert made.after.tolist() == [[1, 0], [0, 1]]
     assert made.sizes.tolist() == [[0, 1], [1, 1], [1, 2]]
     assert made.size_sigmas.tolist() == [0.5, 1.0, 1.5]
 
 
+def test_truncation_is_a_share_of_the_change_by_default() -> None:
+    """A change of 1e-3 of the nominal matrix keeps both directions under 5 % of the change.
+
+    At 0.5 the weaker one goes: damping near the start, 0.1 and 1 times the spread of both.
+    """
+    keys = {"known": ["point"], "fit": "affine", "dispersions": [SPRING], "sigmas": 0.01}
+    for place, share, after in ((0.1, 0.05, [1, 1]), (0.1, 0.5, [1, 0]), (10.0, 0.5, [0, 1])):
+        made = run(along([place]), truncation=share, **keys)
+        assert made.truncation_of == "change"
+        assert made.after.tolist() == [after]
+        assert made.models[0].covers.any() == (0 in after)
+    # 0.1/√(1 + 0.1²) of the change is left out, and covered
+    assert_allclose(made.dropped, 0.1 / np.hypot(1.0, 0.1), rtol=1e-9)
+    assert made.models[0].names == ("spring.own.c", "left_out")
+    # of the nominal matrix, nothing would be left
+    none = run(along([0.1]), truncation=0.05, truncation_of="nominal", **keys)
+    assert none.after.tolist() == [[0, 0]]
+
+
 @pytest.mark.parametrize(
     ("positions", "size", "said"),
     [
-        ([0.1, 10.0], 0.9, "the truncation leaves all of them out at point=0.1, point=10: nothing"),
-        ([0.1, 10.0], 0.2, "strongest directions, but none at point=0.1: nothing is left"),
+        (
+            [0.1, 10.0],
+            0.9,
+            "the truncation leaves all of them out at point=0.1, point=10: nothing but",
+        ),
+        (
+            [0.1, 10.0],
+            0.2,
+            "strongest directions, but none at point=0.1: nothing but the cover is left",
+        ),
         ([0.1, 10.0], 1e-3, "keep their strongest directions."),
     ],
 )
@@ -214,7 +247,7 @@ def test_models_without_any_direction_left_are_told(
     positions: list[float], size: float, said: str
 ) -> None:
     keys = {"known": ["point"], "fit": "affine", "dispersions": [SPRING], "sigmas": 1}
-    made = run(along(positions), truncation=size, **keys)
+    made = run(along(positions), truncation=size, truncation_of="nominal", **keys)
     assert (made.after.sum(axis=1) == 0).tolist() == [f"point={p:g}" in said for p in positions]
     spec = validate(LftSpec, {"needs": {"models": "models"}} | keys, where="stage")
     assert isinstance(spec, LftSpec)
@@ -338,6 +371,7 @@ def test_a_complex_number_stands_on_the_diagonal() -> None:
     [
         ({"fit": "affine", "degree": 2}, "degree.*fit = 'polynomial'"),
         ({"truncation": 0.1}, "truncation.*fit = 'affine'"),
+        ({"truncation_of": "nominal"}, "truncation_of.*fit = 'affine'"),
         ({"fit": "affine", "compare_sigmas": [2]}, "needs dispersions"),
         ({"blocks": [{"name": "a", "outputs": ["y"], "inputs": ["d"], "lower": 0.5}]},
          "only a real number"),

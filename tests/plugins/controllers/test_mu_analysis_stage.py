@@ -454,3 +454,40 @@ def test_a_bound_of_mu_cannot_be_proved_of_a_gain() -> None:
     keys = {"needs": {"uncertain": "u"}, "analyses": ["worst_case_gain"], "prove_below": 1.0}
     with pytest.raises(InputError, match=r"prove_below: it is a bound of µ"):
         validate(MuAnalysisSpec, keys, where="stage")
+
+
+def test_the_certificate_covers_what_a_truncation_left_out() -> None:
+    """ẋ = −(1 + 0.5 a + 0.01 b) x + d, y = x: µ is 0.51, and 0.5 without b.
+
+    The largest gain is that at rest, 1/(1 − 0.51), and 1/(1 − 0.5) without b.
+    """
+    system = {"a": [["-1 - 0.5*a - 0.01*b"]], "b": [[1]], "c": [[1]], "inputs": ["d"],
+              "outputs": ["y"]}  # fmt: skip
+    parameters = [{"name": n, "nominal": 0, "values": [-1, 1], "unit": "-"} for n in ("a", "b")]
+    models = linear({"parameters": parameters, "systems": [system], "inputs": ["d"],
+                     "outputs": ["y"]})  # fmt: skip
+    small = uncertain(models, fit="affine", truncation=0.05)
+    whole = uncertain(models, fit="affine")
+    assert [one.names for one in (small.models[0], whole.models[0])] == [
+        ("a", "left_out"),
+        ("a", "b"),
+    ]
+    analyses = ("robust_stability", "worst_case_gain")
+    made, exact = (run(m, analyses=list(analyses), gap=0.001, points=3) for m in (small, whole))
+    for analysis, right, bare in zip(analyses, (0.51, 1 / 0.49), (0.5, 2.0), strict=True):
+        assert right * (1 - 1e-6) <= of(made, analysis).upper <= right * 1.002
+        assert right * (1 - 1e-6) <= of(exact, analysis).upper <= right * 1.002
+        beside = next(r for r in made.without_cover if r.analysis == analysis)
+        assert bare * (1 - 1e-6) <= beside.upper <= bare * 1.002
+        # the worst case is that of the truncated model
+        assert of(made, analysis).lower == beside.lower <= bare * (1 + 1e-6)
+    assert exact.without_cover == ()
+    shown = present_analyses(made, None)
+    names = [column.name for column in shown.tables["mu_summary"].columns]
+    assert "robust_stability_without_cover" in names
+    assert float(shown.metrics["robust_stability_upper"].value) > 0.51 * (1 - 1e-6)
+    assert float(shown.metrics["robust_stability_without_cover"].value) < 0.505
+    assert "without the cover" in shown.verdict[0]
+    assert "a block covers" in " ".join(shown.tables["mu_summary"].notes)
+    none = present_analyses(exact, None)
+    assert "cover" not in " ".join([*none.verdict, *none.tables["mu_summary"].notes])

@@ -12,6 +12,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
+from hillsphere_controllers.mu import certified
 from hillsphere_controllers.mu.blocks import (
     BlockStructure,
     full,
@@ -355,3 +356,29 @@ def test_errors_say_what_to_do() -> None:
         certified_peak(LtiSystem(-one, np.ones((1, 2)), np.ones((2, 1)), np.eye(2)), structure)
     with pytest.raises(InputError, match="gap must be"):
         certified_peak(LtiSystem(-one, one, one, one), structure, gap=0.0)
+
+
+def test_too_many_intervals_widen_the_gap_and_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With hardly any intervals allowed, the bound is wider, and still one at all frequencies."""
+    structure = BlockStructure([repeated_real(2), full(2, 2)])
+    system = random_system(3, structure, 8, damping=0.01, decades=3.0)
+    plain = certified_peak(system, structure, gap=1e-4)
+    assert plain.undecided_gap == 0.0
+    monkeypatch.setattr(certified, "_CHECKED", 4)
+    monkeypatch.setattr(certified, "_MOST_INTERVALS", 4)
+    few = certified_peak(system, structure, gap=1e-4)
+    assert few.undecided_gap == pytest.approx(few.upper / few.peak - 1.0)
+    assert few.undecided_gap > 1e-4
+    assert few.upper >= plain.peak
+    ends = sorted((one.low_rad_s, one.high_rad_s) for one in few.intervals)
+    reached = 0.0
+    for low, high in ends:
+        assert low <= reached
+        reached = max(reached, high)
+    assert reached == np.inf
+    # the widest gap at once: the norm with the scalings D of the peak
+    monkeypatch.setattr(certified, "_WIDEST", 0.5)
+    norm = certified_peak(system, structure, gap=1e-4)
+    assert norm.upper >= plain.peak
+    skewed = certified_peak(system, structure, gap=1e-4, skewed=[1])
+    assert skewed.upper == np.inf

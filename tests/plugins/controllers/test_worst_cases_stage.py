@@ -38,7 +38,7 @@ def uncertain() -> UncertainModels:
     model = UncertainModel(
         system=system, names=(A, "gain"), units=("-", "-"), kinds=("real", "real"),
         rows=one, columns=one, times=one, lower=np.array([1.4, 0.9]), nominal=np.array([2.0, 1.0]),
-        upper=np.array([2.6, 1.1]), dynamic=two,
+        upper=np.array([2.6, 1.1]), dynamic=two, covers=np.zeros(2, dtype=bool),
     )  # fmt: skip
     return UncertainModels((model,), ("point=1",), 0, 0)
 

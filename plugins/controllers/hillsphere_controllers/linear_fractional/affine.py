@@ -6,9 +6,12 @@ r"""LFTs of matrices that are affine in real parameters, with truncation of weak
 
 A parameter needs a copy for each singular direction of its P_k [1]_. The directions of all
 parameters are pooled, each as large as its parameter may make it, and the smallest are dropped as
-long as the root of the sum of their squares stays below a share of the Frobenius norm of P(p₀),
-both counted on those rows and columns only that the parameters change. Each direction that is left
-is one copy of its parameter, so that a parameter may keep some of its directions.
+long as the root of the sum of their squares stays below a share of the same root of all of them,
+the size of the change; or of the Frobenius norm of P(p₀), counted on those rows and columns only
+that the parameters change, which may drop all of a small change of a large matrix. Each direction
+that is left is one copy of its parameter, so that a parameter may keep some of its directions.
+
+What is dropped is covered by a full block (`left_out`), so that the LFT contains the whole family.
 
 References
 ----------
@@ -20,17 +23,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Integers
+from hillsphere_controllers.linear_fractional.left_out import (
+    affine_weights,
+    cover_error,
+    without_cover,
+)
 from hillsphere_controllers.linear_fractional.transformation import Lft
 from hillsphere_controllers.linear_fractional.uncertainties import Uncertainty
 from hillsphere_controllers.systems.algebra import gain
 
-__all__ = ["AffineFit", "AffineLft", "affine_fit", "affine_lft"]
+__all__ = ["AffineFit", "AffineLft", "TruncationOf", "affine_fit", "affine_lft"]
+
+TruncationOf = Literal["change", "nominal"]
 
 _ROUNDING = 1e-14
 """What the differences of samples leave, relative to the matrices and to the largest change."""
@@ -79,12 +90,13 @@ class AffineLft:
     Parameters
     ----------
     lft : Lft
-        Without states; a parameter without copies does not stand in it.
+        Without states; a parameter without copies does not stand in it. If anything is left out,
+        its last block ``left_out`` covers that.
     before, after : ndarray of int, shape (k,)
         Copies of each parameter with all its directions, and left.
     dropped : float
-        Root of the sum of squares of the directions left out, relative to the Frobenius norm of the
-        nominal matrix on the rows and columns that change.
+        Root of the sum of squares of the directions left out, relative to that of all directions,
+        or to the Frobenius norm of the nominal matrix on the rows and columns that change.
     bound, sampled : float
         Largest singular value of what is left out, relative to the largest of the change: a bound
         for all values of the parameters, and the largest at random corners of their bounds.
@@ -96,6 +108,11 @@ class AffineLft:
     dropped: float
     bound: float
     sampled: float
+
+    @property
+    def truncated(self) -> Lft:
+        """The LFT without the block that covers what is left out: not the whole family."""
+        return without_cover(self.lft)
 
 
 def affine_fit(points: Array, samples: Array, *, tolerance: float = 1e-9) -> AffineFit:
@@ -109,6 +126,11 @@ def affine_fit(points: Array, samples: Array, *, tolerance: float = 1e-9) -> Aff
         The matrices there.
     tolerance : float
         Largest error of an entry at a sample, relative to its range.
+
+    Returns
+    -------
+    AffineFit
+        The matrix as a function of the parameters.
 
     Raises
     ------
@@ -147,7 +169,12 @@ def affine_fit(points: Array, samples: Array, *, tolerance: float = 1e-9) -> Aff
 
 
 def affine_lft(
-    fit: AffineFit, uncertainties: Sequence[Uncertainty], *, truncation: float = 0.0, seed: int = 0
+    fit: AffineFit,
+    uncertainties: Sequence[Uncertainty],
+    *,
+    truncation: float = 0.0,
+    truncation_of: TruncationOf = "change",
+    seed: int = 0,
 ) -> AffineLft:
     """Return an affine matrix as an LFT.
 
@@ -158,17 +185,33 @@ def affine_lft(
     uncertainties : sequence of Uncertainty
         Its k parameters with their bounds, in their order.
     truncation : float
-        How much may be left out: root of the sum of squares of the directions dropped, relative to
-        the Frobenius norm of the nominal matrix on the rows and columns that change. 0: only
-        rounding.
+        How much may be left out: root of the sum of squares of the directions dropped, as a share.
+        0: only rounding.
+    truncation_of : {"change", "nominal"}
+        Of what it is the share: of the same root of all directions, the size of the change that the
+        parameters make; or of the Frobenius norm of the nominal matrix on the rows and columns that
+        change.
     seed : int
         Of the random corners that `AffineLft.sampled` is found at.
+
+    Returns
+    -------
+    AffineLft
+        The LFT, with a block that covers what is left out, and the errors of the truncation.
 
     Raises
     ------
     InputError
-        If a parameter is not real, or they are not as many as in the fit.
+        If a parameter is not real, they are not as many as in the fit, the share is none from 0 to
+        below 1, or it is one of something else.
     """
+    if not 0.0 <= truncation < 1.0:
+        raise InputError(f"truncation must be from 0 to below 1, got {truncation}")
+    if truncation_of not in get_args(TruncationOf):
+        raise InputError(
+            f"truncation_of must be one of {', '.join(get_args(TruncationOf))}, got "
+            f"{truncation_of!r}"
+        )
     if len(uncertainties) != len(fit.base) or any(u.kind != "real" for u in uncertainties):
         raise InputError(
             f"{len(fit.base)} real parameters are needed, got "
@@ -185,15 +228,22 @@ def affine_lft(
     nominal = float(np.linalg.norm(middle[np.ix_(rows, columns)]))
     largest = float(values.max(initial=0.0))
     there = values > _ROUNDING * (largest + nominal)
-    kept = there & (values > _threshold(values[there], truncation * nominal))
+    size = nominal if truncation_of == "nominal" else float(np.sqrt((values[there] ** 2).sum()))
+    kept = there & (values > _threshold(values[there], truncation * size))
     lost = there & ~kept
     left_out = left * np.where(lost, values, 0.0)[:, None] @ right
     bound, sampled = _error(moved, left_out, seed)
+    made = _realise(middle, rows, columns, left, values, right, kept, uncertainties, reach)
+    into, out = np.zeros((len(middle), 0)), np.zeros((0, middle.shape[1]))
+    if lost.any():
+        weight, other = affine_weights(left, values, right, lost)
+        into, out = np.zeros((len(middle), weight.shape[1])), np.zeros((len(other), out.shape[1]))
+        into[rows], out[:, columns] = weight, other
     return AffineLft(
-        lft=_realise(middle, rows, columns, left, values, right, kept, uncertainties, reach),
+        lft=cover_error(made, into, out),
         before=there.sum(axis=1),
         after=kept.sum(axis=1),
-        dropped=float(np.sqrt((values[lost] ** 2).sum())) / nominal if lost.any() else 0.0,
+        dropped=float(np.sqrt((values[lost] ** 2).sum())) / size if lost.any() else 0.0,
         bound=bound,
         sampled=sampled,
     )

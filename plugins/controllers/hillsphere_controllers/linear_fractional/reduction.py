@@ -10,7 +10,8 @@ with the Gramians
     Y_i = B_i B_i^\mathsf{T} + \sum_j A_{ij} Y_j A_{ij}^\mathsf{T}, \qquad
     Z_i = C_i^\mathsf{T} C_i + \sum_j A_{ji}^\mathsf{T} Z_j A_{ji}
 
-and the error made is bounded for all Δ by the skewed µ of the difference of the two.
+and the error made is bounded for all Δ by the skewed µ of the difference of the two. A full block
+of that size covers it (`left_out`), so that the reduced LFT contains the whole family.
 
 References
 ----------
@@ -23,10 +24,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Integers
+from hillsphere_controllers.linear_fractional.left_out import (
+    cover_error,
+    diagonal_weights,
+    entry_sizes,
+    without_cover,
+)
 from hillsphere_controllers.linear_fractional.transformation import Lft, evaluate_upper_lft
 from hillsphere_controllers.linear_fractional.uncertainties import random_values
 from hillsphere_controllers.mu.blocks import BlockStructure, full
@@ -55,6 +63,9 @@ _FADING = 0.95
 _SAMPLES = 500
 """Random Δ at which the proved bound is compared with the true error: half of them with real
 parameters at their bounds, where the error is usually largest."""
+_UNSEEN = 1e-6
+"""Size of an error that no random Δ has shown, relative to the largest: its row or column needs a
+unit, and the bound is proved for all Δ in any."""
 _FLOOR = 1e-6
 """Of scalings that prove existence: relative to what the outputs weigh."""
 
@@ -66,7 +77,7 @@ class ReducedLft:
     Parameters
     ----------
     lft : Lft
-        With fewer copies.
+        With fewer copies. If the bound is not zero, its last block ``left_out`` covers the error.
     bound : float
         The largest singular value of the difference of the matrices [A B; C D] is no larger for
         any Δ; zero if nothing but copies without effect, see `minimal`, was taken out.
@@ -77,6 +88,11 @@ class ReducedLft:
     lft: Lft
     bound: float
     sampled: float
+
+    @property
+    def truncated(self) -> Lft:
+        """The LFT without the block that covers the error: not the whole family."""
+        return without_cover(self.lft)
 
 
 def minimal(of: Lft) -> Lft:
@@ -161,7 +177,9 @@ def reduce_lft(of: Lft, tolerance: float, *, seed: int = 0) -> ReducedLft:
             high = count - 1
     if best.lft is least:
         return best
-    return replace(best, bound=min(best.bound, gain_bound(_error(least, best.lft))))
+    error = _error(least, best.lft)
+    bound = min(best.bound, gain_bound(error))
+    return replace(best, lft=cover_error(best.lft, *_weights(error, bound, seed)), bound=bound)
 
 
 def gain_bound(of: Lft, *, enough: float | None = None) -> float:
@@ -198,6 +216,30 @@ def _gain_bound(of: Lft, enough: float | None) -> float:
     target = None if enough is None else enough / size
     bound = upper_bound(matrix, structure, skewed=[len(structure.blocks) - 1], target=target)
     return size * bound.value
+
+
+def _weights(error: Lft, bound: float, seed: int) -> tuple[Array, Array]:
+    """Return L and R that cover an error whose largest singular value is at most the bound.
+
+    In units in which all rows and columns are about equally wrong, the cover is tighter than the
+    bound times the identity wherever entries of the matrix have very different sizes.
+    """
+    _, m12, m21, m22 = error.parts()
+    largest = np.abs(_sample(error, seed)).max(axis=0)
+    # what the error may reach counts, though no sample has shown it
+    reached = np.outer(
+        np.abs(np.hstack([m21, m22])).any(axis=1), np.abs(np.vstack([m12, m22])).any(axis=0)
+    )
+    largest = np.where(reached, np.maximum(largest, _UNSEEN * largest.max()), 0.0)
+    by_row, by_column = entry_sizes(largest)
+    rows, columns = by_row > 0.0, by_column > 0.0
+    d, (out, into) = error.system.d.copy(), error.closed_channels
+    d[out:][rows] /= by_row[rows, None]
+    d[:, into:][:, columns] /= by_column[columns]
+    size = gain_bound(Lft(gain(d), error.uncertainties, error.times))
+    if np.isfinite(size):
+        return diagonal_weights(by_row, by_column, size)
+    return diagonal_weights(1.0 * rows, 1.0 * columns, bound)
 
 
 def _states(of: Lft) -> tuple[Array, Array, Array, list[int]]:
@@ -405,6 +447,12 @@ def _matrix(of: Lft) -> Lft:
 
 def _sample_gain(of: Lft, seed: int) -> float:
     """Return the largest singular value of a matrix at random Δ, those at the bounds as well."""
+    gains = _sample(of, seed)
+    return float(np.linalg.norm(gains, 2, axis=(1, 2)).max()) if gains.size else 0.0
+
+
+def _sample(of: Lft, seed: int) -> NDArray[np.complex128]:
+    """Return values (N, p, m) of a matrix at random Δ, half of them with bounds of parameters."""
     values = random_values(of.uncertainties, _SAMPLES, seed=seed)
     random = np.random.default_rng(seed + 1)
     for one in of.uncertainties:
@@ -412,5 +460,4 @@ def _sample_gain(of: Lft, seed: int) -> float:
             ends = random.choice([one.lower, one.upper], _SAMPLES // 2)
             values[one.name][: _SAMPLES // 2] = ends
     m11, m12, m21, m22 = (part.astype(complex) for part in of.parts())
-    gains = evaluate_upper_lft(m11, m12, m21, m22, of.deltas(values))
-    return float(np.linalg.norm(gains, 2, axis=(1, 2)).max()) if gains.size else 0.0
+    return evaluate_upper_lft(m11, m12, m21, m22, of.deltas(values))

@@ -50,6 +50,9 @@ class Uncertainty:
     dynamic : bool
         Whether the complex number or matrix may be the response of any stable system, and not a
         constant alone.
+    covers : bool
+        Whether it covers what an approximation left out of the model, see
+        `hillsphere_controllers.linear_fractional.left_out`.
 
     Raises
     ------
@@ -66,6 +69,7 @@ class Uncertainty:
     nominal: float = 0.0
     upper: float = 1.0
     dynamic: bool = False
+    covers: bool = False
 
     def __post_init__(self) -> None:
         if not self.name:

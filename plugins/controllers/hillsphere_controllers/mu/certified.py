@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
+from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.mu.bilinear_images import continuous_image, discrete_frequency
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.intervals import Loop
@@ -36,8 +37,17 @@ Complex = NDArray[np.complex128]
 _GRID = 40
 """Frequencies of the first look, evenly spaced in their logarithm; besides those of the poles."""
 _MOST_INTERVALS = 3000
-"""Intervals at most: it bounds time and memory where a small gap or rounding makes the intervals
-short without end."""
+"""Intervals at most before the gap is made four times as large: loops of the packaged missions take
+ten to nine hundred. Where a small gap or rounding makes the intervals short without end, this
+bounds the time."""
+_CHECKED = 150
+"""Intervals after which it is looked at how much of the axis they have covered."""
+_HOPELESS = 10.0
+"""Multiple of the intervals allowed that the rest of the axis would take at the present rate, above
+which the gap is widened at once. The rate grows as gaps are halved, so that ten times too many may
+still end in time."""
+_WIDEST = 1e3
+"""Gap beyond which no wider one is tried: the bound is then at most that of scalings D alone."""
 _MOST_OF_A_LIMIT = 500
 """Where a bound is all but the limit, intervals on which that is proved are short without end."""
 _NARROW = 1e-7
@@ -93,6 +103,10 @@ class CertifiedPeak:
     looked_at_rad_s, bounds : ndarray, shape (K,)
         Frequencies at which the least bound was computed, and what it is there; elsewhere it was
         enough that it is below `upper`.
+    undecided_gap : float
+        Relative distance of `upper` above `peak`, if it is larger than was asked for since the
+        intervals that a smaller one needs are too many: between the two, nothing is decided. Else
+        zero.
     """
 
     upper: float
@@ -102,6 +116,7 @@ class CertifiedPeak:
     intervals: tuple[Interval, ...]
     looked_at_rad_s: Array
     bounds: Array
+    undecided_gap: float = 0.0
 
 
 def certified_peak(
@@ -110,6 +125,7 @@ def certified_peak(
     *,
     skewed: Sequence[int] | None = None,
     gap: float = 0.01,
+    most: int | None = None,
 ) -> CertifiedPeak:
     """Return an upper bound of µ that is proved at all frequencies, without a grid.
 
@@ -123,7 +139,10 @@ def certified_peak(
         Blocks whose size the bound is about, the others being no larger than one; all, if left out.
     gap : float
         By how much, relatively, the result is above the largest bound found at one frequency;
-        smaller ones need more intervals.
+        smaller ones need more intervals. Where they are too many it grows, and
+        `CertifiedPeak.undecided_gap` says what it became.
+    most : int, optional
+        Intervals that are too many; by default 3000.
 
     Returns
     -------
@@ -137,7 +156,7 @@ def certified_peak(
     InputError
         If the system is not stable or does not fit, or the gap is out of range.
     ConvergenceError
-        If too many intervals are needed.
+        If too many intervals are needed whatever the gap, which only rounding brings about.
 
     Notes
     -----
@@ -149,7 +168,7 @@ def certified_peak(
         raise InputError(f"gap must be from 1e-6 to 1, got {gap}")
     image = continuous_image(system, structure)
     free = structure.indices(range(len(structure.blocks)) if skewed is None else skewed)
-    search = _Cover(Loop(balance_states(image)[0], structure, free), skewed, gap)
+    search = _Cover(Loop(balance_states(image)[0], structure, free), skewed, gap, allowed=most)
     return search.result(system.dt_s)
 
 
@@ -200,8 +219,10 @@ class _Cover:
         skewed: Sequence[int] | None,
         gap: float,
         limit: float | None = None,
+        allowed: int | None = None,
     ) -> None:
         self.loop, self.skewed, self.gap, self.limit = loop, skewed, gap, limit
+        self.asked, self.allowed = gap, _MOST_INTERVALS if allowed is None else allowed
         self.bounds: dict[float, UpperBound] = {}  # the least at their frequencies
         self.proved: dict[float, Scalings] = {}  # of any bound, to begin others with
         self.intervals: list[Interval] = []
@@ -212,18 +233,31 @@ class _Cover:
         self.slowest, self.fastest = 1e-6 * float(size.min()), 1e6 * float(size.max())
         self._add(0.0)
         self._add(np.inf)
+        most, checked, rest = self.allowed, _CHECKED, np.inf
         # cover the axis: bound µ in the middle of the widest gap, then take the interval it proves
         while not self._is_decided() and (between := self._widest_gap()) is not None:
             low, high = between
             near, far = max(low, self.slowest), min(high, self.fastest)
-            if len(self.intervals) > (_MOST_INTERVALS if limit is None else _MOST_OF_A_LIMIT):
-                if limit is not None:
-                    self._bound(float(np.sqrt(near * far)))
-                    return
-                raise ConvergenceError(
-                    f"{_MOST_INTERVALS} intervals do not cover all frequencies: a gap around "
-                    f"{low:.6g} rad/s is left; allow a larger gap of the bounds"
-                )
+            if limit is not None and len(self.intervals) > _MOST_OF_A_LIMIT:
+                self._bound(float(np.sqrt(near * far)))
+                return
+            if limit is None and len(self.intervals) >= checked:
+                checked += _CHECKED
+                before, rest = rest, self._uncovered()
+                allowed = (before - rest) / _CHECKED * _HOPELESS * self.allowed
+                if rest > allowed or len(self.intervals) > most:
+                    self.gap *= 4.0
+                    self.beta = max(self.beta, (1.0 + self.gap) * self.peak)
+                    if self.gap >= 1.0 and (self.gap > _WIDEST or self.beta >= self._norm()):
+                        self._bound_by_norm(low)
+                        return
+                    # short intervals leave as many gaps, each of which would need one more: fewer
+                    # and wider ones prove the larger bound from the beginning
+                    self.intervals.clear()
+                    self._add(0.0)
+                    self._add(np.inf)
+                    most, checked, rest = 2 * _CHECKED, _CHECKED, np.inf
+                    continue
             # a gap this narrow, or beyond all poles, is closed by one pair of scalings for both its
             # ends
             if far <= near * (1.0 + _NARROW):
@@ -350,9 +384,46 @@ class _Cover:
                 return
         self._enter(middle, bound.scalings)
 
+    def _diagonal(self) -> Array:
+        """Return the diagonal (n,) of D at the peak: a diagonal D is real, and of the structure."""
+        return np.asarray(np.diagonal(self.bounds[self.where].scalings.d).real)
+
+    def _norm(self) -> float:
+        """Return a bound by one diagonal D at all frequencies; none for a skewed problem."""
+        if not self.loop.free.all():
+            return np.inf
+        return hinf_norm(self.loop.scaled(np.sqrt(self._diagonal()))).upper
+
+    def _bound_by_norm(self, low: float) -> None:
+        """Cover the axis by one pair of scalings, the D of the peak and no G, and their norm."""
+        self.intervals.clear()
+        if not self.loop.free.all():
+            # without room for the blocks of fixed size, nothing is proved
+            self.beta = np.inf
+            return
+        diagonal = self._diagonal()
+        plain = Scalings(np.diag(diagonal).astype(complex), np.zeros((diagonal.size,) * 2, complex))
+        for room in (1e-6, 1e-2):  # beyond rounding
+            self.beta = (1.0 + room) * self._norm()
+            self._enter(self.where, plain)
+            if self._widest_gap() is None:
+                return
+        raise ConvergenceError(
+            f"no scalings cover all frequencies: a gap around {low:.6g} rad/s is left"
+        )
+
     def _enter(self, omega: float, scalings: Scalings) -> None:
         low, high = self.loop.reach(scalings, self.beta, omega)
         self.intervals.append(Interval(low, high, omega, self.beta, scalings))
+
+    def _uncovered(self) -> float:
+        """Return how much of the logarithm of frequency no interval covers, within the poles."""
+        left, end = 0.0, self.slowest
+        for one in sorted(self.intervals, key=lambda i: i.low_rad_s):
+            if one.low_rad_s > end:
+                left += float(np.log(min(one.low_rad_s, self.fastest) / end))
+            end = min(max(end, one.high_rad_s), self.fastest)
+        return left + float(np.log(self.fastest / end))
 
     def _widest_gap(self) -> tuple[float, float] | None:
         widest, gap = 0.0, None
@@ -381,4 +452,5 @@ class _Cover:
         return CertifiedPeak(
             upper, self.peak, back(self.where), self.bounds[self.where].scalings, intervals,
             np.array([back(w) for w in omega]), np.array([self.bounds[w].value for w in omega]),
+            upper / self.peak - 1.0 if self.gap > self.asked and np.isfinite(upper) else 0.0,
         )  # fmt: skip

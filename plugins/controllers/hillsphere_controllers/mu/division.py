@@ -27,7 +27,7 @@ from hillsphere_controllers.mu.certified import find_unproved
 from hillsphere_controllers.mu.sensitivities import sensitivities
 from hillsphere_controllers.systems.algebra import gain, star
 
-__all__ = ["Division", "prove_by_branch_and_bound"]
+__all__ = ["Division", "prove_by_branch_and_bound", "restrict_to_part"]
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def prove_by_branch_and_bound(
             break
         # the part with the largest bound comes first, the older one of equals
         _, _, low, high = heappop(waiting)
-        part = _restrict_to_part(system, structure, limit, np.where(real, low, -1.0), high)
+        part = restrict_to_part(system, structure, limit, np.where(real, low, -1.0), high)
         if not part.is_stable:  # the middle of the part is a counterexample
             return Division(proved, len(waiting) + 1)
         unproved = find_unproved(part, structure, 1.0)
@@ -107,10 +107,27 @@ def prove_by_branch_and_bound(
     return Division(proved, len(waiting))
 
 
-def _restrict_to_part(
+def restrict_to_part(
     system: LtiSystem, structure: BlockStructure, limit: float, low: Array, high: Array
 ) -> LtiSystem:
-    """Return the system whose Δ of size one spans the part of the ranges, divided by the limit."""
+    """Return the system whose Δ of size one spans the part of the ranges, divided by the limit.
+
+    Parameters
+    ----------
+    system : LtiSystem
+        M; outputs and inputs beyond those of the structure stay.
+    structure : BlockStructure
+        Of Δ.
+    limit : float
+        Size that the ranges are divided by.
+    low, high : ndarray, shape (k,)
+        Ends of the range of each block; −1 and 1 of those that are not real.
+
+    Returns
+    -------
+    LtiSystem
+        M with the middle of the part as its nominal Δ.
+    """
     p, m = structure.shape
     centre, half = np.zeros((m, p)), np.zeros((m, m))
     for k, (rows, columns) in enumerate(structure.parts()):

@@ -90,6 +90,13 @@ class Loop:
             made[there] = self._response((1j * omega[there]).astype(complex))
         return made
 
+    def scaled(self, root: Array) -> LtiSystem:
+        """Return the squared system with outputs times, and inputs divided by, sizes (n,)."""
+        return LtiSystem(
+            self.system.a, self._b / root, root[:, None] * self._c,
+            root[:, None] * self._d.real / root,
+        )  # fmt: skip
+
     def reach(self, scalings: Scalings, beta: float, omega: float) -> tuple[float, float]:
         """Return the ends of the interval on which the scalings prove β.
 

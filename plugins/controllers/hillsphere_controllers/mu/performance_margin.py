@@ -42,12 +42,15 @@ class PerformanceMargin:
         Where; NaN if none was found.
     values : dict of str to float
         Of the real blocks of that Δ, normalised; empty if none was found.
+    undecided_gap : float
+        Of the proof of the lower bound, see `CertifiedPeak.undecided_gap`.
     """
 
     lower: float
     upper: float
     frequency_rad_s: float
     values: dict[str, float]
+    undecided_gap: float = 0.0
 
 
 def performance_margin(
@@ -84,7 +87,8 @@ def performance_margin(
     size[p:] = 1.0 / level
     scaled = LtiSystem(system.a, system.b, size * system.c, size * system.d, system.dt_s)
     blocks = range(len(uncertainty.blocks))
-    bound = certified_peak(scaled, structure, skewed=list(blocks), gap=gap).upper
+    proof = certified_peak(scaled, structure, skewed=list(blocks), gap=gap)
+    bound, undecided = proof.upper, proof.undecided_gap
     lower = 1.0 / bound if bound > 0.0 else np.inf
     if np.isinf(lower):
         return PerformanceMargin(lower, np.inf, np.nan, {})
@@ -95,20 +99,22 @@ def performance_margin(
     for t in [*sizes, *([most] if np.isfinite(most) else [])]:
         if t <= 0.0:
             continue
-        worst = worst_case_gain(system, uncertainty, size=t, gap=gap)
+        worst = worst_case_gain(system, uncertainty, size=t, gap=gap, divide=False)
         if worst.lower >= level:
             reached = t, worst
             break
         tried = t
     if reached is None:
-        return PerformanceMargin(lower, np.inf, np.nan, {})
+        return PerformanceMargin(lower, np.inf, np.nan, {}, undecided)
     for _ in range(_REFINED):
         t = 0.5 * (tried + reached[0])
         if reached[0] - tried <= 0.5 * gap * reached[0]:
             break
-        worst = worst_case_gain(system, uncertainty, size=t, gap=gap)
+        worst = worst_case_gain(system, uncertainty, size=t, gap=gap, divide=False)
         if worst.lower >= level:
             reached = t, worst
         else:
             tried = t
-    return PerformanceMargin(lower, reached[0], reached[1].frequency_rad_s, reached[1].values)
+    return PerformanceMargin(
+        lower, reached[0], reached[1].frequency_rad_s, reached[1].values, undecided
+    )

@@ -88,6 +88,11 @@ class Robustness:
     complexified: tuple[Complexified, ...] = ()
 
     @property
+    def undecided_gap(self) -> float:
+        """Of the certificate, see `CertifiedPeak.undecided_gap`."""
+        return self.certified.undecided_gap
+
+    @property
     def margin(self) -> tuple[float, float]:
         """Size of Δ that is surely allowed, and size of one that is not."""
         sure, broken = (1.0 / b if b > 0.0 else np.inf for b in (self.upper, self.lower))

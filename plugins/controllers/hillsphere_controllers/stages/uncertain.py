@@ -7,11 +7,12 @@ from typing import Literal, cast
 
 import numpy as np
 
+from hillsphere_controllers.linear_fractional.left_out import without_cover
 from hillsphere_controllers.linear_fractional.transformation import Lft
 from hillsphere_controllers.linear_fractional.uncertainties import Uncertainty
 from hillsphere_controllers.linear_products import UncertainModel
 
-__all__ = ["to_lft", "uncertain_model"]
+__all__ = ["remove_cover", "to_lft", "uncertain_model"]
 
 
 def uncertain_model(lft: Lft, units: Mapping[str, str]) -> UncertainModel:
@@ -29,6 +30,7 @@ def uncertain_model(lft: Lft, units: Mapping[str, str]) -> UncertainModel:
         nominal=np.array([u.nominal for u in uncertainties], dtype=float),
         upper=np.array([u.upper for u in uncertainties], dtype=float),
         dynamic=np.array([u.dynamic for u in uncertainties], dtype=bool),
+        covers=np.array([u.covers for u in uncertainties], dtype=bool),
     )
 
 
@@ -50,7 +52,17 @@ def to_lft(model: UncertainModel) -> Lft:
             float(model.nominal[k]),
             float(model.upper[k]),
             bool(model.dynamic[k]),
+            bool(model.covers[k]),
         )
         for k, name in enumerate(model.names)
     )
     return Lft(model.system, uncertainties, tuple(int(t) for t in model.times))
+
+
+def remove_cover(model: UncertainModel) -> UncertainModel:
+    """Return an uncertain model without the blocks that cover what its approximation left out."""
+    if not model.covers.any():
+        return model
+    return uncertain_model(
+        without_cover(to_lft(model)), dict(zip(model.names, model.units, strict=True))
+    )

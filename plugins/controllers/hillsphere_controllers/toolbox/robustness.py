@@ -18,6 +18,7 @@ from hillsphere_controllers.analysis.disk_margins import (
     disk_margin_of_both_ends,
 )
 from hillsphere_controllers.dk.synthesis import dk_synthesis
+from hillsphere_controllers.linear_fractional.reduction import minimal
 from hillsphere_controllers.linear_fractional.transformation import Lft
 from hillsphere_controllers.linear_fractional.uncertainties import physical_values
 from hillsphere_controllers.mu.blocks import (
@@ -141,6 +142,9 @@ class RobustMargin(Readable):
     without_value : tuple of str
         Names of the complex and dynamic uncertainties: that one has values of them too, which are
         matrices at the frequency and are not listed.
+    undecided_gap : float
+        Relative distance of the certified bound of µ from the largest found at a frequency, if a
+        gap as small as was asked for needs too many intervals of frequency; else zero.
     """
 
     lower_bound: float
@@ -148,6 +152,7 @@ class RobustMargin(Readable):
     critical_frequency_rad_s: float
     worst: dict[str, float]
     without_value: tuple[str, ...] = ()
+    undecided_gap: float = 0.0
 
 
 def robstab(usys: Lft, *, gap: float = 0.01) -> RobustMargin:
@@ -172,11 +177,12 @@ def robstab(usys: Lft, *, gap: float = 0.01) -> RobustMargin:
     """
     if not _require_lft(usys).nominal.is_stable and usys.system.order:
         return RobustMargin(0.0, 0.0, np.nan, {}, _without_value(usys))
-    made = robust_stability(usys.system, usys.structure, gap=gap)
+    least = _remove_copies(usys)
+    made = robust_stability(least.system, least.structure, gap=gap)
     values = made.worst.values if made.worst is not None else {}
     return RobustMargin(
-        *made.margin, made.frequency_rad_s, physical_values(usys.uncertainties, values),
-        _without_value(usys),
+        *made.margin, made.frequency_rad_s, _worst_values(usys, values), _without_value(usys),
+        made.undecided_gap,
     )  # fmt: skip
 
 
@@ -204,9 +210,32 @@ def robgain(usys: Lft, gamma: float, *, gap: float = 0.01) -> RobustMargin:
     """
     if not _require_lft(usys).nominal.is_stable and usys.system.order:
         return RobustMargin(0.0, 0.0, np.nan, {}, _without_value(usys))
-    made = performance_margin(usys.system, usys.structure, gamma, gap=gap)
-    worst = physical_values(usys.uncertainties, made.values)
-    return RobustMargin(made.lower, made.upper, made.frequency_rad_s, worst, _without_value(usys))
+    least = _remove_copies(usys)
+    made = performance_margin(least.system, least.structure, gamma, gap=gap)
+    return RobustMargin(
+        made.lower, made.upper, made.frequency_rad_s, _worst_values(usys, made.values),
+        _without_value(usys), made.undecided_gap,
+    )  # fmt: skip
+
+
+def _remove_copies(usys: Lft) -> Lft:
+    """Return the system without copies that have no effect, for which scalings have no optimum.
+
+    Two copies of a parameter that take the same signal make every scaling better than the last, so
+    that intervals of frequency become short without end. The matrices stay the same to about 2e-9,
+    see `minimal`.
+    """
+    if all(times == 1 for times in usys.times):
+        return usys
+    least = minimal(usys)
+    return least if least.uncertainties else usys
+
+
+def _worst_values(usys: Lft, values: dict[str, float]) -> dict[str, float]:
+    """Return worst values in units; those of parameters without any effect are nominal."""
+    real = [one.name for one in usys.uncertainties if one.kind == "real"]
+    known = {name: values.get(name, 0.0) for name in real} if values else {}
+    return physical_values(usys.uncertainties, known)
 
 
 def _without_value(usys: Lft) -> tuple[str, ...]:
@@ -230,6 +259,8 @@ class GainBounds(Readable):
         Values of its real parameters, in their units.
     without_value : tuple of str
         Names of the complex and dynamic uncertainties, whose values are not listed.
+    undecided_gap : float
+        As of `RobustMargin`, of the bound of the gain.
     """
 
     lower_bound: float
@@ -237,6 +268,7 @@ class GainBounds(Readable):
     critical_frequency_rad_s: float
     worst: dict[str, float]
     without_value: tuple[str, ...] = ()
+    undecided_gap: float = 0.0
 
 
 def wcgain(usys: Lft, *, size: float = 1.0, gap: float = 0.01) -> GainBounds:
@@ -261,9 +293,12 @@ def wcgain(usys: Lft, *, size: float = 1.0, gap: float = 0.01) -> GainBounds:
     InputError
         If nothing is uncertain, the nominal system is not stable or the size not positive.
     """
-    made = worst_case_gain(_require_lft(usys).system, usys.structure, size=size, gap=gap)
-    worst = physical_values(usys.uncertainties, made.values)
-    return GainBounds(made.lower, made.upper, made.frequency_rad_s, worst, _without_value(usys))
+    least = _remove_copies(_require_lft(usys))
+    made = worst_case_gain(least.system, least.structure, size=size, gap=gap)
+    return GainBounds(
+        made.lower, made.upper, made.frequency_rad_s, _worst_values(usys, made.values),
+        _without_value(usys), made.certified.undecided_gap,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, repr=False)

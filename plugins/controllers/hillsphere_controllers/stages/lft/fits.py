@@ -12,6 +12,7 @@ from hillsphere.lti import LtiSystem
 from hillsphere_controllers.linear_fractional.affine import affine_fit, affine_lft
 from hillsphere_controllers.linear_fractional.algebra import state_space
 from hillsphere_controllers.linear_fractional.fitting import PolynomialFit, fit_polynomial
+from hillsphere_controllers.linear_fractional.left_out import cover_error, sample_weights
 from hillsphere_controllers.linear_fractional.reduction import ReducedLft, reduce_lft
 from hillsphere_controllers.linear_fractional.transformation import Lft
 from hillsphere_controllers.linear_fractional.uncertainties import Uncertainty
@@ -21,6 +22,9 @@ __all__ = ["Fit", "certain_lft", "fit_by_affine", "fit_by_polynomials"]
 
 _AFFINE = 1e-9
 """Error of an entry, relative to its range, up to which models are affine in their parameters."""
+_EXACT = 1e-6
+"""Error of an entry, relative to its range, up to which a fit by polynomials is not covered: that
+of the default tolerance, far below what bounds of µ are known to."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +97,11 @@ def fit_by_polynomials(
     middle = fit(np.array([[u.nominal] for u in parameters]))[0]
     size = float(np.linalg.norm(samples - middle, 2, axis=(1, 2)).max())
     less: ReducedLft = reduce_lft(lft, spec.reduction * size)
+    made = less.lft
+    if fit.errors[-1] > _EXACT:
+        made = cover_error(made, *sample_weights(samples - fit(points)), "misfit")
     return Fit(
-        state_space(less.lft, systems[0].order, systems[0].dt_s), fit, _copies(lft, parameters),
+        state_space(made, systems[0].order, systems[0].dt_s), fit, _copies(lft, parameters),
         _copies(less.lft, parameters), less.bound / size, less.sampled / size,
         0.0, 0, np.zeros(0, dtype=np.int64),
     )  # fmt: skip
@@ -128,8 +135,11 @@ def fit_by_affine(
     order = [nearest, *(k for k in range(len(systems)) if k != nearest)]
     samples = np.array([_matrix(systems[k]) for k in order])
     fit, first = affine_fit(points[:, order], samples, tolerance=_AFFINE), systems[0]
-    made = affine_lft(fit, parameters, truncation=spec.truncation)
-    sizes = [affine_lft(fit, one, truncation=spec.truncation).lft.size for one in others]
+    made, *compared = (
+        affine_lft(fit, one, truncation=spec.truncation, truncation_of=spec.truncation_of)
+        for one in (parameters, *others)
+    )
+    sizes = [int(one.after.sum()) for one in compared]
     return Fit(
         state_space(made.lft, first.order, first.dt_s), None, made.before, made.after, made.bound,
         made.sampled, made.dropped, fit.checks, np.array(sizes, dtype=np.int64),

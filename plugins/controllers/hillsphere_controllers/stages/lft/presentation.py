@@ -32,7 +32,7 @@ def present_uncertain_models(product: FittedModels, models: LinearModels) -> Pre
     seen = product.response_error[np.isfinite(product.response_error)]
     worst = float(seen.max()) if seen.size else 0.0
     metrics = {
-        "lft_size": Metric(max(int((m.times * m.rows).sum()) for m in product.models)),
+        "lft_size": Metric(max(int((m.times * m.rows)[~m.covers].sum()) for m in product.models)),
     }
     if seen.size:
         metrics["lft_response_error"] = Metric(worst)
@@ -59,6 +59,7 @@ def _blocks(product: FittedModels) -> Table:
         return [getattr(product.models[g], field)[k] for g, k in blocks]
 
     names, kinds, dynamic, times = map(each, ("names", "kinds", "dynamic", "times"))
+    covers = each("covers")
     real = [kind == "real" for kind in kinds]
 
     def of_real(field: str, blank: Any = None) -> list[Any]:
@@ -73,7 +74,11 @@ def _blocks(product: FittedModels) -> Table:
         text_column("block", names, "uncertainty"),
         text_column(
             "kind",
-            ["dynamic" if own else kind for own, kind in zip(dynamic, kinds, strict=True)], "kind",
+            [
+                "cover" if left else "dynamic" if own else kind
+                for left, own, kind in zip(covers, dynamic, kinds, strict=True)
+            ],
+            "kind",
         ),
         column("rows", each("rows"), "rows"),
         column("columns", each("columns"), "columns"),
@@ -93,6 +98,16 @@ def _blocks(product: FittedModels) -> Table:
         if bound > 0.0
     ]
     notes = notes or ["The reduction removed only copies without effect."]
+    if any(covers):
+        notes.append(
+            "A block of the kind cover stands for what was left out: with it, an uncertain model "
+            "contains the whole family."
+        )
+    if "misfit" in names:
+        notes.append(
+            "The block misfit covers the errors of the polynomials at the models; between the "
+            "models nothing is known of them."
+        )
     return tabulate("Uncertainties", columns, notes)
 
 
@@ -110,10 +125,15 @@ def _sizes(product: FittedModels) -> Table:
         ),
     ]
     notes = [
-        "Truncation error: the root sum of squares of the directions left out, relative to the "
-        "nominal matrix where parameters change it; and its largest singular value, relative to "
-        "that of the largest change of [A B; C D], as a bound for all values of the parameters and "
-        "at random ones. The uncertain models do not cover this error."
+        "Truncation error: the root sum of squares of the directions left out, relative to "
+        + (
+            "that of all directions"
+            if product.truncation_of == "change"
+            else "the nominal matrix where parameters change it"
+        )
+        + "; and its largest singular value, relative to that of the largest change of "
+        "[A B; C D], as a bound for all values of the parameters and at random ones. A block of "
+        "the uncertain models covers this error; the copies do not count it."
     ]
     return tabulate("Sizes of the uncertain models", columns, notes)
 
@@ -164,7 +184,7 @@ def _verdict(product: FittedModels, worst: float, checked: int) -> list[str]:
         if bare:
             some = len(bare) < len(product.labels)
             kept = f"{kept}, but none" if some else "the truncation leaves all of them out"
-            kept += f" at {', '.join(bare)}: nothing is left uncertain there"
+            kept += f" at {', '.join(bare)}: nothing but the cover is left uncertain there"
         said.append(
             f"All models are affine in the {len(product.parameters)} uncertain parameters; {kept}."
         )

@@ -40,11 +40,12 @@ class FittedModels(UncertainModels):
     all Δ."""
     sampled: Annotated[Array, Shape("uncertain_models"), Label("largest found of it, likewise", 3)]
     """The largest such error found at random."""
-    dropped: Annotated[
-        Array, Shape("uncertain_models"), Label("left out, relative to the nominal matrix", 3)
-    ]
-    """Of affine fits: root of the sum of squares of the directions left out, relative to the
-    nominal matrix on the rows and columns that change; zero for others."""
+    dropped: Annotated[Array, Shape("uncertain_models"), Label("left out, as a share", 3)]
+    """Of affine fits: root of the sum of squares of the directions left out, relative to
+    `truncation_of`; zero for others."""
+    truncation_of: str
+    """``"change"``: relative to the same root of all directions; ``"nominal"``: to the nominal
+    matrix on the rows and columns that change."""
     checks: Annotated[Integers, Shape("uncertain_models")]
     """Of affine fits: models beyond those that it takes to find the slopes; with none, nothing
     tells whether the matrices are affine. Zero for others."""

@@ -189,10 +189,16 @@ class LftSpec(StageSpec):
     )  # fmt: skip
     truncation: float = option(
         "'affine': the weakest directions of all parameters are left out as long as the root of "
-        "the sum of their squares is no more than this share of the nominal matrix, on the rows "
-        "and columns that change; 0: none are",
+        "the sum of their squares is no more than this share of truncation_of; 0: none are. A "
+        "block covers them in an analysis by µ",
         default=0.0, ge=0, lt=1,
     )  # fmt: skip
+    truncation_of: Literal["change", "nominal"] = option(
+        "'affine': of what truncation is a share: of the same root of all directions, the size of "
+        "the change that the parameters make; or of the Frobenius norm of the nominal matrix on "
+        "the rows and columns that change, which may leave out all of a small change of it",
+        default="change",
+    )
     compare_sigmas: tuple[float, ...] = option(
         "'affine': numbers of standard deviations of the dispersions for which the copies are "
         "counted, for a table and a figure",
@@ -203,7 +209,7 @@ class LftSpec(StageSpec):
     def _of_its_fit(self) -> Self:
         own = {
             "polynomial": ("degree", "tolerance", "most_terms", "reduction"),
-            "affine": ("truncation", "compare_sigmas"),
+            "affine": ("truncation", "truncation_of", "compare_sigmas"),
         }
         for fit, keys in own.items():
             for key in keys:

@@ -116,6 +116,7 @@ class LftStage:
             bound=np.array([one.bound for one in fitted]),
             sampled=np.array([one.sampled for one in fitted]),
             dropped=np.array([one.dropped for one in fitted]),
+            truncation_of=spec.truncation_of,
             checks=np.array([one.checks for one in fitted], dtype=np.int64),
             group=groups.group,
             response_error=response_error,
@@ -245,12 +246,9 @@ def _uncertainty(
 
 
 def _inner_names(lft: Lft) -> tuple[list[str], list[str]]:
-    pairs = [
-        (f"{u.name}.z({i})", f"{u.name}.w({i})")
-        for u, times in zip(lft.uncertainties, lft.times, strict=True)
-        for i in range(times)
-    ]
-    return [out for out, _ in pairs], [into for _, into in pairs]
+    copies = list(zip(lft.uncertainties, lft.times, strict=True))
+    out = [f"{u.name}.z({i})" for u, times in copies for i in range(times * u.columns)]
+    return out, [f"{u.name}.w({i})" for u, times in copies for i in range(times * u.rows)]
 
 
 def _names(

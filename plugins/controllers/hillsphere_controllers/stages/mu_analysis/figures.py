@@ -48,6 +48,7 @@ def bound_chart(product: MuAnalysis, table: str) -> Chart:
             omega, positive = one.omega_rad_s, one.curve_lower > 0.0
             marks += [
                 Curve(omega, one.curve_upper, _loop_label(product, one), colour, rows=one.loop),
+                *_curve_without_cover(product, one, "", colour),
                 Points(
                     omega[positive], one.curve_lower[positive], "", colour, "dot", rows=one.loop
                 ),
@@ -60,7 +61,8 @@ def bound_chart(product: MuAnalysis, table: str) -> Chart:
         panels,
         "Upper bounds (solid) and lower bounds (dots) at single frequencies; the bars above are "
         "intervals on each of which one pair of scalings proves the bound at its height: together "
-        "they cover all frequencies.",
+        "they cover all frequencies."
+        + (" Dashed: upper bounds without the cover." if product.without_cover else ""),
         share_x=True,
         shared_legend=len(panels) > 1,
         size_in=(7.4, 0.8 + 3.2 * len(panels)),
@@ -87,6 +89,18 @@ def _intervals(one: Analysed, colour: str) -> Segments:
         one.interval_bound[is_seen], begin[is_seen], end[is_seen], "x", "", colour, 3.0, 0.35,
         has_caps=True,
     )  # fmt: skip
+
+
+def _curve_without_cover(
+    product: MuAnalysis, one: Analysed, label: str, colour: str
+) -> list[Curve]:
+    """Return the upper bound of the truncated model of an analysis; none without a cover."""
+    own = (one.loop, one.analysis, one.channel)
+    return [
+        Curve(bare.omega_rad_s, bare.curve_upper, label, colour, "dashed")
+        for bare in product.without_cover
+        if (bare.loop, bare.analysis, bare.channel) == own
+    ]
 
 
 def share_chart(product: MuAnalysis, table: str) -> Chart:
@@ -135,6 +149,12 @@ def share_curve_chart(columns: Sequence[tuple[MuAnalysis, Analysed]]) -> Chart:
         "Above: bounds of µ, the gain of the nominal loop, and as bars the intervals on each of "
         "which one pair of scalings proves the bound; below: relative change of the upper bound "
         "with the size of each block. Blocks that never reach 5 % are together."
+        + (
+            " The cover is the block for what the truncation of the models left out; shares and "
+            "lower bounds are those without it."
+            if any(product.without_cover for product, _ in columns)
+            else ""
+        )
         + _frequencies_differ(columns),
         columns=len(columns),
         share_x=True,
@@ -164,6 +184,7 @@ def _bound_panel(product: MuAnalysis, one: Analysed) -> Panel:
     ]
     if one.curve_nominal.size:
         marks.append(Curve(omega, one.curve_nominal, "nominal gain", "black"))
+    marks += _curve_without_cover(product, one, "µ without the cover, from above", "orange")
     marks += [_intervals(one, "blue"), Rule("y", 1.0)]
     controller, _, rest = _loop_label(product, one).partition(", ")
     kind = f"{_TITLES[one.analysis].lower()} {one.channel.replace('_', ' ')}".rstrip()

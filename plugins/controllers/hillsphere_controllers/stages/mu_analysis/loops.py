@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from hillsphere_controllers.linear_fractional.transformation import Lft
 from hillsphere_controllers.linear_fractional.uncertainties import physical_values
 from hillsphere_controllers.linear_products import UncertainModel
 from hillsphere_controllers.mu.blocks import BlockStructure
-from hillsphere_controllers.mu.certified import CertifiedPeak
+from hillsphere_controllers.mu.certified import CertifiedPeak, certified_peak
 from hillsphere_controllers.mu.division import Division, prove_by_branch_and_bound
 from hillsphere_controllers.mu.robustness import (
     Robustness,
@@ -37,6 +37,10 @@ __all__ = ["Analyses", "Piece"]
 
 _NONE: Array = np.zeros(0)
 _UNDIVIDED = Division(0, 0)
+_MOST_COVERED = 450
+"""Intervals for a certificate with a cover, before its gap is widened: half of what the truncated
+loops of the packaged missions take at most. The cover is itself wider than what it covers, so that
+a narrower gap would say little."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,8 @@ class Piece:
         Whether bounds over frequency are wanted.
     channel : str
         Name of the outputs whose performance it is, where it is not that of all.
+    covered : UncertainModel or None
+        The loop with the blocks that cover what the model's approximation left out, if it has any.
     """
 
     loop: int
@@ -62,6 +68,7 @@ class Piece:
     model: UncertainModel
     drawn: bool
     channel: str = ""
+    covered: UncertainModel | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,18 +98,53 @@ class Analyses:
     seed: int
     ends: tuple[float, float]
 
-    def prepare(self) -> Callable[[Piece], Analysed]:
+    def prepare(self) -> Callable[[Piece], tuple[Analysed, Analysed]]:
         """Return the function that analyses a loop."""
         return self.analyse
 
-    def analyse(self, piece: Piece) -> Analysed:
-        """Return the bounds of one loop with their certificates.
+    def analyse(self, piece: Piece) -> tuple[Analysed, Analysed]:
+        """Return the bounds of one loop with their certificates, and those without the cover.
 
         Parameters
         ----------
         piece : Piece
             A stable loop.
         """
+        bare = self._analyse_bare(piece)
+        return (bare if piece.covered is None else self._cover(piece.covered, bare)), bare
+
+    def _cover(self, model: UncertainModel, bare: Analysed) -> Analysed:
+        """Return an analysis with the certificate of the loop with its cover.
+
+        What the truncated model bears, the cover's Δ = 0 does: the lower bound stays.
+        """
+        lft = to_lft(model)
+        structure, loop, division = lft.structure, lft.system, _UNDIVIDED
+        curve = bare.curve_upper
+        if bare.analysis == "worst_case_gain":
+            made = worst_case_gain(loop, structure, size=self.size, gap=self.gap, seed=self.seed)
+            upper, certified = made.upper, made.certified
+        else:
+            if bare.analysis == "robust_stability":
+                p, m = structure.shape
+                loop = LtiSystem(loop.a, loop.b[:, :m], loop.c[:p], loop.d[:p, :m], loop.dt_s)
+            else:
+                structure = performance_structure(loop, structure)
+            certified = certified_peak(loop, structure, gap=self.gap, most=_MOST_COVERED)
+            upper, division = self._upper(bare.lower, certified.upper, loop, structure)
+            if bare.omega_rad_s.size:
+                bounds = upper_bounds(loop.response(bare.omega_rad_s), structure)
+                curve = np.array([one.value for one in bounds])
+        peak, peak_rad_s = _peak(certified, bare.lower, bare.frequency_rad_s)
+        low, high, at, bound = _intervals(certified)
+        return replace(
+            bare, upper=float(upper), peak=peak, peak_rad_s=peak_rad_s,
+            parts=division.proved, parts_left=division.left, curve_upper=curve,
+            interval_low_rad_s=low, interval_high_rad_s=high, interval_at_rad_s=at,
+            interval_bound=bound,
+        )  # fmt: skip
+
+    def _analyse_bare(self, piece: Piece) -> Analysed:
         seed = self.seed
         lft = to_lft(piece.model)
         structure, loop = lft.structure, lft.system
@@ -124,7 +166,7 @@ class Analyses:
             robustness = robust_performance(loop, structure, gap=self.gap, seed=seed)
             whole = performance_structure(loop, structure)
         certified, worst = robustness.certified, robustness.worst
-        upper, division = self._upper(robustness, loop, whole)
+        upper, division = self._upper(robustness.lower, robustness.upper, loop, whole)
         # µ of purely real blocks is discontinuous: the perturbation found may exceed all bounds at
         # the frequencies looked at
         peak = certified.frequency_rad_s
@@ -152,15 +194,15 @@ class Analyses:
         )  # fmt: skip
 
     def _upper(
-        self, robustness: Robustness, loop: LtiSystem, whole: BlockStructure
+        self, lower: float, upper: float, loop: LtiSystem, whole: BlockStructure
     ) -> tuple[float, Division]:
         """Return the certified bound, and the parts of the ranges if they were divided for it."""
         limit = self.prove_below
         real = any(block.kind == "real" for block in whole.blocks)
-        if limit is None or not real or not robustness.lower < limit < robustness.upper:
-            return robustness.upper, _UNDIVIDED
+        if limit is None or not real or not lower < limit < upper:
+            return upper, _UNDIVIDED
         division = prove_by_branch_and_bound(loop, whole, limit)
-        return robustness.upper if division.left else limit, division
+        return upper if division.left else limit, division
 
     def _curves(
         self,
@@ -239,19 +281,17 @@ def _result(
     small = np.array([values[u.name] for _, u in real])
     in_units = physical_values([u for _, u in real], {u.name: values[u.name] for _, u in real})
     physical = np.array([in_units[u.name] for _, u in real])
-    shown = certified.peak < lower < np.inf
+    peak, peak_rad_s = _peak(certified, lower, frequency_rad_s)
+    low, high, at, bound = _intervals(certified)
     return Analysed(
         loop=piece.loop, analysis=piece.analysis, channel=piece.channel,
         upper=float(upper), lower=float(lower),
-        peak=float(lower if shown else certified.peak),
-        peak_rad_s=float(frequency_rad_s if shown else certified.frequency_rad_s),
+        peak=peak, peak_rad_s=peak_rad_s,
         frequency_rad_s=float(frequency_rad_s), lower_channel=piece.channel,
         parts=division.proved, parts_left=division.left,
         grid_peak=float(grid_peak),
-        interval_low_rad_s=np.array([one.low_rad_s for one in certified.intervals]),
-        interval_high_rad_s=np.array([one.high_rad_s for one in certified.intervals]),
-        interval_at_rad_s=np.array([one.frequency_rad_s for one in certified.intervals]),
-        interval_bound=np.array([one.bound for one in certified.intervals]),
+        interval_low_rad_s=low, interval_high_rad_s=high, interval_at_rad_s=at,
+        interval_bound=bound,
         omega_rad_s=drawn.omega_rad_s, curve_lower=drawn.lower, curve_upper=drawn.upper,
         curve_nominal=drawn.nominal, curve_shares=drawn.shares,
         blocks=tuple(b.name or str(k) for k, b in enumerate(structure.blocks)), shares=shares,
@@ -261,6 +301,23 @@ def _result(
         singular=float(singular), complex_parts=complex_parts, complex_upper=complex_upper,
         complex_lower=complex_lower,
     )  # fmt: skip
+
+
+def _peak(certified: CertifiedPeak, lower: float, frequency_rad_s: float) -> tuple[float, float]:
+    """Return the largest bound found at one frequency, from above or by a perturbation, and it."""
+    if certified.peak < lower < np.inf:
+        return float(lower), float(frequency_rad_s)
+    return float(certified.peak), float(certified.frequency_rad_s)
+
+
+def _intervals(certified: CertifiedPeak) -> tuple[Array, Array, Array, Array]:
+    """Return ends, frequencies and bounds (K,) of the intervals of a certificate."""
+    rows = [
+        (one.low_rad_s, one.high_rad_s, one.frequency_rad_s, one.bound)
+        for one in certified.intervals
+    ]
+    low, high, at, bound = np.array(rows, dtype=float).reshape(-1, 4).T
+    return low, high, at, bound
 
 
 def _curve_frequencies(

@@ -41,6 +41,14 @@ _PROVED = 1.0
 """Confidence of the bounds: a perturbation reaches the lower, a certificate proves the upper."""
 
 
+_COVERED = (
+    "They hold for the whole family of models: a block covers what the truncation or reduction of "
+    "the uncertain models left out. 'Without the cover' is the bound certified for the truncated "
+    "models alone; it does not hold for what was left out. The lower bounds are those of the "
+    "truncated models."
+)
+
+
 def present_analyses(
     product: MuAnalysis,
     reference: str | None,
@@ -64,6 +72,10 @@ def present_analyses(
             bounds = (one.lower, one.upper)
             metrics[f"{one.analysis}_upper"] = Metric(one.upper, "-", bounds, _PROVED)
             metrics[f"{one.analysis}_lower"] = Metric(one.lower, "-", bounds, _PROVED)
+    for one in product.worst_without_cover:
+        if len(product.nominal) == 1:
+            bounds = (one.lower, one.upper)
+            metrics[f"{one.analysis}_without_cover"] = Metric(one.upper, "-", bounds, _PROVED)
     metrics["mu_loops"] = Metric(len(product.nominal))
     tables = {
         "mu_summary": _summary(product, reference),
@@ -119,14 +131,33 @@ def _summary(product: MuAnalysis, path: str | None) -> Table:
             column(f"{name}_certified", finite_or_blank(upper), f"{title}, certified", 5, **bounds),
             column(f"{name}_lower", finite_or_blank(lower), f"{title}, from below", 5, **bounds),
         ]
+        if bare := {one.loop: one for one in product.worst_without_cover if one.analysis == name}:
+            found = np.array(
+                [getattr(bare.get(k), "upper", np.nan) for k in range(product.nominal.size)]
+            )
+            columns.append(
+                column(
+                    f"{name}_without_cover", finite_or_blank(found), f"{title}, without the cover",
+                    5, interval=(f"{name}_lower", f"{name}_without_cover"), confidence=_PROVED,
+                )
+            )  # fmt: skip
     notes = [
         "For each analysis: the largest bound at one frequency (the lower bound where that is "
         "larger), the bound certified for all frequencies (at most "
         f"{100.0 * product.gap:.3g} % above, or as proved in parts), and the lower bound that a "
-        "perturbation reaches. The bounds hold for the uncertain models as given; errors of these "
-        "models, such as the truncation of an LFT, are not included."
+        "perturbation reaches. "
+        + (
+            _COVERED
+            if product.without_cover
+            else "The bounds hold for the uncertain models as given."
+        )
     ]
     notes += [_division(product, one) for one in product.results if one.parts or one.parts_left]
+    notes += [
+        _division(product, one, " without the cover")
+        for one in product.without_cover
+        if one.parts or one.parts_left
+    ]
     if any(one.channel for one in product.results):
         notes.append(
             "Each group of outputs is a channel of its own, and each number is the largest over "
@@ -148,9 +179,9 @@ def _summary(product: MuAnalysis, path: str | None) -> Table:
     return table
 
 
-def _division(product: MuAnalysis, one: Analysed) -> str:
+def _division(product: MuAnalysis, one: Analysed, of: str = "") -> str:
     """Return a sentence on the bound that branch and bound was to prove."""
-    what = f"{product.label(one.loop)}: the bound asked for{_of_channel(one.channel)}"
+    what = f"{product.label(one.loop)}: the bound asked for{_of_channel(one.channel)}{of}"
     total = one.parts + one.parts_left
     if one.parts_left:
         return f"{what} is not proved on {one.parts_left} of {total} parts of the ranges."
@@ -212,7 +243,15 @@ def _certificates(product: MuAnalysis) -> Table:
             "with complex parts: from, to",
         ),
     ]
-    return tabulate("Certificates", columns)
+    most = (1.0 + product.gap) * (1.0 + 1e-9)  # beyond rounding of the gap that was asked for
+    notes = [
+        f"{product.label(one.loop)}{_of_channel(one.channel)}, {_TITLES[one.analysis]}: undecided "
+        f"gap, the certified bound is {100.0 * (one.upper / one.peak - 1.0):.3g} % above the "
+        "largest found at a frequency; a smaller gap needs too many intervals."
+        for one in shown
+        if most * one.peak < one.upper < np.inf and one.analysis != "worst_case_gain"
+    ]
+    return tabulate("Certificates", columns, notes)
 
 
 def _describe_complex_parts(one: Analysed) -> str | None:
@@ -278,12 +317,15 @@ def _analyses(product: MuAnalysis) -> list[str]:
 def _model_table(product: MuAnalysis, analysis: str) -> Table:
     """Return one row a model and one column a controller."""
     worst = {one.loop: one for one in product.worst if one.analysis == analysis}
+    bare = {one.loop: one for one in product.worst_without_cover if one.analysis == analysis}
     cells: dict[tuple[int, int], str] = {}
     for loop, nominal in enumerate(product.nominal):
         cell = "not stable"
         if np.isfinite(nominal):
             one = worst[loop]
             cell = f"{nominal:.4f}; {one.lower:.4f} to {one.upper:.4f}"
+            if loop in bare:
+                cell += f" ({bare[loop].upper:.4f} without the cover)"
         cells[int(product.model[loop]), int(product.controller[loop])] = cell
     models = list(dict.fromkeys(product.model.tolist()))
     columns = [
@@ -297,6 +339,8 @@ def _model_table(product: MuAnalysis, analysis: str) -> Table:
         "Nominal performance; lower bound, reached by a perturbation, to upper bound, certified "
         "for all frequencies."
     )
+    if bare:
+        note += f" {_COVERED}"
     title = _TITLES[analysis]
     of = f"{title[0].upper()}{title[1:]} by model, {product.uncertain}"
     return tabulate(of, columns, [note])
@@ -322,7 +366,10 @@ def _describe_loop(product: MuAnalysis, loop: int) -> str:
     name = product.label(loop)
     if not np.isfinite(product.nominal[loop]):
         return f"{name}: the nominal loop is unstable and was not analysed."
-    parts = [_describe_result(one) for one in product.worst if one.loop == loop]
+    bare = {one.analysis: one for one in product.worst_without_cover if one.loop == loop}
+    parts = [
+        _describe_result(one, bare.get(one.analysis)) for one in product.worst if one.loop == loop
+    ]
     return f"{name}: {'; '.join(parts)}."
 
 
@@ -333,15 +380,17 @@ def _summarise_models(product: MuAnalysis, controller: str, loops: list[int]) ->
     unstable = [loop for loop in loops if not np.isfinite(product.nominal[loop])]
     if unstable:
         said.append(f"{name}: the nominal loop is unstable for {_model_names(product, unstable)}.")
+    bare = [one for one in product.worst_without_cover if one.loop in loops]
     for analysis in _analyses(product):
         found = [o for o in product.worst if o.loop in loops and o.analysis == analysis]
         if not found:
             continue
         highest = max(found, key=lambda one: one.upper)
         if analysis == "worst_case_gain":
+            without = f"; {_largest(bare, analysis):.4g} without the cover" if bare else ""
             said.append(
                 f"{name}: worst-case gain at most {highest.upper:.4g} "
-                f"({product.models[int(product.model[highest.loop])]})."
+                f"({product.models[int(product.model[highest.loop])]}){without}."
             )
             continue
         sure = [one for one in found if one.upper < 1.0]
@@ -351,9 +400,14 @@ def _summarise_models(product: MuAnalysis, controller: str, loops: list[int]) ->
         if sure:
             parts[0] += f" (µ ≤ {max(one.upper for one in sure):.4g}, certified)"
         if broken:
-            parts.append(f"disproved for {_model_names(product, broken)}")
+            of = "the truncated models of " if bare else ""
+            parts.append(f"disproved for {of}{_model_names(product, broken)}")
         if open_:
             parts.append(f"undecided for {_model_names(product, open_)}")
+        if bare:
+            parts.append(
+                f"without the cover of what was left out, all µ ≤ {_largest(bare, analysis):.4g}"
+            )
         said.append(f"{name}: {'; '.join(parts)}.")
     return said
 
@@ -362,17 +416,23 @@ def _model_names(product: MuAnalysis, loops: list[int]) -> str:
     return ", ".join(product.models[int(product.model[loop])] for loop in loops)
 
 
-def _describe_result(one: Analysed) -> str:
+def _largest(results: Sequence[Analysed], analysis: str) -> float:
+    return max(one.upper for one in results if one.analysis == analysis)
+
+
+def _describe_result(one: Analysed, bare: Analysed | None) -> str:
+    beside = "" if bare is None else f"; {bare.upper:.4g} without the cover of what was left out"
     if one.analysis == "worst_case_gain":
-        return f"worst-case gain from {one.lower:.4g} to {one.upper:.4g}"
+        return f"worst-case gain from {one.lower:.4g} to {one.upper:.4g}{beside}"
     title = _TITLES[one.analysis]
     if one.upper < 1.0:
-        return f"{title} proved (µ ≤ {one.upper:.4g}{_of_channel(one.channel)}, certified)"
+        return f"{title} proved (µ ≤ {one.upper:.4g}{_of_channel(one.channel)}, certified{beside})"
     if one.lower > 1.0:
-        return f"{title} disproved (µ ≥ {one.lower:.4g}{_of_channel(one.lower_channel)})"
+        of = "" if bare is None else " for the truncated model"
+        return f"{title} disproved{of} (µ ≥ {one.lower:.4g}{_of_channel(one.lower_channel)})"
     return (
         f"{title} undecided (µ from {one.lower:.4g}{_of_channel(one.lower_channel)} to "
-        f"{one.upper:.4g}{_of_channel(one.channel)})"
+        f"{one.upper:.4g}{_of_channel(one.channel)}{beside})"
     )
 
 

@@ -43,8 +43,8 @@ class Analysed:
     """Outputs of the lower bound and of its perturbation; those of `channel`, unless it is the
     worst of several channels."""
     grid_peak: float
-    """Largest upper bound at the frequencies of what is published; NaN without them, and for the
-    worst-case gain."""
+    """Largest upper bound at the frequencies of what is published, without the cover; NaN without
+    them, and for the worst-case gain."""
     interval_low_rad_s: Annotated[Array, Shape("intervals")]
     """Lower ends of intervals that cover all frequencies."""
     interval_high_rad_s: Annotated[Array, Shape("intervals")]
@@ -116,7 +116,12 @@ class MuAnalysis:
     """Largest gain of the nominal loop at the frequencies of what is published; NaN without
     them."""
     results: tuple[Analysed, ...]
-    """Loop by loop, analysis by analysis, channel by channel."""
+    """Loop by loop, analysis by analysis, channel by channel. Where a model has blocks that cover
+    what its approximation left out, upper bounds hold with them; lower bounds, worst cases and
+    shares are those of the approximation."""
+    without_cover: tuple[Analysed, ...]
+    """The same of the models without such blocks, whose upper bounds do not hold for what was left
+    out; none if no model has any."""
     size: float
     """Size of the uncertainty in the worst-case gain."""
     gap: float
@@ -128,14 +133,12 @@ class MuAnalysis:
     @property
     def worst(self) -> tuple[Analysed, ...]:
         """One result for each loop and analysis: the larger of each bound over the channels."""
-        made: list[Analysed] = []
-        for one in self.results:
-            last = made[-1] if made else None
-            if last is None or (last.loop, last.analysis) != (one.loop, one.analysis):
-                made.append(one)
-            else:
-                made[-1] = _worst(last, one)
-        return tuple(made)
+        return _worst_of_channels(self.results)
+
+    @property
+    def worst_without_cover(self) -> tuple[Analysed, ...]:
+        """The same without the blocks that cover what was left out; none if no model has any."""
+        return _worst_of_channels(self.without_cover)
 
     def label(self, loop: int) -> str:
         """Return a name of a loop: its controller and its uncertain model."""
@@ -143,6 +146,17 @@ class MuAnalysis:
         model = self.models[int(self.model[loop])]
         several = "" if len(self.models) == 1 else f", {model}"
         return f"{controller}, {self.uncertain}{several}"
+
+
+def _worst_of_channels(results: tuple[Analysed, ...]) -> tuple[Analysed, ...]:
+    made: list[Analysed] = []
+    for one in results:
+        last = made[-1] if made else None
+        if last is None or (last.loop, last.analysis) != (one.loop, one.analysis):
+            made.append(one)
+        else:
+            made[-1] = _worst(last, one)
+    return tuple(made)
 
 
 def _worst(one: Analysed, other: Analysed) -> Analysed:

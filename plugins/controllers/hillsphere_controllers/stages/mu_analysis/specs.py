@@ -69,6 +69,7 @@ class MuAnalysisSpec(StageSpec):
             "mu_loops",
             "*_upper",
             "*_lower",
+            "*_without_cover",
         ),
         tables={
             "mu_summary": (),

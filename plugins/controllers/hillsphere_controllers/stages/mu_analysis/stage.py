@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from hillsphere_controllers.stages.mu_analysis.presentation import present_analy
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
 from hillsphere_controllers.stages.mu_analysis.specs import MuAnalysisSpec
 from hillsphere_controllers.stages.signals import find_signals
-from hillsphere_controllers.stages.uncertain import to_lft
+from hillsphere_controllers.stages.uncertain import remove_cover, to_lft
 from hillsphere_controllers.systems.algebra import lower_lft
 
 __all__ = ["MuAnalysisStage"]
@@ -83,7 +84,7 @@ class MuAnalysisStage:
         loops: list[LtiSystem] = []
         for c, controller in enumerate(systems):
             for m in chosen:
-                model = uncertain.models[m]
+                model = remove_cover(uncertain.models[m])
                 if not model.names:
                     raise InputError(
                         f"needs.uncertain: nothing is uncertain in {uncertain.labels[m]!r} of "
@@ -96,8 +97,14 @@ class MuAnalysisStage:
         nominal: list[float] = []
         on_grid: list[float] = []
         pieces: list[Piece] = []
-        for number, (_, m) in enumerate(of_loop):
-            model = _with_system(uncertain.models[m], loops[number])
+        for number, (c, m) in enumerate(of_loop):
+            whole = uncertain.models[m]
+            model = _with_system(remove_cover(whole), loops[number])
+            covered: dict[str, UncertainModel] = {}
+            if whole.covers.any():
+                closed = _close_loop(whole.system, systems[c], uncertain, names[c])
+                whole = _with_system(whole, closed)
+                covered = {"": whole, **_channels(whole, spec.outputs)}
             channels = _channels(model, spec.outputs)
             inner = [to_lft(one).nominal for one in channels.values()]
             # the norm is infinite if any state is not stable, performance or not
@@ -110,11 +117,11 @@ class MuAnalysisStage:
                 for analysis in spec.analyses:
                     taken = {"": model} if analysis == "robust_stability" else channels
                     pieces += [
-                        Piece(number, analysis, one, m in drawn, name)
+                        Piece(number, analysis, one, m in drawn, name, covered.get(name))
                         for name, one in taken.items()
                     ]
         advance = ctx.track("analyses", len(pieces))
-        results: list[Analysed] = []
+        results: list[tuple[Analysed, Analysed]] = []
         work = Analyses(
             gap=spec.gap, prove_below=spec.prove_below, size=spec.size,
             complex_parts=spec.complex_parts, sensitivities=spec.sensitivities, points=spec.points,
@@ -126,6 +133,7 @@ class MuAnalysisStage:
                 results.append(result)
                 advance(1)
         pairs = np.array(of_loop, dtype=np.int64)
+        has_cover = any(uncertain.models[m].covers.any() for _, m in of_loop)
         return MuAnalysis(
             controllers=names,
             models=uncertain.labels,
@@ -133,7 +141,8 @@ class MuAnalysisStage:
             model=pairs[:, 1],
             nominal=np.array(nominal),
             nominal_grid=np.array(on_grid),
-            results=tuple(results),
+            results=tuple(one for one, _ in results),
+            without_cover=tuple(bare for _, bare in results) if has_cover else (),
             size=spec.size,
             gap=spec.gap,
             uncertain=spec.needs.uncertain.name,
@@ -231,10 +240,7 @@ def _channels(model: UncertainModel, outputs: tuple[str, ...]) -> dict[str, Unce
 
 
 def _with_system(model: UncertainModel, system: LtiSystem) -> UncertainModel:
-    return UncertainModel(
-        system, model.names, model.units, model.kinds, model.rows, model.columns, model.times,
-        model.lower, model.nominal, model.upper, model.dynamic,
-    )  # fmt: skip
+    return replace(model, system=system)
 
 
 def _ends(loops: Sequence[LtiSystem]) -> tuple[float, float]:

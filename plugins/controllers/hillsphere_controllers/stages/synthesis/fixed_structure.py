@@ -24,6 +24,7 @@ from hillsphere_controllers.stages.synthesis.products import (
     Synthesis,
 )
 from hillsphere_controllers.stages.synthesis.specs import PartSpec, StructuredSpec, SynthesisSpec
+from hillsphere_controllers.stages.uncertain import remove_cover
 from hillsphere_controllers.structured.requirements import DesignPlant
 from hillsphere_controllers.structured.sampled_plants import synthesise_sampled
 from hillsphere_controllers.structured.scenarios import (
@@ -240,7 +241,8 @@ def _make_worst_gamma(plants: Sequence[UncertainPlant]) -> Callable[[LtiSystem],
 
 def _uncertain_plant(spec: SynthesisSpec, many: UncertainModels, j: int) -> UncertainPlant:
     """Return an uncertain model as a plant of the search, with the chosen channels only."""
-    model, label = many.models[j], many.labels[j]
+    # a search finds values of parameters; what it designs is certified with the cover afterwards
+    model, label = remove_cover(many.models[j]), many.labels[j]
     options = spec.structured
     assert options is not None
     for name, kind in zip(model.names, model.kinds, strict=True):
@@ -264,13 +266,14 @@ def _uncertain_plant(spec: SynthesisSpec, many: UncertainModels, j: int) -> Unce
 
 def _robust(design: RobustDesign, models: UncertainModels) -> RobustResult:
     places = [*design.scenarios, design.worst]
+    bare = [remove_cover(model) for model in models.models]
     return RobustResult(
         labels=models.labels,
         worst=design.each,
         plants=np.array([s.plant for s in places], dtype=np.int64),
         gammas=np.array([s.gamma for s in places]),
-        values=tuple(_physical(models.models[s.plant], s.delta) for s in places),
-        names=tuple(models.models[s.plant].names for s in places),
+        values=tuple(_physical(bare[s.plant], s.delta) for s in places),
+        names=tuple(bare[s.plant].names for s in places),
         rounds=design.rounds,
         converged=design.converged,
     )
