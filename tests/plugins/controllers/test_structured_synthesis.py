@@ -16,9 +16,10 @@ from hillsphere_controllers.errors import NotStabilisableError, SynthesisFailedE
 from hillsphere_controllers.full_order.hinf import hinf_synthesis
 from hillsphere_controllers.structured.objective import Objective, Point
 from hillsphere_controllers.structured.requirements import Channel, DesignPlant, PoleRegion
+from hillsphere_controllers.structured.search_runs import Progress
 from hillsphere_controllers.structured.single_loop import Pid
 from hillsphere_controllers.structured.structure import controller_of, free_state_space, static
-from hillsphere_controllers.structured.synthesis import Progress, StructuredDesign, synthesise
+from hillsphere_controllers.structured.synthesis import StructuredDesign, synthesise
 from hillsphere_controllers.systems.algebra import lower_lft
 
 

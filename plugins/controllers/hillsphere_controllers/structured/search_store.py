@@ -9,7 +9,7 @@ import numpy as np
 
 from hillsphere.errors import InputError, StageError
 from hillsphere.products.product_codec import canonical, load_product, save_product
-from hillsphere_controllers.structured.search import SearchResult, Start
+from hillsphere_controllers.structured.records import SearchResult, Start
 
 __all__ = ["SearchStore"]
 
