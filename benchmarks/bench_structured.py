@@ -4,7 +4,7 @@
     python benchmarks/bench_structured.py PATH          # the collection in a .npz file
     python benchmarks/bench_structured.py PATH AC2 HE1:2 --starts 4
     python benchmarks/bench_structured.py PATH --order 20 --results ours.jsonl
-    python benchmarks/bench_structured.py PATH --order 20 --reference --limit 600 --results ref.jsonl
+    python benchmarks/bench_structured.py PATH --order 20 --reference --limit 99 --results ref.jsonl
     python benchmarks/bench_structured.py PATH --order 20 --results ours.jsonl --compare ref.jsonl
 
 A file of plants has arrays PLANT/A, /B1, /B, /C1, /C, /D11, /D12, /D21 of ẋ = A x + B1 w + B u,

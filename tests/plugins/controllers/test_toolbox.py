@@ -313,7 +313,7 @@ def weighted_loop() -> hc.LtiSystem:
 
 
 def test_a_tuned_pid_shows_its_gains() -> None:
-    tuned = hc.hinfstruct(weighted_loop(), hc.tunablePID(), starts=1)
+    tuned = hc.hinfstruct(weighted_loop(), hc.tunablePID(), starts=1, effort="quick")
     gains = tuned.pid
     assert gains is not None
     s = 0.7j
@@ -322,10 +322,12 @@ def test_a_tuned_pid_shows_its_gains() -> None:
     assert f"Ki = {gains.Ki:.5g}" in repr(tuned)
     assert gains.note == ""
     assert tuned.converged == (tuned.reason == "")
-    proportional = hc.hinfstruct(weighted_loop(), hc.tunablePID("p"), starts=1).pid
+    proportional = hc.hinfstruct(weighted_loop(), hc.tunablePID("p"), starts=1, effort="quick").pid
     assert proportional is not None
     assert (proportional.Ki, proportional.Kd) == (0.0, 0.0)
-    assert hc.hinfstruct(weighted_loop(), hc.tunableGain(1, 1), starts=1).pid is None
+    assert (
+        hc.hinfstruct(weighted_loop(), hc.tunableGain(1, 1), starts=1, effort="quick").pid is None
+    )
 
 
 def test_an_integral_action_that_vanished_is_said() -> None:
@@ -501,8 +503,10 @@ def test_damping_of_a_sampled_loop() -> None:
     period = 0.1
     plant = discrete(PLANT, period)
     goal = hc.PolesGoal(min_damping=0.4)
-    tuned = hc.systune(plant, hc.tunableGain(1, 1), [hc.GainGoal()], [], starts=1)
-    damped = hc.systune(plant, hc.tunablePID("pd"), [hc.GainGoal()], [goal], starts=1)
+    tuned = hc.systune(plant, hc.tunableGain(1, 1), [hc.GainGoal()], [], starts=1, effort="quick")
+    damped = hc.systune(
+        plant, hc.tunablePID("pd"), [hc.GainGoal()], [goal], starts=1, effort="quick"
+    )
 
     def damping(loop: hc.LtiSystem) -> float:
         s = np.log(loop.poles.astype(complex)) / period

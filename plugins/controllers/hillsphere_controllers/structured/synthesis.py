@@ -26,7 +26,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hillsphere.errors import InputError
+from hillsphere.errors import InputError, Interrupted
 from hillsphere.interfaces import Array, Context
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.structured.choice import SAME, best_verified, explain_failure
@@ -282,6 +282,8 @@ def synthesise(
     candidates = base + [f for f in _sort_allowed(others) if f.gamma < reached * (1.0 - SAME)]
     candidates.sort(key=lambda f: f.gamma)
     if not candidates:
+        if run.interrupted:
+            raise Interrupted("stopped before any allowed controller was found")
         raise explain_failure(first + others)
     best, check, equals = best_verified(problem, candidates, prefer, tie)
     return StructuredDesign(
