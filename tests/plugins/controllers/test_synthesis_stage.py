@@ -152,7 +152,8 @@ def test_structured_serves_all_models_and_is_bounded_by_full_order() -> None:
     shown = present_synthesis(made, None)
     rows = shown.tables["synthesis_routes"].rows
     assert [row["routes"] for row in rows] == list(verdict.routes)
-    assert [row["searches"] for row in rows][:2] == [2, 1]
+    # γ reaches the bound from the starts already: no other route is needed
+    assert (verdict.kind, [row["searches"] for row in rows][:2]) == ("best", [2, 0])
     assert shown.metrics["synthesis_routes_agreeing"].value == len(verdict.arrived)
     assert shown.metrics["synthesis_gap"].value == pytest.approx(
         made.gamma / made.lower_bound - 1.0

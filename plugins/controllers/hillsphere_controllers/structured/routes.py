@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.structured.continuation import follow_blend
@@ -140,11 +141,10 @@ class RouteSearch:
         structure, middle = search.problem.structure, search.middle
         firsts = [middle + search.spread * random.normal(size=middle.size)]
         if variant == 0:
-            rate = search.loops[0].rate
-            nearest = reduced_start(plant, controller, structure, middle, rate)
+            nearest, constants = self._like(plant, controller)
             # where the nearest one is unstable itself the path begins at the middle
             firsts = [middle] if nearest is None else [nearest, middle]
-            constant = self._lowest(static_starts(plant, controller, structure, middle))
+            constant = self._lowest(constants)
             if constant is not None:
                 return _Begun(constant)
         elif variant == 1:
@@ -158,6 +158,20 @@ class RouteSearch:
             if share > 0.0:
                 return _Begun(theta, "", count)
         return _Begun(None, "its first loops are not stable for all plants", count)
+
+    def _like(self, plant: LtiSystem, controller: LtiSystem) -> tuple[Array | None, list[Array]]:
+        """Return the parameters nearest to a controller, and those of constant gains like it."""
+        search = self._search
+        structure, middle = search.problem.structure, search.middle
+        try:
+            return (
+                reduced_start(plant, controller, structure, middle, search.loops[0].rate),
+                static_starts(plant, controller, structure, middle),
+            )
+        except (InputError, np.linalg.LinAlgError):
+            # poles so near the imaginary axis that there is no balanced form, or a loop that is
+            # not well posed in floating point: the path begins elsewhere
+            return None, []
 
     def _lowest(self, starts: Sequence[Array]) -> Array | None:
         """Return the parameters whose loops are stable with the lowest norm, none if none are."""
