@@ -41,6 +41,8 @@ needs."""
 _INSIDE, _DRAWS = 0.5, 6
 """Size of the first gains in units of the bound, and how often they are drawn until they can be
 made to stabilise the plants."""
+_ABOUT = 0.1
+"""Scatter about zero gains, where a double pole has no slope."""
 _RELEASES = (1.0, 10.0, 100.0)
 """Multiples of the first bound at which the search stays for some steps."""
 _STAY = 60
@@ -205,8 +207,9 @@ class RouteSearch:
         # progress is told of controllers of the structure only; a stop is noticed here too
         heard = None if tell is None else lambda gamma: tell(np.inf)
         search = Search(problem, heard)
-        theta = search.middle if start.variant == 0 and structure.order == 0 else None
-        return search(Start(start.variant, start.seed, theta))
+        if start.variant == 0 and structure.order == 0:
+            return search(Start(0, start.seed, search.middle, _ABOUT))
+        return search(Start(start.variant, start.seed))
 
     def _from_bound(self, start: Start, random: np.random.Generator) -> _Begun:
         search = self._search
