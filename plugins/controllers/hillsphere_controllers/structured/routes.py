@@ -204,9 +204,13 @@ class RouteSearch:
             self._search.problem, structure=structure, near=False, target=0.0, full=None
         )
         tell = self._tell
-        # progress is told of controllers of the structure only; a stop is noticed here too
-        heard = None if tell is None else lambda gamma: tell(np.inf)
-        search = Search(problem, heard)
+
+        def hear(gamma: float) -> None:
+            # progress is told of controllers of the structure only; a stop is noticed here too
+            if tell is not None:
+                tell(np.inf)
+
+        search = Search(problem, hear)
         if start.variant == 0 and structure.order == 0:
             return search(Start(0, start.seed, search.middle, _ABOUT))
         return search(Start(start.variant, start.seed))

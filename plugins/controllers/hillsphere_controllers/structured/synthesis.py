@@ -327,23 +327,28 @@ def _search_routes(
     places = iter(range(len(known), 1 << 30))
     searches = int(np.ceil(amount * count))
 
-    def start(route: str, variant: int, theta: Array | None = None, **options: float) -> Start:
+    def start(
+        route: str,
+        variant: int,
+        theta: Array | None = None,
+        *,
+        perturbation: float = 0.0,
+        rescaled: bool = False,
+    ) -> Start:
         place = next(places)
-        return Start(
-            place, _seed(seed, place), theta, options.get("perturbation", 0.0), route, variant,
-            bool(options.get("rescaled", False)),
-        )  # fmt: skip
+        return Start(place, _seed(seed, place), theta, perturbation, route, variant, rescaled)
 
     kinds = len(routes)
     planned = [start(routes[i % kinds], i // kinds) for i in range(searches)]
     more = round(max(0.0, amount - 1.0) * count)
     planned += [start(STARTS, count + i) for i in range(more)]
-    results = [] if run.interrupted else run.all(planned[:kinds])
+    results: list[SearchResult] = [] if run.interrupted else run.all(planned[:kinds])
     best = _sort_allowed([*known, *results])
-    arrived = ()
+    agreeing = 0
     if best:
-        arrived = make_verdict([*known, *results], {}, best[0].gamma, 0.0, np.inf).arrived
-    if not run.interrupted and (amount > 1.0 or len(arrived) < _ENOUGH):
+        so_far = make_verdict([*known, *results], {}, best[0].gamma, 0.0, np.inf)
+        agreeing = len(so_far.arrived)
+    if not run.interrupted and (amount > 1.0 or agreeing < _ENOUGH):
         results += run.all(planned[kinds:])
     pool = _sort_allowed([*known, *results])
     if run.interrupted or not pool:
