@@ -135,22 +135,22 @@ class RouteSearch:
     ) -> _Begun:
         """Return the end of the path from a controller.
 
-        The path's first K(θ) is nearest to the controller, the middle of the typical parameters,
-        or random. Of the first kind there is no path if a constant gain like the controller's at
-        some frequency stabilises the plants.
+        The path's first K(θ) is in turn nearest to the controller, the middle of the typical
+        parameters, the nearest, and random. Instead of the first path, a constant gain like the
+        controller's at some frequency is taken if there is one that stabilises the plants.
         """
         search = self._search
         structure, middle = search.problem.structure, search.middle
-        firsts = [middle + search.spread * random.normal(size=middle.size)]
-        if variant == 0:
+        firsts = [middle]
+        if variant in (0, 2):
             nearest, constants = self._like(plant, controller)
+            constant = self._lowest(constants)
+            if variant == 0 and constant is not None:
+                return _Begun(constant)
             # where the nearest one is unstable itself the path begins at the middle
             firsts = [middle] if nearest is None else [nearest, middle]
-            constant = self._lowest(constants)
-            if constant is not None:
-                return _Begun(constant)
-        elif variant == 1:
-            firsts = [middle]
+        elif variant > 2:
+            firsts = [middle + search.spread * random.normal(size=middle.size)]
         count = 0
         for first in firsts:
             theta, share, more = follow_blend(
