@@ -221,7 +221,7 @@ def test_noise_of_navigation_in_a_structured_design() -> None:
 
 def test_structured_channels_are_named_by_their_signals() -> None:
     channels = [{"outputs": ["z"], "inputs": ["d"]}, {"outputs": ["effort"], "limit": 0.5}]
-    table = {"parts": [{"kind": "free"}], "starts": 1, "channels": channels}
+    table = {"parts": [{"kind": "free"}], "starts": 1, "channels": channels, "effort": "quick"}
     made = run("structured", structured=table, plants=["rate=1"])
     loop = lower_lft(first_order(1.0), made.controller)
     peak = np.abs(loop.response(np.zeros(1))[0, 0, 0])
