@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import Literal
-
-import numpy as np
 
 from hillsphere.errors import InputError
 
@@ -40,11 +39,7 @@ def effort_number(effort: Effort) -> float:
     if isinstance(effort, str):
         if effort in EFFORTS:
             return EFFORTS[effort]
-    elif (
-        isinstance(effort, int | float | np.number)
-        and not isinstance(effort, bool)
-        and 0.0 <= effort <= _LARGEST
-    ):
+    elif isinstance(effort, Real) and not isinstance(effort, bool) and 0.0 <= effort <= _LARGEST:
         return float(effort)
     raise InputError(
         f"effort must be 'quick', 'normal', 'thorough' or a number from 0 to {_LARGEST:g}, got "
