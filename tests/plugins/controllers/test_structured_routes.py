@@ -42,7 +42,7 @@ from hillsphere_controllers.structured.structure import (
 )
 from hillsphere_controllers.structured.synthesis import synthesise
 from hillsphere_controllers.structured.verdict import make_verdict
-from hillsphere_controllers.structured.verification import regularised_full_order
+from hillsphere_controllers.structured.verification import full_order, regularised_full_order
 from hillsphere_controllers.systems.algebra import gain, lower_lft
 
 P, Z, RHO, NU = 0.1, 200.0, 1.0, 0.001
@@ -247,6 +247,22 @@ def test_route_from_the_order_below_and_a_search_in_the_scale_of_its_parameters(
     assert found.gamma <= least * (1.0 + 1e-6)
     again = search(Start(1, 1, found.theta, rescaled=True))
     assert again.gamma <= found.gamma * (1.0 + 1e-9)
+
+
+def test_path_leads_to_a_controller_with_an_integrator() -> None:
+    # ẋ = x + w + u, z = (x, u), y = x + v: an integrator that is not coupled is no stable loop
+    plant = DesignPlant(
+        LtiSystem(
+            np.array([[1.0]]), np.array([[1.0, 0.0, 1.0]]), np.array([[1.0], [0.0], [1.0]]),
+            np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]),
+        )
+    )  # fmt: skip
+    structure = Pid(derivative=False)
+    full = full_order([plant], structure)
+    assert full is not None
+    found = RouteSearch(Problem((plant,), structure, full=full))(Start(0, 1, route=FULL_ORDER))
+    assert found.allowed
+    assert found.gamma >= full.bound
 
 
 def test_toolbox_gives_the_verdict_and_takes_the_effort() -> None:

@@ -101,15 +101,22 @@ def follow_blend(
     Returns
     -------
     tuple of ndarray, float, int
-        λ is 1 if the path was followed to its end, and 0 if not even K₀, with the states of K(θ)
-        uncoupled, makes stable loops.
+        λ is 1 if the path was followed to its end, and 0 if not even K₀, with a very small share of
+        K(θ) or none, makes stable loops.
     """
     theta, share, step, count = np.asarray(theta, dtype=float), 0.0, _STEP, 0
     loops = [OpenLoop(plant, Blend(structure, controller, 1.0)) for plant in plants]
     middle, x = theta, np.zeros(theta.size)
-    objective = Objective(loops, Blend(structure, controller, 0.0), middle, spread)
-    stable = np.isfinite(objective.evaluate(x).value)
-    while stable and share < 1.0:
+    stable = False
+    # an integrator of K(θ) makes stable loops only with a gain of its own
+    for share in (0.0, _SHORTEST):
+        objective = Objective(loops, Blend(structure, controller, share), middle, spread)
+        count += 1
+        if stable := bool(np.isfinite(objective.evaluate(x).value)):
+            break
+    if not stable:
+        return middle, 0.0, count
+    while share < 1.0:
         ahead = min(1.0, share + step)
         objective = Objective(loops, Blend(structure, controller, ahead), middle, spread)
         point = objective.evaluate(x)

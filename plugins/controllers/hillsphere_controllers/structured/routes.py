@@ -150,7 +150,9 @@ class RouteSearch:
             # where the nearest one is unstable itself the path begins at the middle
             firsts = [middle] if nearest is None else [nearest, middle]
         elif variant > 2:
-            firsts = [middle + search.spread * random.normal(size=middle.size)]
+            firsts = []
+        # random ones: first choice of the later paths, and where an integrator needs the right sign
+        firsts += [middle + search.spread * random.normal(size=middle.size) for _ in range(_DRAWS)]
         count = 0
         for first in firsts:
             theta, share, more = follow_blend(
