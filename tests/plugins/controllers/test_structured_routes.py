@@ -67,7 +67,7 @@ def test_agreement_of_random_starts_confirms_nothing_and_other_routes_find_the_b
     None
 ):
     plant = two_basins()
-    high, low = np.roots([2.0 * Z, 3.0 * P**2 + 6.0 * P * Z - Z**2, 8.0 * P**3])
+    high, low = np.roots([2.0 * Z, 3.0 * P**2 + 6.0 * P * Z - Z**2, 8.0 * P**3]).real.tolist()
 
     def norm(k: float) -> float:
         return hinf_norm(lower_lft(plant, gain(np.array([[-k]])))).value
@@ -190,12 +190,10 @@ def test_controller_of_the_order_below_is_one_of_the_structure(structure: Struct
 
 def test_structures_without_an_order_below_and_larger_ones() -> None:
     patterned = mask_gains(np.array([[np.nan, 1.0], [np.nan, 0.0]]), 1)
-    for none in (
-        static(2, 2),
-        patterned,
-        TransferFunction(2, 2),
-        Pid(integral=False, derivative=False),
-    ):
+    without: tuple[Structure, ...] = (
+        static(2, 2), patterned, TransferFunction(2, 2), Pid(integral=False, derivative=False),
+    )  # fmt: skip
+    for none in without:
         assert smaller_structure(none) is None
     assert larger_structure(static(2, 3)).order == 1
     assert larger_structure(free_state_space(2, 1, 1)).order == 3

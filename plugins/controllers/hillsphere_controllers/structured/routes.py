@@ -262,7 +262,8 @@ def applicable_routes(problem: Problem) -> tuple[tuple[str, ...], dict[str, str]
     tuple of tuple of str and dict
         Names in the order in which they are tried; remarks by name.
     """
-    applied, remarks = [], {}
+    applied: list[str] = []
+    remarks: dict[str, str] = {}
     if problem.full is None:
         remarks[FULL_ORDER] = "no controller of full order was found"
     else:
