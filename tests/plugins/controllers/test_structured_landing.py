@@ -152,7 +152,7 @@ def test_a_controller_that_is_to_be_stable_is() -> None:
             np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.1], [0.0, 0.1, 0.0]]),
         )
     )
-    free = synthesise(plant, free_state_space(1, 1, 1), starts=1, shaken=False)
+    free = synthesise(plant, free_state_space(1, 1, 1), starts=1, effort="quick", shaken=False)
     assert free.controller.poles.real.max() > 0.0
     with pytest.raises(SynthesisFailedError, match="keeps the constraints"):
         synthesise(
@@ -175,7 +175,7 @@ def test_ties_are_broken_by_what_is_preferred() -> None:
         asked.append(float(controller.b[0, 0]))  # the gains of one controller are not unique
         return asked[-1]
 
-    first = synthesise(plant, free_state_space(1, 1, 1), starts=1, shaken=False)
+    first = synthesise(plant, free_state_space(1, 1, 1), starts=1, effort="quick", shaken=False)
     same = first.theta * [1.0, -2.0, -0.5, 1.0]
     found = synthesise(
         plant, free_state_space(1, 1, 1), starts=0, initial=[first.theta, same], prefer=prefer,

@@ -60,7 +60,8 @@ def stage(needs: dict[str, str] | None = None, **options: Any) -> SynthesisStage
         "method": "structured",
         "outputs": ["z", "effort"],
         "inputs": ["d", "n"],
-        "structured": {"parts": [{"kind": "free"}], "starts": 1, "shaken": False} | options,
+        "structured": {"parts": [{"kind": "free"}], "starts": 1, "shaken": False, "effort": "quick"}
+        | options,
     }
     spec = validate(SynthesisSpec, table, where="stage")
     assert isinstance(spec, SynthesisSpec)
@@ -208,6 +209,8 @@ def test_uncertainties_must_be_real_parameters() -> None:
           "needs": {"models": "m", "uncertain": "u"}}, "uncertain models"),
         ({"method": "structured", "structured": {"parts": [{}], "bandwidth_rad_s": 0}}, "0"),
         ({"method": "structured", "structured": {"parts": [{}], "scatter": 0.2}}, "needs.start"),
+        ({"method": "structured", "structured": {"parts": [{}], "effort": "much"}}, "effort"),
+        ({"method": "structured", "structured": {"parts": [{}], "effort": 1000}}, "effort"),
         ({"method": "hinf", "needs": {"models": "m", "start": "s"}}, "start"),
     ],
 )  # fmt: skip

@@ -54,7 +54,9 @@ def design() -> DesignPlant:
 
 
 def test_norms_are_those_of_the_sampled_loop_and_limits_hold() -> None:
-    found = synthesise_sampled(design(), free_state_space(1, 1, 2), starts=1, seed=1)
+    found = synthesise_sampled(
+        design(), free_state_space(1, 1, 2), starts=1, effort="quick", seed=1
+    )
     assert found.controller.dt_s == PERIOD
     loop = lower_lft(plant(), found.controller)
     assert np.abs(loop.poles).max() < 1.0
@@ -148,7 +150,7 @@ def norm_on_circle(plant: DesignPlant, controller: LtiSystem) -> float:
 def test_masked_gain_has_the_norm_of_a_scan() -> None:
     """An integrator 1/(z − 1) with one free gain: the best is found by a scan of the gain too."""
     only = mask_gains(np.array([[0.95, np.nan], [1.0, 0.0]]), 1)
-    found = synthesise_sampled(lag_plant(), only, starts=2, seed=1)
+    found = synthesise_sampled(lag_plant(), only, starts=2, effort="quick", seed=1)
     assert found.controller.a.tolist() == [[0.95]]
     assert found.controller.d.tolist() == [[0.0]]
 
@@ -168,9 +170,11 @@ def test_pid_and_transfer_function_of_a_sampled_plant() -> None:
     assert np.abs(pi.controller.poles - 1.0).max() < 1e-9  # the integral
     assert pi.gamma == pytest.approx(norm_on_circle(lag_plant(), pi.controller), rel=1e-4)
     # (b₁ z + b₀)/(z + a₀) contains every PI with a leak: it does no worse than its limit
-    first = synthesise_sampled(lag_plant(), TransferFunction(1), starts=2, seed=1)
+    first = synthesise_sampled(lag_plant(), TransferFunction(1), starts=2, effort="quick", seed=1)
     assert first.gamma == pytest.approx(norm_on_circle(lag_plant(), first.controller), rel=1e-4)
-    free = synthesise_sampled(lag_plant(), free_state_space(1, 1, 1), starts=2, seed=1)
+    free = synthesise_sampled(
+        lag_plant(), free_state_space(1, 1, 1), starts=2, effort="quick", seed=1
+    )
     assert first.gamma == pytest.approx(free.gamma, rel=1e-3)
     assert first.gamma <= pi.gamma * (1.0 + 1e-4)
 

@@ -16,9 +16,10 @@ from hillsphere_controllers.errors import NotStabilisableError, SynthesisFailedE
 from hillsphere_controllers.full_order.hinf import hinf_synthesis
 from hillsphere_controllers.structured.objective import Objective, Point
 from hillsphere_controllers.structured.requirements import Channel, DesignPlant, PoleRegion
+from hillsphere_controllers.structured.search_runs import Progress
 from hillsphere_controllers.structured.single_loop import Pid
 from hillsphere_controllers.structured.structure import controller_of, free_state_space, static
-from hillsphere_controllers.structured.synthesis import Progress, StructuredDesign, synthesise
+from hillsphere_controllers.structured.synthesis import StructuredDesign, synthesise
 from hillsphere_controllers.systems.algebra import lower_lft
 
 
@@ -47,7 +48,7 @@ def oscillator(frequency: float = 1.0, damping: float = 0.02) -> LtiSystem:
 @pytest.mark.parametrize("a", [-0.3, -1.0, -4.0])
 def test_static_feedback_in_closed_form(a: float) -> None:
     """√(1 + k²)/(k − a) is least at k = −1/a, where it is 1/√(1 + a²)."""
-    found = synthesise(lag(a), static(1, 1), starts=3)
+    found = synthesise(lag(a), static(1, 1), starts=3, effort="quick")
     assert_allclose(found.gamma, 1.0 / np.sqrt(1.0 + a * a), rtol=1e-9)
     assert_allclose(found.theta, [1.0 / a], rtol=1e-3)
     assert_allclose(found.starts, found.gamma, rtol=1e-6)
@@ -57,9 +58,9 @@ def test_static_feedback_in_closed_form(a: float) -> None:
 
 def test_infimum_at_infinite_gain() -> None:
     """For a > 0 the norm falls to 1 as k grows; a limit of the gain is reached and kept."""
-    free = synthesise(lag(2.0), static(1, 1), starts=2)
+    free = synthesise(lag(2.0), static(1, 1), starts=2, effort="quick")
     assert 1.0 <= free.gamma < 1.0001
-    bound = synthesise(lag(2.0), static(1, 1), starts=2, largest_gain=10.0)
+    bound = synthesise(lag(2.0), static(1, 1), starts=2, effort="quick", largest_gain=10.0)
     assert_allclose(bound.theta, [-10.0], rtol=1e-5)
     assert_allclose(bound.gamma, np.sqrt(101.0) / 8.0, rtol=1e-5)
     assert abs(bound.theta[0]) <= 10.0 * (1 + 1e-6)
@@ -89,7 +90,7 @@ def pd_norms(theta: Array) -> Array:
 
 def test_pd_against_a_grid() -> None:
     """No triple of a coarse grid is better, and none of a fine one about what was found."""
-    found = synthesise(DesignPlant(oscillator()), Pid(integral=False), starts=2)
+    found = synthesise(DesignPlant(oscillator()), Pid(integral=False), starts=2, effort="quick")
     assert_allclose(pd_norms(found.theta[None]), [found.gamma], rtol=1e-3)
     axes = np.linspace(-6.0, 0.9, 16), np.linspace(-6.0, 0.0, 16), np.linspace(-1.0, 5.0, 13)
     grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
@@ -113,28 +114,33 @@ def random_plant(seed: int, order: int = 2) -> LtiSystem:
 def test_as_good_as_full_order_with_its_order(seed: int) -> None:
     """Neither below the bound of all controllers, nor much above it; γ is that of the loop."""
     system = random_plant(seed)
-    found = synthesise(DesignPlant(system), free_state_space(2, 1, 1), starts=1)
+    found = synthesise(DesignPlant(system), free_state_space(2, 1, 1), starts=1, effort="quick")
     best = hinf_synthesis(system, 1, 1)
     assert_allclose(found.lower_bound, best.least, rtol=1e-12)
     assert best.least * (1.0 - 1e-9) <= found.gamma <= best.least * 1.01
     loop = lower_lft(system, found.controller)
     assert loop.is_stable
     assert_allclose(found.gamma, hinf_norm(loop).value, rtol=1e-9)
-    low = synthesise(DesignPlant(system), free_state_space(1, 1, 1), starts=1)
+    low = synthesise(DesignPlant(system), free_state_space(1, 1, 1), starts=1, effort="quick")
     assert low.gamma >= found.lower_bound * (1.0 - 1e-9)
 
 
 def test_seed_decides_and_starts_differ() -> None:
     plant = DesignPlant(oscillator())
-    one, again = (synthesise(plant, free_state_space(1, 1, 1), starts=2, seed=5) for _ in range(2))
+    one, again = (
+        synthesise(plant, free_state_space(1, 1, 1), starts=2, effort="quick", seed=5)
+        for _ in range(2)
+    )
     assert_allclose(again.theta, one.theta, rtol=0, atol=0)
     assert_allclose(again.starts, one.starts, rtol=0, atol=0)
     for gamma, theta in zip(one.starts, one.ends, strict=True):
         loop = lower_lft(plant.system, controller_of(free_state_space(1, 1, 1), theta))
         assert_allclose(gamma, hinf_norm(loop).value, rtol=1e-6)
-    other = synthesise(plant, free_state_space(1, 1, 1), starts=1, seed=6)
+    other = synthesise(plant, free_state_space(1, 1, 1), starts=1, effort="quick", seed=6)
     assert np.abs(other.theta - one.theta).max() > 1e-9
-    better = synthesise(plant, free_state_space(1, 1, 1), starts=1, initial=[one.theta])
+    better = synthesise(
+        plant, free_state_space(1, 1, 1), starts=1, effort="quick", initial=[one.theta]
+    )
     assert better.starts.size == 2
     assert better.gamma <= one.gamma * (1.0 + 1e-7)
 
@@ -152,7 +158,7 @@ def test_one_controller_for_many_plants() -> None:
         DesignPlant(oscillator(0.8), weight=1.0, name="slow"),
         DesignPlant(oscillator(1.5), weight=3.0, name="fast"),
     ]
-    found = synthesise(plants, free_state_space(1, 1, 1), starts=2)
+    found = synthesise(plants, free_state_space(1, 1, 1), starts=2, effort="quick")
     weighted = [
         plant.weight * hinf_norm(lower_lft(plant.system, found.controller)).value
         for plant in plants
@@ -170,7 +176,7 @@ def test_one_controller_for_many_plants() -> None:
 def test_pole_region_is_kept() -> None:
     """With a decay and a damping asked for, the norm is higher, and the region's border reached."""
     plant = DesignPlant(oscillator())
-    free = synthesise(plant, free_state_space(1, 1, 1), starts=2)
+    free = synthesise(plant, free_state_space(1, 1, 1), starts=2, effort="quick")
     region = PoleRegion(decay_1_s=0.6, damping=0.8, fastest_rad_s=8.0)
     found = synthesise(plant, free_state_space(1, 1, 1), starts=2, region=region)
     poles = found.verified.closed_loops[0].poles
@@ -188,7 +194,7 @@ def test_limit_on_one_channel_and_h2_on_the_other() -> None:
     noisy = LtiSystem(system.a, system.b[:, [0, 2]], system.c, system.d[:, [0, 2]])
     assert quiet.shape == system.shape
     channels = (Channel((0,), (0,), "h2"), Channel((1,), (0,), limit=0.9))
-    found = synthesise(DesignPlant(noisy, channels), static(1, 1), starts=2)
+    found = synthesise(DesignPlant(noisy, channels), static(1, 1), starts=2, effort="quick")
     loop = lower_lft(noisy, found.controller)
     first = LtiSystem(loop.a, loop.b, loop.c[:1], loop.d[:1])
     second = LtiSystem(loop.a, loop.b, loop.c[1:], loop.d[1:])
@@ -259,15 +265,19 @@ def test_an_interrupted_synthesis_goes_on_to_the_same_bits(tmp_path: Path) -> No
 
 def test_kept_searches_that_cannot_be_used_are_done_once_more(tmp_path: Path) -> None:
     plant, structure = DesignPlant(oscillator()), free_state_space(0, 1, 1)
-    first = synthesise(plant, structure, starts=2, ctx=RecordingContext(workspace=tmp_path))
+    first = synthesise(
+        plant, structure, starts=2, effort="quick", ctx=RecordingContext(workspace=tmp_path)
+    )
     path = next(tmp_path.glob("*/search-00001.npz"))
     path.write_bytes(path.read_bytes()[:-100])
     ctx = RecordingContext(workspace=tmp_path)
-    again = synthesise(plant, structure, starts=2, ctx=ctx)
+    again = synthesise(plant, structure, starts=2, effort="quick", ctx=ctx)
     assert again.theta.tobytes() == first.theta.tobytes()
     assert any("search-00001.npz" in message for message in ctx.messages)
     ctx = RecordingContext(workspace=tmp_path)
-    other = synthesise(plant, structure, starts=2, seed=2, ctx=ctx)  # of other seeds
+    other = synthesise(
+        plant, structure, starts=2, effort="quick", seed=2, ctx=ctx
+    )  # of other seeds
     assert np.isfinite(other.gamma)
     assert any("another search" in message for message in ctx.messages)
 
@@ -305,7 +315,7 @@ def double_integrator() -> DesignPlant:
 
 def test_what_cannot_be_is_refused() -> None:
     with pytest.raises(NotStabilisableError, match="of this structure"):
-        synthesise(double_integrator(), static(1, 1), starts=2)
+        synthesise(double_integrator(), static(1, 1), starts=2, effort="quick")
     apart = LtiSystem(
         np.diag([1.0, -1.0]), np.array([[1.0, 0.0], [1.0, 1.0]]), np.eye(2), np.zeros((2, 2))
     )

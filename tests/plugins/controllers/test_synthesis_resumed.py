@@ -17,7 +17,8 @@ from numpy.testing import assert_array_equal
 from hillsphere.cli.endings import run
 from hillsphere.products.product_codec import load_product
 from hillsphere_controllers.stages.synthesis.products import Synthesis
-from hillsphere_controllers.structured.search import Search, SearchResult, Start
+from hillsphere_controllers.structured.records import SearchResult, Start
+from hillsphere_controllers.structured.search import Search
 
 MISSION = """format = 1
 name = "mass"

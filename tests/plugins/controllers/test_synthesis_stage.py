@@ -147,10 +147,25 @@ def test_structured_serves_all_models_and_is_bounded_by_full_order() -> None:
     assert {one.shape for one in made.others} == {made.controller.shape}
     assert made.lower_bound <= made.gamma == pytest.approx(made.judged.hinf.max(), rel=1e-9)
     assert made.controller.order == 1
+    # the verdict in the table, the metrics and the words of the report, from one declaration
+    verdict = made.search.verdict
+    shown = present_synthesis(made, None)
+    rows = shown.tables["synthesis_routes"].rows
+    assert [row["routes"] for row in rows] == list(verdict.routes)
+    # γ reaches the bound from the starts already: no other route is needed
+    assert (verdict.kind, [row["searches"] for row in rows][:2]) == ("best", [2, 0])
+    assert shown.metrics["synthesis_routes_agreeing"].value == len(verdict.arrived)
+    assert shown.metrics["synthesis_gap"].value == pytest.approx(
+        made.gamma / made.lower_bound - 1.0
+    )
+    for sentence in verdict.sentences:
+        assert sentence in shown.verdict
+        assert sentence in shown.tables["synthesis_routes"].notes
+    assert f"proved lower bound of controllers of any order, {made.lower_bound:.6g}" in str(verdict)
 
 
 def test_verdict_counts_the_best_wherever_it_was_found_and_says_what_holds_it() -> None:
-    table = {"parts": [{"kind": "free"}], "starts": 1}
+    table = {"parts": [{"kind": "free"}], "starts": 1, "effort": "quick"}
     made = run("structured", structured=table, plants=["rate=1"])
     found = made.search
     assert found is not None
@@ -160,7 +175,7 @@ def test_verdict_counts_the_best_wherever_it_was_found_and_says_what_holds_it() 
             found, starts=np.array([1.3, np.inf]), shaken=np.array([1.2]),
             residual=residual, converged=converged,
         )  # fmt: skip
-        return " ".join(present_synthesis(replace(made, search=search), None).verdict)
+        return " ".join(present_synthesis(replace(made, search=search, gamma=1.2), None).verdict)
 
     assert "1 of 3 searches, 2 from starts and 1 from near" in said(1e-4, True)
     assert "By its gradients the result is a local minimum (residual 0.0001" in said(1e-4, True)
@@ -192,7 +207,7 @@ def test_noise_of_navigation_in_a_structured_design() -> None:
         spec = validate(LinearModelsSpec, table, where="stage")
         assert isinstance(spec, LinearModelsSpec)
         noisy = LinearModelsStage(spec).run(RecordingContext())
-        options = {"parts": [{"kind": "free"}], "starts": 2, "shaken": False,
+        options = {"parts": [{"kind": "free"}], "starts": 2, "shaken": False, "effort": "quick",
                    "channels": [{"outputs": ["x"], "norm": "h2"}]}  # fmt: skip
         made = run("structured", noisy, structured=options)
         k = -float(made.controller.d[0, 0])
@@ -206,7 +221,7 @@ def test_noise_of_navigation_in_a_structured_design() -> None:
 
 def test_structured_channels_are_named_by_their_signals() -> None:
     channels = [{"outputs": ["z"], "inputs": ["d"]}, {"outputs": ["effort"], "limit": 0.5}]
-    table = {"parts": [{"kind": "free"}], "starts": 1, "channels": channels}
+    table = {"parts": [{"kind": "free"}], "starts": 1, "channels": channels, "effort": "quick"}
     made = run("structured", structured=table, plants=["rate=1"])
     loop = lower_lft(first_order(1.0), made.controller)
     peak = np.abs(loop.response(np.zeros(1))[0, 0, 0])

@@ -236,7 +236,7 @@ def generalised(plant: hc.Lft, w1: hc.LtiSystem) -> hc.Lft:
 
 
 def test_hinfstruct_and_systune() -> None:
-    design = hc.hinfstruct(PLANT, hc.tunableSS(1, 1, 1), starts=2)
+    design = hc.hinfstruct(PLANT, hc.tunableSS(1, 1, 1), starts=2, effort="quick")
     assert design.lower_bound <= design.gamma < 0.64
     assert hc.hinfnorm(design.CL[0]).value == pytest.approx(design.gamma, rel=1e-6)
     tuned = hc.systune(
@@ -245,6 +245,7 @@ def test_hinfstruct_and_systune() -> None:
         soft=[hc.GainGoal(outputs=[0])],
         hard=[hc.GainGoal(outputs=[1], value=0.5), hc.PolesGoal(min_damping=0.3)],
         starts=1,
+        effort="quick",
     )
     assert tuned.hard[0] <= 1.0 + 1e-5
     poles = tuned.CL[0].poles
@@ -313,7 +314,7 @@ def weighted_loop() -> hc.LtiSystem:
 
 
 def test_a_tuned_pid_shows_its_gains() -> None:
-    tuned = hc.hinfstruct(weighted_loop(), hc.tunablePID(), starts=1)
+    tuned = hc.hinfstruct(weighted_loop(), hc.tunablePID(), starts=1, effort="quick")
     gains = tuned.pid
     assert gains is not None
     s = 0.7j
@@ -322,10 +323,12 @@ def test_a_tuned_pid_shows_its_gains() -> None:
     assert f"Ki = {gains.Ki:.5g}" in repr(tuned)
     assert gains.note == ""
     assert tuned.converged == (tuned.reason == "")
-    proportional = hc.hinfstruct(weighted_loop(), hc.tunablePID("p"), starts=1).pid
+    proportional = hc.hinfstruct(weighted_loop(), hc.tunablePID("p"), starts=1, effort="quick").pid
     assert proportional is not None
     assert (proportional.Ki, proportional.Kd) == (0.0, 0.0)
-    assert hc.hinfstruct(weighted_loop(), hc.tunableGain(1, 1), starts=1).pid is None
+    assert (
+        hc.hinfstruct(weighted_loop(), hc.tunableGain(1, 1), starts=1, effort="quick").pid is None
+    )
 
 
 def test_an_integral_action_that_vanished_is_said() -> None:
@@ -342,6 +345,7 @@ def test_each_goal_is_shown_with_what_was_asked() -> None:
     made = hc.systune(
         weighted_loop(), hc.tunablePID("pd"), [hc.GainGoal(["z_error"], ["r"], 0.5)],
         [hc.GainGoal(["z_control"], ["r"], 0.8), hc.PolesGoal(min_damping=0.3)], starts=1,
+        effort="quick",
     )  # fmt: skip
     error, control, poles = made.goals
     assert error.value == pytest.approx(0.5 * made.soft[0])
@@ -489,7 +493,7 @@ def test_decay_of_a_sampled_loop(goal: hc.GainGoal | hc.VarianceGoal) -> None:
     """
     tuned = hc.systune(
         sampled_integrator(), hc.tunableGain(1, 1), [goal],
-        [hc.PolesGoal(min_decay_1_s=1.0, max_frequency_rad_s=3.0)], starts=2,
+        [hc.PolesGoal(min_decay_1_s=1.0, max_frequency_rad_s=3.0)], starts=2, effort="quick",
     )  # fmt: skip
     k = 1.0 - np.exp(-0.5)
     assert tuned.K.d[0, 0] == pytest.approx(-k, rel=1e-4)
@@ -501,8 +505,10 @@ def test_damping_of_a_sampled_loop() -> None:
     period = 0.1
     plant = discrete(PLANT, period)
     goal = hc.PolesGoal(min_damping=0.4)
-    tuned = hc.systune(plant, hc.tunableGain(1, 1), [hc.GainGoal()], [], starts=1)
-    damped = hc.systune(plant, hc.tunablePID("pd"), [hc.GainGoal()], [goal], starts=1)
+    tuned = hc.systune(plant, hc.tunableGain(1, 1), [hc.GainGoal()], [], starts=1, effort="quick")
+    damped = hc.systune(
+        plant, hc.tunablePID("pd"), [hc.GainGoal()], [goal], starts=1, effort="quick"
+    )
 
     def damping(loop: hc.LtiSystem) -> float:
         s = np.log(loop.poles.astype(complex)) / period

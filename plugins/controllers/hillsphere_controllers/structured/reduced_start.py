@@ -14,13 +14,17 @@ from scipy.linalg import solve_continuous_lyapunov
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.structured.structure import Structure
+from hillsphere_controllers.systems.algebra import lower_lft
 from hillsphere_controllers.systems.truncation import balanced_truncation
 
-__all__ = ["reduced_start"]
+__all__ = ["gain_size", "reduced_start", "static_starts"]
 
 _AFFINE = 1e-9
 """Relative deviation from linearity up to which a structure counts as linear in its parameters:
 rounding of its evaluation."""
+_FREQUENCIES = 12
+"""Frequencies at which a controller is taken for a constant gain: two in a decade where the closed
+loop's poles span six."""
 
 
 def reduced_start(
@@ -59,6 +63,63 @@ def reduced_start(
         wanted[:order, :order] = -rate * np.eye(order)
         wanted[:k, :k], wanted[:k, order:] = small.a, small.b
         wanted[order:, :k], wanted[order:, order:] = small.c, small.d
+    return _fit(structure, middle, wanted)
+
+
+def static_starts(
+    plant: LtiSystem, controller: LtiSystem, structure: Structure, middle: Array
+) -> list[Array]:
+    """Return parameters (size,) whose K is the real part of the controller's gain at a frequency.
+
+    Where the controller acts at high frequencies with gains that those at rest do not show, the
+    gain that is nearest in the mean square to its output may be far too small.
+
+    Parameters
+    ----------
+    plant, controller, structure, middle
+        As of `reduced_start`.
+
+    Returns
+    -------
+    list of ndarray
+        One for each of some frequencies among the closed loop's poles; none if the structure has
+        states or K is not linear in the parameters.
+    """
+    if structure.order:
+        return []
+    made = [
+        _fit(structure, middle, gains.real)
+        for gains in controller.response(_loop_frequencies(plant, controller))
+    ]
+    return [theta for theta in made if theta is not None]
+
+
+def gain_size(plant: LtiSystem, controller: LtiSystem) -> float:
+    """Return the largest gain of a controller at frequencies of its closed loop's poles.
+
+    Parameters
+    ----------
+    plant, controller
+        As of `reduced_start`.
+
+    Returns
+    -------
+    float
+        The largest Frobenius norm of K(jω).
+    """
+    gains = controller.response(_loop_frequencies(plant, controller))
+    return float(np.linalg.norm(gains, axis=(1, 2)).max())
+
+
+def _loop_frequencies(plant: LtiSystem, controller: LtiSystem) -> Array:
+    sizes = np.abs(lower_lft(plant, controller).poles)
+    sizes = sizes[sizes > 1e-8 * sizes.max(initial=1.0)]
+    low, high = (sizes.min(), sizes.max()) if sizes.size else (1.0, 1.0)
+    return np.asarray(np.geomspace(low, high, _FREQUENCIES))
+
+
+def _fit(structure: Structure, middle: Array, wanted: Array) -> Array | None:
+    """Return the parameters whose K is nearest to a matrix; None if K is not linear in them."""
     start = structure.gains(middle)
     units = np.eye(wanted.size).reshape(wanted.size, *wanted.shape)
     # K is linear in θ: the slopes of all its entries give θ by least squares

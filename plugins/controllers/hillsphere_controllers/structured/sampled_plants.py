@@ -25,6 +25,7 @@ from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.h2_norm import h2_norm
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.errors import SynthesisFailedError
+from hillsphere_controllers.structured.effort import Effort
 from hillsphere_controllers.structured.requirements import (
     Channel,
     Complex,
@@ -36,12 +37,9 @@ from hillsphere_controllers.structured.sampled_structure import (
     image_structure,
     sampled_controller_of,
 )
+from hillsphere_controllers.structured.search_runs import Progress
 from hillsphere_controllers.structured.structure import Structure
-from hillsphere_controllers.structured.synthesis import (
-    Progress,
-    StructuredDesign,
-    synthesise,
-)
+from hillsphere_controllers.structured.synthesis import StructuredDesign, synthesise
 from hillsphere_controllers.systems.algebra import lower_lft
 from hillsphere_controllers.systems.bilinear import continuous
 
@@ -60,6 +58,7 @@ def synthesise_sampled(
     *,
     starts: int = 10,
     seed: int = 1,
+    effort: Effort = "normal",
     initial: Iterable[Array] = (),
     scatter: float = 0.0,
     target: float = 0.0,
@@ -80,7 +79,7 @@ def synthesise_sampled(
         response to unit impulses.
     structure : Structure
         Of the controller in discrete time, see `sampled_structure.image_structure`.
-    starts, seed, initial, scatter, target, largest_gain, controller_stable, bandwidth_rad_s
+    starts, seed, effort, initial, scatter, target, largest_gain, controller_stable, bandwidth_rad_s
         As for `synthesise`; the gain is that of the controller's image, and so are the parameters
         of a PID and of a controller without fixed entries.
     region : PoleRegion or None
@@ -112,10 +111,10 @@ def synthesise_sampled(
     image = image_structure(structure, period)
     images = [_image(plant, structure) for plant in many]
     design = synthesise(
-        images, image, starts=starts, seed=seed, initial=initial, scatter=scatter, target=target,
-        region=_sampled_region(region, many, images, period), largest_gain=largest_gain,
-        controller_stable=controller_stable, bandwidth_rad_s=bandwidth_rad_s, shaken=shaken,
-        progress=progress, ctx=ctx,
+        images, image, starts=starts, seed=seed, effort=effort, initial=initial, scatter=scatter,
+        target=target, region=_sampled_region(region, many, images, period),
+        largest_gain=largest_gain, controller_stable=controller_stable,
+        bandwidth_rad_s=bandwidth_rad_s, shaken=shaken, progress=progress, ctx=ctx,
     )  # fmt: skip
     controller = sampled_controller_of(image, design.theta, period)
     gamma = 0.0

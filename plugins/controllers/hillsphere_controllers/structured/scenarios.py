@@ -27,10 +27,12 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.structured.closed_loop import OpenLoop
+from hillsphere_controllers.structured.effort import Effort
 from hillsphere_controllers.structured.objective import Objective, Point
 from hillsphere_controllers.structured.requirements import Channel, DesignPlant, PoleRegion
+from hillsphere_controllers.structured.search_runs import Progress
 from hillsphere_controllers.structured.structure import Sizes, Structure
-from hillsphere_controllers.structured.synthesis import Progress, StructuredDesign, synthesise
+from hillsphere_controllers.structured.synthesis import StructuredDesign, synthesise
 from hillsphere_controllers.systems.algebra import gain, lower_lft, upper_lft
 
 __all__ = ["RobustDesign", "Scenario", "UncertainPlant", "synthesise_robust", "worst_case"]
@@ -158,6 +160,7 @@ def synthesise_robust(
     rounds: int = 10,
     starts: int = 10,
     seed: int = 1,
+    effort: Effort = "normal",
     initial: Iterable[Array] = (),
     scatter: float = 0.0,
     target: float = 0.0,
@@ -194,6 +197,8 @@ def synthesise_robust(
         relative, instead of random controllers; designs between begin at the one before alone.
     target : float
         A search ends once γ is below this for its scenarios; 0: none does.
+    effort : {"quick", "normal", "thorough"} or float
+        As in `synthesise`, of the designs from all starts.
     seed, region, largest_gain, controller_stable, bandwidth_rad_s, shaken, prefer, tie
         As in `synthesise`. The region is kept in the scenarios.
     told : callable or None
@@ -226,7 +231,8 @@ def synthesise_robust(
         about = scatter if begun and whole and starts > 1 else 0.0
         searches = starts if whole else 0 if near else 1 if scatter else min(starts, 3)
         design = synthesise(
-            [many[j].at(delta) for j, delta in places], structure, seed=seed, initial=begun,
+            [many[j].at(delta) for j, delta in places], structure, seed=seed,
+            effort=effort if whole else 0.0, initial=begun,
             starts=0 if near and searches == 1 else searches,
             scatter=about, target=target, region=region,
             largest_gain=largest_gain, controller_stable=controller_stable,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeGuard
 
 import numpy as np
@@ -13,12 +13,13 @@ from hillsphere.interfaces import Array
 from hillsphere_controllers.structured.closed_loop import OpenLoop
 from hillsphere_controllers.structured.descent import descend, gradient_sampling
 from hillsphere_controllers.structured.objective import Objective, Point
-from hillsphere_controllers.structured.polish import Active, polish_point, stationarity
-from hillsphere_controllers.structured.requirements import DesignPlant, PoleRegion
+from hillsphere_controllers.structured.polish import polish_point, stationarity
+from hillsphere_controllers.structured.records import KEPT, Problem, SearchResult, Start
+from hillsphere_controllers.structured.route_names import STARTS
 from hillsphere_controllers.structured.stabilise import stabilise
 from hillsphere_controllers.structured.structure import Alike, Diagonal, Sizes, Structure
 
-__all__ = ["Problem", "Search", "SearchResult", "Start"]
+__all__ = ["Search"]
 
 _SIZES = (10.0, 1.0, 30.0, 3.0, 100.0, 0.3)
 """Sizes of random starts in turn, in scaled parameters. Which minimum is reached depends on them,
@@ -40,114 +41,15 @@ _PENALTIES = 4
 ill-conditioned."""
 STATIONARY = 1e-2
 """Norm of the certificate's residual, relative, up to which a point counts as a local minimum."""
-_KEPT = 1e-6
-"""A constraint counts as kept when it is not exceeded by more than this, relative."""
-
-
-@dataclass(frozen=True)
-class Problem:
-    """A synthesis problem: all that a search depends on besides its start.
-
-    Parameters
-    ----------
-    plants : tuple of DesignPlant
-        Plants, and what is asked of each.
-    structure : Structure
-        Of the controller.
-    region : PoleRegion or None
-        Where the poles of all closed loops are to be.
-    largest_gain : float or None
-        Limit of the Frobenius norm of K.
-    controller_stable : bool
-        Whether the controller itself is to be stable.
-    bandwidth_rad_s : float or None
-        About that of the loops: gives the scale of the search; None: the plants' poles do.
-    near : bool
-        Whether parameters that are given are near a minimum, so that polishing will do.
-    target : float
-        A search ends once γ is below this.
-    """
-
-    plants: tuple[DesignPlant, ...]
-    structure: Structure
-    region: PoleRegion | None = None
-    largest_gain: float | None = None
-    controller_stable: bool = False
-    bandwidth_rad_s: float | None = None
-    near: bool = False
-    target: float = 0.0
+_RESCALED, _WORTH = 3, 1e-5
+"""Searches in the scale of the parameters found at most, and the relative decrease of γ that is
+worth another one."""
+_LEAST = 1e-3
+"""Share of the largest scaled parameter below which the others are not scaled down further."""
 
 
 class Reached(Exception):  # noqa: N818 - no error
     """A search is below its target."""
-
-
-@dataclass(frozen=True)
-class Start:
-    """Where a search begins.
-
-    Parameters
-    ----------
-    number : int
-        Its number among all.
-    seed : int
-        Of what is random in the search.
-    theta : ndarray, shape (size,), or None
-        Parameters; None: random ones.
-    perturbation : float
-        By so much, relative, they are changed at random.
-    """
-
-    number: int
-    seed: int
-    theta: Array | None = None
-    perturbation: float = 0.0
-
-
-@dataclass(frozen=True)
-class SearchResult:
-    """Result of a search.
-
-    Parameters
-    ----------
-    start : Start
-        Where it began.
-    theta : ndarray, shape (size,)
-        Parameters.
-    gamma : float
-        Largest weighted norm; infinite if no stable closed loop was found.
-    abscissa : float
-        Largest real part of the poles of all closed loops, each relative to its plant's rate.
-    excess : float
-        Largest of the constraints, relative; below zero: all are kept; −inf: there is none.
-    converged : bool
-        Whether polishing ended by itself, where the residual is below 1e-2.
-    residual : float
-        |Σ λ g| max(1, |x|) of the multipliers λ and gradients g of the logarithms of the peaks, in
-        scaled parameters x: zero at a local minimum.
-    active : tuple of Active
-        Peaks and constraints that hold it.
-    evaluations : int
-        How often a set of closed loops was made.
-    interrupted : bool
-        Whether the user stopped it: this is the best until then.
-    """
-
-    start: Start
-    theta: Array
-    gamma: float
-    abscissa: float
-    excess: float = -np.inf
-    converged: bool = False
-    residual: float = np.inf
-    active: tuple[Active, ...] = ()
-    evaluations: int = 0
-    interrupted: bool = False
-
-    @property
-    def allowed(self) -> bool:
-        """Whether it is stable and keeps all constraints."""
-        return bool(np.isfinite(self.gamma) and self.excess <= _KEPT)
 
 
 class Search:
@@ -186,7 +88,8 @@ class Search:
         near = self.problem.near and start.theta is not None
         spent = 0
         try:
-            if _has_equal_parts(structure) and not near and start.perturbation == 0.0:
+            together = start.route == STARTS and not near and start.perturbation == 0.0
+            if _has_equal_parts(structure) and together:
                 if start.theta is not None:
                     self._taken(start, objective, best)
                 # equal parts are varied together first, then apart
@@ -211,6 +114,41 @@ class Search:
             return self._result(start, objective, best.point, interrupted=True)
         result = self._result(start, objective, best.known, converged=converged)
         return replace(result, evaluations=result.evaluations + spent)
+
+    def rescaled(self, start: Start) -> SearchResult:
+        """Return what searches find that go on from parameters, each in the scale of the last ones.
+
+        In the scale of typical parameters the valley of a minimum with large gains is so narrow
+        that a descent stagnates on its way; in that of the parameters found it is not.
+        """
+        assert start.theta is not None
+        random = np.random.default_rng(start.seed)
+        structure, theta, last, spent = self.problem.structure, start.theta, np.inf, 0
+        result = SearchResult(start, theta, np.inf, np.inf)
+        for _ in range(_RESCALED):
+            size = np.abs((theta - self.middle) / self.spread)
+            size = np.maximum(size, max(_LEAST * float(size.max()), 1e-300))
+            objective = self._objective(structure, self.middle, self.spread * size)
+            best = Best(objective, self._tell, self.problem.target)
+            point = objective.evaluate((theta - self.middle) / self.spread / size)
+            if not np.isfinite(point.value):
+                break
+            converged, stopped = False, False
+            try:
+                converged = _minimise_from(objective, point, random, best)
+            except Reached:
+                stopped = True
+            except (KeyboardInterrupt, Interrupted):
+                if best.point is None:
+                    raise
+                return self._result(start, objective, best.point, interrupted=True)
+            spent += objective.evaluations
+            found = self._result(start, objective, best.known, converged=converged)
+            result, theta = replace(found, evaluations=spent), found.theta
+            if stopped or not found.gamma < last * (1.0 - _WORTH):
+                break
+            last = found.gamma
+        return result
 
     def _objective(self, structure: Structure, middle: Array, spread: Array) -> Objective:
         problem = self.problem
@@ -356,9 +294,9 @@ class Best:
     def _taken(self, point: Point) -> Point:
         self.objective.remember(point)
         if np.isfinite(point.value):
-            key = (max(point.excess - _KEPT, 0.0), point.objective)
+            key = (max(point.excess - KEPT, 0.0), point.objective)
             old = self.point
-            if old is None or key < (max(old.excess - _KEPT, 0.0), old.objective):
+            if old is None or key < (max(old.excess - KEPT, 0.0), old.objective):
                 self.point = point
                 gamma = float(np.exp(point.objective))
                 if self._tell is not None and key[0] == 0.0:
@@ -396,7 +334,7 @@ def _minimise_from(
             point = gradient_sampling(objective, polished.point, random, rounds=1)
             polished = polish_point(objective, best.accept(point), accepted=best.accept)
         point, converged = polished.point, polished.converged
-        if point.excess <= _KEPT:
+        if point.excess <= KEPT:
             break
         # constraints are still violated: raise the penalty and go on from here
         objective.penalty *= _HARDER

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from hillsphere.errors import InputError, StageError
 from hillsphere.products.product_codec import canonical, load_product, save_product
-from hillsphere_controllers.structured.search import SearchResult, Start
+from hillsphere_controllers.structured.records import SearchResult, Start
 
 __all__ = ["SearchStore"]
 
@@ -86,9 +87,7 @@ def _is_same_start(one: Start, other: Start) -> bool:
             return False
     elif not np.array_equal(one.theta, other.theta):
         return False
-    return (one.number, one.seed, one.perturbation) == (
-        other.number, other.seed, other.perturbation,
-    )  # fmt: skip
+    return replace(one, theta=None) == replace(other, theta=None)
 
 
 def _write_error(path: Path, error: OSError) -> StageError:

@@ -8,8 +8,8 @@ over the channels c of the plants j, where every closed loop is to be stable. Th
 neither smooth nor convex. From each of several starts the loops are stabilised, the largest norm is
 lowered by BFGS, and the peaks that are equally high at its minimum are lowered together by
 sequential quadratic programming [1]_, [2]_; the best are then perturbed and lowered again. The
-results are local minima. The number of starts that reach the best one, and a lower bound, show how
-good it is.
+results are local minima. Searches by other routes follow (`routes`), and the verdict says which of
+them arrive at the same γ, and how far it is above a lower bound (`verdict`).
 
 References
 ----------
@@ -21,27 +21,33 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from hillsphere.errors import InputError, Interrupted
 from hillsphere.interfaces import Array, Context
 from hillsphere.lti import LtiSystem
-from hillsphere.runs.workers import Workers
-from hillsphere_controllers.errors import NotStabilisableError, SynthesisFailedError
+from hillsphere_controllers.structured.choice import SAME, best_verified, explain_failure
+from hillsphere_controllers.structured.effort import Effort, effort_number
 from hillsphere_controllers.structured.polish import Active
+from hillsphere_controllers.structured.records import Problem, SearchResult, Start
 from hillsphere_controllers.structured.reduced_start import reduced_start
 from hillsphere_controllers.structured.requirements import DesignPlant, PoleRegion
-from hillsphere_controllers.structured.search import Problem, Search, SearchResult, Start
-from hillsphere_controllers.structured.search_store import SearchStore
+from hillsphere_controllers.structured.route_names import RESTARTS, STARTS
+from hillsphere_controllers.structured.routes import applicable_routes
+from hillsphere_controllers.structured.search import Search
+from hillsphere_controllers.structured.search_runs import Progress, SearchRun
 from hillsphere_controllers.structured.structure import Diagonal, Structure, controller_of
-from hillsphere_controllers.structured.verification import Verified, full_order, verify_controller
+from hillsphere_controllers.structured.verdict import Verdict, make_verdict
+from hillsphere_controllers.structured.verification import (
+    Verified,
+    full_order,
+    regularised_full_order,
+)
 
-__all__ = ["Progress", "StructuredDesign", "synthesise"]
+__all__ = ["StructuredDesign", "synthesise"]
 
 _SHAKES = (1.0, 1e-1, 1e-2)
 """Scatter of the second searches around a good minimum, relative: wide ones leave its basin, narrow
@@ -51,33 +57,12 @@ _ABOUT = 0.1
 that exactly zero would be a saddle."""
 _KEPT = 3
 """Different minima around which second searches begin."""
-_SAME = 1e-4
-"""Minima whose γ differ by less, relative, are taken for the same."""
-_SETTLED = 1e-5
-"""Residual of the certificate below which a minimum needs no narrow second search."""
-
-
-@dataclass(frozen=True)
-class Progress:
-    """Progress of a synthesis, reported when a search has ended or has found a lower γ.
-
-    Parameters
-    ----------
-    done, total : int
-        Searches that have ended, and all that are planned so far.
-    latest : SearchResult or None
-        What the last one found; None while one goes on.
-    gamma : float
-        The smallest γ so far; infinite if there is none.
-    current : float
-        The smallest γ so far of the search that goes on, or that has ended.
-    """
-
-    done: int
-    total: int
-    latest: SearchResult | None
-    gamma: float
-    current: float
+_ENOUGH = 3
+"""Routes that arrived at the best γ, the starts among them, beyond which only a larger effort than
+the normal one searches on."""
+_NEARBY = 0.05
+"""Minima whose γ is higher than the best by more, relative, are not searched on from in their own
+scale: that has lowered none by so much."""
 
 
 @dataclass(frozen=True)
@@ -122,6 +107,8 @@ class StructuredDesign:
         Whether the synthesis was stopped: the best until then.
     evaluations : int
         How often a set of closed loops was made.
+    verdict : Verdict
+        Which routes arrived at γ, and its gap to controllers of full order.
     equals : ndarray, shape (E, 2)
         Of the controllers between which a preference decided: γ, and the value that was to be
         small; the one that was taken stands first. None without a preference.
@@ -140,6 +127,7 @@ class StructuredDesign:
     shaken: Array
     interrupted: bool
     evaluations: int
+    verdict: Verdict
     equals: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
 
@@ -149,6 +137,7 @@ def synthesise(
     *,
     starts: int = 10,
     seed: int = 1,
+    effort: Effort = "normal",
     initial: Iterable[Array] = (),
     scatter: float = 0.0,
     target: float = 0.0,
@@ -177,6 +166,11 @@ def synthesise(
         random ones; 0: those of `initial` alone, which are near a minimum.
     seed : int
         Of all that is random; with it the result is the same, for any number of workers.
+    effort : {"quick", "normal", "thorough"} or float
+        How many searches follow by other routes (`route_names`), in units of `starts`: 0, 1 and 5,
+        or any number ≥ 0. With more than 1 so many more random starts follow too. A route's
+        controller is taken only if its γ is lower by more than 1e-4, relative. None follow where
+        the starts reach the lower bound or the target, or are all near given parameters.
     initial : iterable of ndarray, shape (size,)
         Parameters to begin with.
     scatter : float
@@ -247,14 +241,19 @@ def synthesise(
         raise InputError(f"a limit of the gain must be > 0, got {largest_gain}")
     if bandwidth_rad_s is not None and not 0.0 < bandwidth_rad_s < np.inf:
         raise InputError(f"a bandwidth must be > 0 and finite, got {bandwidth_rad_s}")
-    problem = Problem(
-        many, structure, region, largest_gain, controller_stable, bandwidth_rad_s,
-        near=starts == 0 or scatter > 0.0, target=target,
-    )  # fmt: skip
-    search = Search(problem)
+    amount = effort_number(effort)
+    confined = starts == 0 or scatter > 0.0
     full = full_order(many, structure)
     least = 0.0 if full is None else full.bound
-    run = _Run(problem, progress, ctx, name)
+    routed = full
+    if routed is None and amount > 0.0 and not confined:
+        routed = regularised_full_order(many, structure)
+    problem = Problem(
+        many, structure, region, largest_gain, controller_stable, bandwidth_rad_s,
+        near=confined, target=target, full=routed,
+    )  # fmt: skip
+    search = Search(problem)
+    run = SearchRun(problem, progress, ctx, name)
     begun = [(theta, 0.0) for theta in given]
     if scatter:
         begun += [(given[0], scatter)] * (starts - len(given))
@@ -269,14 +268,24 @@ def synthesise(
     first = run.all(
         [Start(i, _seed(seed, i), *begun[i] if i < len(begun) else (None,)) for i in range(count)]
     )
-    good = sorted((f for f in first if f.allowed), key=lambda f: f.gamma)
+    good = _sort_allowed(first)
     second: list[SearchResult] = []
-    if shaken and good and not run.interrupted and good[0].gamma > least * (1.0 + _SAME):
+    if shaken and good and not run.interrupted and good[0].gamma > least * (1.0 + SAME):
         second = run.all(_perturbed_starts(good, seed, count))
-    candidates = sorted(good + [f for f in second if f.allowed], key=lambda f: f.gamma)
+    base = _sort_allowed(first + second)
+    reached = base[0].gamma if base else np.inf
+    ended = confined or reached < max(target, least * (1.0 + SAME))
+    others: list[SearchResult] = []
+    remarks: dict[str, str] = {}
+    if amount > 0.0 and not ended:
+        others, remarks = _search_routes(run, problem, first + second, amount, count, seed, shaken)
+    candidates = base + [f for f in _sort_allowed(others) if f.gamma < reached * (1.0 - SAME)]
+    candidates.sort(key=lambda f: f.gamma)
     if not candidates:
-        raise _failure(first)
-    best, check, equals = _best_verified(problem, candidates, prefer, tie)
+        if run.interrupted:
+            raise Interrupted("stopped before any allowed controller was found")
+        raise explain_failure(first + others)
+    best, check, equals = best_verified(problem, candidates, prefer, tie)
     return StructuredDesign(
         controller_of(structure, best.theta),
         best.theta,
@@ -290,90 +299,85 @@ def synthesise(
         np.array([f.theta if f.allowed else np.full(structure.size, np.nan) for f in first]),
         np.array([f.gamma if f.allowed else np.inf for f in second]),
         run.interrupted,
-        sum(f.evaluations for f in first + second),
+        sum(f.evaluations for f in first + second + others),
+        make_verdict(
+            first + second + others, remarks, check.gamma, least,
+            np.inf if routed is None else routed.gamma,
+            confined=confined or check.gamma < target,
+        ),
         equals,
-    )
+    )  # fmt: skip
 
 
-class _Run:
-    """Runs searches in this process or in workers, until they have ended or the user stops them."""
+def _search_routes(
+    run: SearchRun,
+    problem: Problem,
+    known: Sequence[SearchResult],
+    amount: float,
+    count: int,
+    seed: int,
+    shaken: bool,
+) -> tuple[list[SearchResult], dict[str, str]]:
+    """Return the results of searches by other routes, and why some routes do not apply.
 
-    def __init__(
-        self,
-        problem: Problem,
-        progress: Callable[[Progress], None] | None,
-        ctx: Context | None,
-        name: str,
-    ) -> None:
-        self._problem = problem
-        self._progress, self._ctx = progress, ctx
-        self.interrupted = False
-        self._done, self._total, self._gamma = 0, 0, np.inf
-        self._kept: SearchStore | None = None
-        if ctx is not None:
-            directory = ctx.workspace() / f"searches-{ctx.fingerprint[:16]}{name}"
-            self._kept = SearchStore(directory, ctx.info)
+    The first searches are one by each route. The others follow unless several routes have arrived
+    at one γ already.
+    """
+    routes, remarks = applicable_routes(problem)
+    places = iter(range(len(known), 1 << 30))
+    searches = int(np.ceil(amount * count))
 
-    def all(self, starts: Sequence[Start]) -> list[SearchResult]:
-        """Return the results of all searches, or of the finished ones after an interruption."""
-        self._total += len(starts)
-        by_start: dict[int, SearchResult] = {}
-        try:
-            with closing(self._iterate_results(starts)) as results:
-                for one in results:
-                    by_start[one.start.number] = one
-                    self._report_result(one)
-                    if self.interrupted:
-                        break
-        except (KeyboardInterrupt, Interrupted):
-            self.interrupted = True
-            if not np.isfinite(self._gamma):
-                raise
-        return [by_start[number] for number in sorted(by_start)]
+    def start(
+        route: str,
+        variant: int,
+        theta: Array | None = None,
+        *,
+        perturbation: float = 0.0,
+        rescaled: bool = False,
+    ) -> Start:
+        place = next(places)
+        return Start(place, _seed(seed, place), theta, perturbation, route, variant, rescaled)
 
-    def _iterate_results(self, starts: Sequence[Start]) -> Generator[SearchResult, None, None]:
-        """Yield the results of searches as they end, stored ones first."""
-        if self._ctx is None or self._kept is None:
-            yield from map(Search(self._problem, self._report_progress), starts)
-            return
-        left = []
-        for start in starts:
-            known = self._kept.read(start)
-            if known is None:
-                left.append(start)
-            else:
-                yield known
-        with Workers(self._ctx, _Searches(self._problem, self._report_progress)) as workers:
-            for one in workers.ended(left):
-                yield self._kept.keep(one)
-
-    def _report_result(self, result: SearchResult) -> None:
-        self._done += 1
-        self.interrupted = result.interrupted
-        if result.allowed:
-            self._gamma = min(self._gamma, result.gamma)
-        if self._progress is not None:
-            self._progress(Progress(self._done, self._total, result, self._gamma, result.gamma))
-
-    def _report_progress(self, gamma: float) -> None:
-        if self._progress is not None:
-            least = min(self._gamma, gamma)
-            self._progress(Progress(self._done, self._total, None, least, gamma))
+    kinds = len(routes)
+    planned = [start(routes[i % kinds], i // kinds) for i in range(searches)]
+    more = round(max(0.0, amount - 1.0) * count)
+    planned += [start(STARTS, count + i) for i in range(more)]
+    results: list[SearchResult] = [] if run.interrupted else run.all(planned[:kinds])
+    best = _sort_allowed([*known, *results])
+    agreeing = 0
+    if best:
+        so_far = make_verdict([*known, *results], {}, best[0].gamma, 0.0, np.inf)
+        agreeing = len(so_far.arrived)
+    if not run.interrupted and (amount > 1.0 or agreeing < _ENOUGH):
+        results += run.all(planned[kinds:])
+    pool = _sort_allowed([*known, *results])
+    if run.interrupted or not pool:
+        return results, remarks
+    lowest = pool[0]
+    # the others have gone on in their own scale already
+    last = [
+        start(one.start.route, 0, one.theta, rescaled=True)
+        for one in _different(pool)
+        if one.start.route in (STARTS, RESTARTS)
+        and not one.settled
+        and one.gamma <= lowest.gamma * (1.0 + _NEARBY)
+    ]
+    if shaken and lowest.start.route not in (STARTS, RESTARTS):
+        last += [start(RESTARTS, 0, lowest.theta, perturbation=by) for by in _SHAKES[:2]]
+    return results + run.all(last), remarks
 
 
-@dataclass(frozen=True)
-class _Searches:
-    """Searches for `hillsphere.runs.workers.Workers`; progress is reported in this process."""
+def _sort_allowed(results: Iterable[SearchResult]) -> list[SearchResult]:
+    return sorted((f for f in results if f.allowed), key=lambda f: f.gamma)
 
-    problem: Problem
-    tell: Callable[[float], None] | None
 
-    def prepare(self) -> Callable[[Start], SearchResult]:
-        """Return the search."""
-        return Search(self.problem, self.tell)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _Searches, (self.problem, None)
+def _different(good: Sequence[SearchResult]) -> list[SearchResult]:
+    """Return the best different minima."""
+    different: list[SearchResult] = []
+    for result in good:
+        if all(abs(result.gamma - f.gamma) > SAME * f.gamma for f in different):
+            different.append(result)
+    return different[:_KEPT]
 
 
 def _seed(seed: int, number: int) -> int:
@@ -382,77 +386,9 @@ def _seed(seed: int, number: int) -> int:
 
 def _perturbed_starts(good: Sequence[SearchResult], seed: int, number: int) -> list[Start]:
     """Return starts near the best different minima, at most as many as there were."""
-    different: list[SearchResult] = []
-    for result in good:
-        if all(abs(result.gamma - f.gamma) > _SAME * f.gamma for f in different):
-            different.append(result)
     starts: list[Start] = []
-    for result in different[:_KEPT]:
-        settled = result.converged and result.residual < _SETTLED
-        for shake in _SHAKES[: 2 if settled else None]:
+    for result in _different(good):
+        for shake in _SHAKES[: 2 if result.settled else None]:
             place = number + len(starts)
-            starts.append(Start(place, _seed(seed, place), result.theta, shake))
+            starts.append(Start(place, _seed(seed, place), result.theta, shake, RESTARTS))
     return starts[:number]
-
-
-def _best_verified(
-    problem: Problem,
-    candidates: Sequence[SearchResult],
-    prefer: Callable[[LtiSystem], float] | None,
-    tie: float,
-) -> tuple[SearchResult, Verified, Array]:
-    """Return the best candidate that passes the check of its closed loops.
-
-    Among equals, within the tie, it is the one that is preferred; γ of these (E, 2) follow, with
-    what was to be small, that of the one that is taken first.
-    """
-    passed: list[tuple[SearchResult, Verified]] = []
-    reasons = []
-    margin = _SAME if prefer is None else -tie / (1.0 + tie)
-    for candidate in candidates:
-        if passed and min(v.gamma for _, v in passed) <= candidate.gamma * (1.0 + margin):
-            break
-        try:
-            check = verify_controller(
-                problem.plants, controller_of(problem.structure, candidate.theta)
-            )
-        except InputError as error:  # such gains that the loop is not well posed in floating point
-            reasons.append(str(error))
-            continue
-        wrong = check.wrong(problem.region)
-        if problem.controller_stable and not check.controller_abscissa_1_s < 0.0:
-            wrong = f"the controller has poles with real part {check.controller_abscissa_1_s:.3g}"
-        if wrong:
-            reasons.append(wrong)
-        else:
-            passed.append((candidate, check))
-    if not passed:
-        raise SynthesisFailedError(
-            f"no controller found passes the check of its closed loops ({reasons[0]}); limit the "
-            "gains (largest_gain), ask for a pole region, or scale the plant"
-        )
-    least = min(v.gamma for _, v in passed)
-    if prefer is None:
-        return *min(passed, key=lambda pair: pair[1].gamma), np.zeros((0, 2))
-    equal = [pair for pair in passed if pair[1].gamma <= least * (1.0 + tie)]
-    values = [prefer(controller_of(problem.structure, candidate.theta)) for candidate, _ in equal]
-    order = np.argsort(values, kind="stable")
-    best = equal[int(order[0])]
-    return *best, np.array([[equal[k][1].gamma, values[k]] for k in order.tolist()])
-
-
-def _failure(results: Sequence[SearchResult]) -> Exception:
-    stable = [f for f in results if np.isfinite(f.gamma)]
-    if stable:
-        best = min(stable, key=lambda f: f.excess)
-        return SynthesisFailedError(
-            f"no controller found from {len(results)} starts keeps the constraints: the best "
-            f"exceeds one by {100.0 * np.expm1(best.excess):.3g} %; relax them, give the "
-            "structure more parameters, or use more starts"
-        )
-    best = min(results, key=lambda f: f.abscissa)
-    return NotStabilisableError(
-        f"no controller of this structure that stabilises all plants was found from {len(results)} "
-        f"starts; the best has poles with a real part of {best.abscissa:.3g} times the plant's "
-        "rate: give the structure more parameters, an initial controller, or use more starts"
-    )

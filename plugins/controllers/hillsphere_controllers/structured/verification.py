@@ -21,7 +21,10 @@ from hillsphere_controllers.structured.requirements import Channel, DesignPlant,
 from hillsphere_controllers.structured.structure import Structure
 from hillsphere_controllers.systems.algebra import lower_lft
 
-__all__ = ["FullOrder", "Verified", "full_order", "lower_bound", "verify_controller"]
+__all__ = [
+    "FullOrder", "Verified", "full_order", "lower_bound", "regularised_full_order",
+    "verify_controller",
+]  # fmt: skip
 
 _LIMITS = 1e-5
 """Relative excess of a norm over its limit that counts as kept. The search keeps limits to 1e-6 of
@@ -124,16 +127,19 @@ class FullOrder:
     Parameters
     ----------
     bound : float
-        No controller of any structure reaches a γ below this.
+        No controller of any structure reaches a γ below this; 0 if nothing is proved.
     plant : LtiSystem
         The plant with no other channel.
     controller : LtiSystem
         From y to u.
+    gamma : float
+        The weighted norm that it reaches there.
     """
 
     bound: float
     plant: LtiSystem
     controller: LtiSystem
+    gamma: float
 
 
 def lower_bound(plants: Sequence[DesignPlant], structure: Structure) -> float:
@@ -185,6 +191,37 @@ def full_order(plants: Sequence[DesignPlant], structure: Structure) -> FullOrder
     NotStabilisableError
         If no controller stabilises one of the plants.
     """
+    return _hardest(plants, structure, 0.0)
+
+
+def regularised_full_order(plants: Sequence[DesignPlant], structure: Structure) -> FullOrder | None:
+    """Return a controller of full order of plants to which the Riccati equations do not apply.
+
+    Its synthesis is regularised. It is a good controller of the plant as it is.
+
+    Parameters
+    ----------
+    plants : sequence of DesignPlant
+        Plants and channels of the design.
+    structure : Structure
+        Of the controller, for its numbers of controls and measurements.
+
+    Returns
+    -------
+    FullOrder or None
+        The design, for the plant and channel whose γ is largest.
+
+    Raises
+    ------
+    NotStabilisableError
+        If no controller stabilises one of the plants.
+    """
+    return _hardest(plants, structure, None)
+
+
+def _hardest(
+    plants: Sequence[DesignPlant], structure: Structure, regularisation: float | None
+) -> FullOrder | None:
     nu, ny = structure.controls, structure.measurements
     best: FullOrder | None = None
     for plant in plants:
@@ -193,15 +230,18 @@ def full_order(plants: Sequence[DesignPlant], structure: Structure) -> FullOrder
                 continue
             try:
                 alone = _channel_plant(plant, channel, nu, ny)
-                design = hinf_synthesis(alone, nu, ny, regularisation=0.0)
+                design = hinf_synthesis(alone, nu, ny, regularisation=regularisation)
             except (SingularProblemError, SynthesisFailedError):
                 continue
             except NotStabilisableError as error:
                 name = f"plant {plant.name!r}" if plant.name else "the plant"
                 raise NotStabilisableError(f"{name}: {error}") from error
-            bound = plant.weight * channel.weight * design.least
-            if best is None or bound > best.bound:
-                best = FullOrder(bound, alone, design.controller)
+            weight = plant.weight * channel.weight
+            bound, gamma = weight * design.least, weight * design.gamma
+            if best is None or (
+                gamma > best.gamma if regularisation is None else bound > best.bound
+            ):
+                best = FullOrder(bound, alone, design.controller, gamma)
     return best
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem, indices_of
+from hillsphere_controllers.structured.effort import Effort
 from hillsphere_controllers.structured.requirements import Channel, DesignPlant, PoleRegion
 from hillsphere_controllers.structured.sampled_plants import sampled_norms, synthesise_sampled
 from hillsphere_controllers.structured.search import STATIONARY
@@ -246,6 +247,8 @@ class FixedStructure(Readable, Generic[System]):
         Why it did not; empty if it did.
     pid : PidGains or None
         Gains, if the structure is that of `tunablePID`.
+    verdict : str
+        Which routes of the search arrived at this γ, and its gap to controllers of full order.
     """
 
     K: System
@@ -255,10 +258,16 @@ class FixedStructure(Readable, Generic[System]):
     converged: bool
     reason: str = ""
     pid: PidGains | None = None
+    verdict: str = ""
 
 
 def hinfstruct(
-    P: System | Sequence[System], K: Structure, *, starts: int = 10, seed: int = 1
+    P: System | Sequence[System],
+    K: Structure,
+    *,
+    starts: int = 10,
+    seed: int = 1,
+    effort: Effort = "normal",
 ) -> FixedStructure[System]:
     """Return the controller of a structure with the least H∞ norm found from several starts.
 
@@ -271,6 +280,8 @@ def hinfstruct(
         `hillsphere_controllers.structured.structure`.
     starts, seed : int
         Number of starts, and seed of the random ones.
+    effort : {'quick', 'normal', 'thorough'} or float
+        How many searches follow by other routes, in units of the starts: 0, 1, 5 or any number.
 
     Returns
     -------
@@ -283,12 +294,12 @@ def hinfstruct(
         As `hillsphere_controllers.structured.synthesis.synthesise`.
     """
     given, plants = _plants(P)
-    design = _design([DesignPlant(plant) for plant in plants], K, starts, seed, None)
+    design = _design([DesignPlant(plant) for plant in plants], K, starts, seed, effort, None)
     return FixedStructure(
         like(design.controller, *given),
         tuple(like(lower_lft(plant, design.controller), *given) for plant in plants),
         design.gamma, design.lower_bound, design.converged, _reason(design),
-        _pid_gains(K, design, plants),
+        _pid_gains(K, design, plants), str(design.verdict),
     )  # fmt: skip
 
 
@@ -312,6 +323,8 @@ class Tuned(Readable, Generic[System]):
         Each goal with what was asked and what is reached, the soft ones first.
     pid : PidGains or None
         Gains, if the structure is that of `tunablePID`.
+    verdict : str
+        Which routes of the search arrived at this γ, and its gap to controllers of full order.
     """
 
     K: System
@@ -322,6 +335,7 @@ class Tuned(Readable, Generic[System]):
     reason: str = ""
     goals: tuple[GoalValue, ...] = ()
     pid: PidGains | None = None
+    verdict: str = ""
 
     def __repr__(self) -> str:
         """Return the fields, one in a line, and each goal in a line of its own."""
@@ -338,12 +352,13 @@ def systune(
     *,
     starts: int = 10,
     seed: int = 1,
+    effort: Effort = "normal",
 ) -> Tuned[System]:
     """Return the controller that lowers the largest soft goal while all hard goals are met.
 
     Parameters
     ----------
-    P, K, starts, seed
+    P, K, starts, seed, effort
         As of `hinfstruct`.
     soft : sequence of GainGoal or VarianceGoal
         Their norms, each relative to its value: the largest is minimised.
@@ -380,7 +395,7 @@ def systune(
         )
         for plant in plants
     ]
-    design = _design(designs, K, starts, seed, region)
+    design = _design(designs, K, starts, seed, effort, region)
     if plants[0].dt_s is None:
         weights = [channel.weight for channel in designs[0].channels]
         norms = np.array(design.verified.norms) * weights
@@ -398,7 +413,7 @@ def systune(
             ),
             *(_region_value(one, plants, design.controller) for one in regions),
         ),
-        _pid_gains(K, design, plants),
+        _pid_gains(K, design, plants), str(design.verdict),
     )  # fmt: skip
 
 
@@ -501,11 +516,16 @@ def _plants(P: System | Sequence[System]) -> tuple[list[object], list[LtiSystem]
 
 
 def _design(
-    plants: list[DesignPlant], K: Structure, starts: int, seed: int, region: PoleRegion | None
+    plants: list[DesignPlant],
+    K: Structure,
+    starts: int,
+    seed: int,
+    effort: Effort,
+    region: PoleRegion | None,
 ) -> StructuredDesign:
     if all(plant.system.dt_s is None for plant in plants):
-        return synthesise(plants, K, starts=starts, seed=seed, region=region)
-    return synthesise_sampled(plants, K, starts=starts, seed=seed, region=region)
+        return synthesise(plants, K, starts=starts, seed=seed, effort=effort, region=region)
+    return synthesise_sampled(plants, K, starts=starts, seed=seed, effort=effort, region=region)
 
 
 def _channel(

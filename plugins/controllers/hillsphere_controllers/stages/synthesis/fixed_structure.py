@@ -33,6 +33,7 @@ from hillsphere_controllers.structured.scenarios import (
     synthesise_robust,
     worst_case,
 )
+from hillsphere_controllers.structured.search_runs import Progress
 from hillsphere_controllers.structured.single_loop import Pid, TransferFunction
 from hillsphere_controllers.structured.structure import (
     Diagonal,
@@ -41,7 +42,7 @@ from hillsphere_controllers.structured.structure import (
     free_state_space,
     mask_gains,
 )
-from hillsphere_controllers.structured.synthesis import Progress, StructuredDesign, synthesise
+from hillsphere_controllers.structured.synthesis import StructuredDesign, synthesise
 from hillsphere_controllers.structured.verification import verify_controller
 from hillsphere_controllers.systems.bilinear import discrete
 
@@ -118,16 +119,16 @@ def synthesise_fixed_structure(
         if any(plant.dt_s is not None for plant in plants):
             _check_sampled(spec)
             design = synthesise_sampled(
-                alone, structure, starts=options.starts, seed=seed, initial=begun,
-                scatter=scatter, target=options.target, region=region,
+                alone, structure, starts=options.starts, seed=seed, effort=options.effort,
+                initial=begun, scatter=scatter, target=options.target, region=region,
                 largest_gain=options.largest_gain, controller_stable=options.controller_stable,
                 bandwidth_rad_s=options.bandwidth_rad_s, shaken=options.shaken, progress=telling,
                 ctx=ctx,
             )  # fmt: skip
         else:
             design = synthesise(
-                alone, structure, starts=options.starts, seed=seed, initial=begun,
-                scatter=scatter, target=options.target, region=region,
+                alone, structure, starts=options.starts, seed=seed, effort=options.effort,
+                initial=begun, scatter=scatter, target=options.target, region=region,
                 largest_gain=options.largest_gain, controller_stable=options.controller_stable,
                 bandwidth_rad_s=options.bandwidth_rad_s, shaken=options.shaken, prefer=prefer,
                 tie=options.tie, progress=telling, ctx=ctx,
@@ -139,7 +140,7 @@ def synthesise_fixed_structure(
         ]
         robust = synthesise_robust(
             many, structure, rounds=options.rounds, starts=options.starts, seed=seed,
-            initial=begun, scatter=scatter, target=options.target,
+            effort=options.effort, initial=begun, scatter=scatter, target=options.target,
             region=region, largest_gain=options.largest_gain,
             controller_stable=options.controller_stable, bandwidth_rad_s=options.bandwidth_rad_s,
             shaken=options.shaken, prefer=prefer, tie=options.tie, told=ctx.info,
@@ -163,7 +164,7 @@ def synthesise_fixed_structure(
     search = SearchResult(
         design.theta, design.starts, design.shaken, design.residual, len(design.active),
         design.converged, design.evaluations, own, joint, scatter, bool(begun),
-        options.target, design.equals, result,
+        options.target, design.equals, result, design.verdict,
     )  # fmt: skip
     others = tuple(
         _controller(structure, design.ends[k], plants[0].dt_s)
@@ -294,7 +295,9 @@ def _make_callback(
         done, total, latest = progress.done, progress.total, progress.latest
         best = f"best γ = {progress.gamma:.6g}"
         if latest is None:
-            said[0] = f"search {done + 1} of {total} at γ = {progress.current:.6g}, {best}"
+            at = progress.current
+            now = f"at γ = {at:.6g}" if at < np.inf else "at a neighbouring structure"
+            said[0] = f"search {done + 1} of {total} {now}, {best}"
             advance(0)  # ends it if the run was asked to stop
             return
         said[0] = f"{done} of {total}, {best}"

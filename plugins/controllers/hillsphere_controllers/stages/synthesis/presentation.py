@@ -218,11 +218,11 @@ def _verdict(product: Synthesis) -> list[str]:
         said += worst_sentence(search)
         said += start_sentences(search)
         found = np.concatenate([search.starts, search.shaken])
-        same = int(np.count_nonzero(found <= found.min() * (1.0 + _SAME)))
+        best = min(product.gamma, float(found.min(initial=np.inf)))
+        same = int(np.count_nonzero(found <= best * (1.0 + _SAME)))
         among = (
             f"{same} of {found.size} searches, {search.starts.size} from starts and "
-            f"{search.shaken.size} from near the best, end within 0.1 % of the best γ (the best "
-            "included)."
+            f"{search.shaken.size} from near the best, end within 0.1 % of the best γ."
             if found.size > 1
             else "There was one search only."
         )

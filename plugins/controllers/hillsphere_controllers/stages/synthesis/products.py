@@ -12,6 +12,7 @@ from hillsphere.interfaces import Array, Integers
 from hillsphere.lti import LtiSystem
 from hillsphere.products import ControlDesign
 from hillsphere.products.fields import Label, Shape
+from hillsphere_controllers.structured.verdict import Verdict
 
 __all__ = ["Iterations", "Judged", "RobustResult", "SearchResult", "Synthesis"]
 
@@ -111,6 +112,9 @@ class SearchResult:
     the one that was taken first; none without such."""
     robust: RobustResult | None
     """With uncertain plants: their worst cases."""
+    verdict: Verdict
+    """Which routes arrived at γ, and its gap to controllers of full order; with uncertain plants
+    for the scenarios."""
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from hillsphere.presentation import Metric, Table
 from hillsphere.show.tables import FieldColumns, column, finite_or_blank, tabulate, text_column
 from hillsphere_controllers.stages.synthesis.products import RobustResult, SearchResult
 from hillsphere_controllers.stages.table_cells import finite_fields
+from hillsphere_controllers.structured.verdict import AGREED, Verdict
 
 __all__ = ["search_metrics", "search_tables", "start_sentences", "worst_sentence"]
 
@@ -23,8 +24,11 @@ _SHOWN = 4
 
 
 def search_metrics(search: SearchResult) -> dict[str, Metric]:
-    """Return the spread of γ over starts of their own, and the worst case of uncertain plants."""
-    found: dict[str, Metric] = {}
+    """Return the spread of γ over starts, the verdict in numbers, and the worst case found."""
+    verdict = search.verdict
+    found = {"synthesis_routes_agreeing": Metric(len(verdict.arrived))}
+    if np.isfinite(verdict.gap):
+        found["synthesis_gap"] = Metric(verdict.gap)
     starts = search.starts[np.isfinite(search.starts)]
     if starts.size > 1 and not search.scatter:
         found["synthesis_spread"] = Metric(float(starts.max() / starts.min() - 1.0))
@@ -43,7 +47,10 @@ def search_tables(search: SearchResult, names: Sequence[str]) -> dict[str, Table
     names : sequence of str
         Of the plants that the controller was made for.
     """
-    tables = {"synthesis_searches": _searches(search)}
+    tables = {
+        "synthesis_searches": _searches(search),
+        "synthesis_routes": _routes(search.verdict),
+    }
     if search.equals.size:
         tables["synthesis_equals"] = _equals(search)
     if search.robust is not None:
@@ -82,7 +89,7 @@ def worst_sentence(search: SearchResult) -> list[str]:
 
 
 def start_sentences(search: SearchResult) -> list[str]:
-    """Return sentences on the spread of γ over the starts, and on the choice between equals."""
+    """Return sentences on the spread over the starts, the verdict, and the choice of equals."""
     said = []
     good = search.starts[np.isfinite(search.starts)]
     if good.size > 1:
@@ -97,6 +104,7 @@ def start_sentences(search: SearchResult) -> list[str]:
             else f"γ spreads by {spread:.2g} % over {good.size} starts{some}, {told} than "
             f"{_ALIKE:g} %."
         )
+    said += search.verdict.sentences
     if (below := int(np.count_nonzero(good < search.target))) > 0:
         said.append(
             f"{below} of them stopped below the target γ of {search.target:g}, not at a minimum."
@@ -127,6 +135,22 @@ def _searches(search: SearchResult) -> Table:
     ]
     note = "A blank cell means that no admissible controller was found."
     return tabulate("Searches", columns, (note,)).first(_LISTED)
+
+
+def _routes(verdict: Verdict) -> Table:
+    of = FieldColumns(finite_fields(verdict, "gammas"), "routes")
+    above = 100.0 * (verdict.gammas / verdict.gamma - 1.0)
+    columns = [
+        *map(of, ("routes", "searches")),
+        of("gammas", "gamma"),
+        column("above", finite_or_blank(above), "above γ", 3, unit="%"),
+        of("remarks", "remark"),
+    ]
+    note = (
+        f"A route arrives if its γ is above the controller's by {100.0 * AGREED:g} % at most. "
+        "Restarts near the best confirm nothing."
+    )
+    return tabulate("Routes", columns, (*verdict.sentences, note))
 
 
 def _equals(search: SearchResult) -> Table:

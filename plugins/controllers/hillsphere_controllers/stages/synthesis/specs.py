@@ -6,6 +6,7 @@ from typing import Any, ClassVar, Literal, Self
 
 from pydantic import model_validator
 
+from hillsphere.errors import InputError
 from hillsphere.spec import Ref, ResultNames, Spec, StageSpec, need, option, quantity, rule
 from hillsphere_controllers.stages.faults import require_one
 from hillsphere_controllers.stages.linear_models.specs import (
@@ -13,6 +14,7 @@ from hillsphere_controllers.stages.linear_models.specs import (
     PerformanceSpec,
     ShelvingSpec,
 )
+from hillsphere_controllers.structured.effort import effort_number
 
 __all__ = [
     "ChannelSpec", "DkSpec", "HinfSpec", "LmiSpec", "MixedSensitivitySpec", "PartSpec",
@@ -187,7 +189,8 @@ class StructuredSpec(Spec):
         {"parts": [{"kind": "pid"}], "starts": 2, "largest_gain": 100,
          "region": {"damping": 0.2}, "channels": [{"outputs": ["z_error"]}]},
         {"parts": [{"kind": "free", "order": 1}], "starts": 1, "controller_stable": True,
-         "bandwidth_rad_s": 1, "shaken": False, "per_plant": True, "target": 0.9},
+         "bandwidth_rad_s": 1, "shaken": False, "per_plant": True, "target": 0.9,
+         "effort": "quick"},
     )  # fmt: skip
 
     parts: tuple[PartSpec, ...] = option(
@@ -199,6 +202,11 @@ class StructuredSpec(Spec):
         "what is to be small: the largest of these; left out: all outputs of all inputs", default=()
     )
     starts: int = option("how many searches, from different controllers", default=10, ge=1, le=1000)
+    effort: Literal["quick", "normal", "thorough"] | float = option(
+        "how many searches follow by other routes (homotopies, release of a gain bound), in units "
+        "of starts: 'quick' 0, 'normal' 1, 'thorough' 5, or a number from 0 to 100",
+        default="normal",
+    )
     scatter: float = option(
         "with needs.start: how far from that controller the searches after the first begin, "
         "relative to its scaled parameters; what they find then says nothing of other minima; 0: "
@@ -241,6 +249,14 @@ class StructuredSpec(Spec):
         "what all norms of each plant are multiplied with, in their order; left out: 1",
         default=(), gt=0,
     )  # fmt: skip
+
+    @model_validator(mode="after")
+    def _check_effort(self) -> Self:
+        try:
+            effort_number(self.effort)
+        except InputError as error:
+            raise rule("effort", str(error)) from error
+        return self
 
 
 class DkSpec(Spec):
@@ -319,6 +335,8 @@ class SynthesisSpec(StageSpec):
             "synthesis_lower_bound",
             "synthesis_residual",
             "synthesis_spread",
+            "synthesis_gap",
+            "synthesis_routes_agreeing",
             "synthesis_worst_gamma",
         ),
         tables={
@@ -326,6 +344,7 @@ class SynthesisSpec(StageSpec):
             "synthesis_margins": (),
             "synthesis_controller": (),
             "synthesis_searches": (),
+            "synthesis_routes": (),
             "synthesis_equals": (),
             "synthesis_worst": (),
             "synthesis_scenarios": (),
