@@ -172,7 +172,7 @@ def _moments_of_innovation(
         total = np.add.reduceat(mixture.weight[:, None, None] * squares, starts, axis=0)
         # a case that is not a number must not stop the others
         value, vector = np.linalg.eigh(np.where(np.isfinite(total), total, 0.0))
-        return np.sqrt(np.maximum(value, 0.0))[:, :, None] * np.swapaxes(vector, 1, 2)
+        return np.asarray(np.sqrt(np.maximum(value, 0.0))[:, :, None] * np.swapaxes(vector, 1, 2))
 
     bent = np.concatenate([expected.bent, spread[:, None]], axis=1)
     return WhitenedInnovation(mean, root(expected.linear), root(bent), used)

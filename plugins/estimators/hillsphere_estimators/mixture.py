@@ -183,8 +183,8 @@ class Mixture:
             # each pass takes the heaviest free component of every case, with its neighbours
             open_ = free.any(axis=1)
             centre = np.argmax(np.where(free, weight, -1.0), axis=1)
-            near = np.asarray(squares[row, centre] <= distance**2, dtype=bool)
-            own = np.asarray(free & near & open_[:, None], dtype=bool)
+            near: NDArray[np.bool_] = np.less_equal(squares[row, centre], distance**2)
+            own: NDArray[np.bool_] = free & near & open_[:, None]
             own[row[open_], centre[open_]] = True
             group[own] = (made + np.cumsum(open_) - 1)[np.nonzero(own)[0]]
             made += int(open_.sum())

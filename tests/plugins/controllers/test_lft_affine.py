@@ -138,7 +138,7 @@ def test_a_small_change_of_a_large_matrix_is_kept_by_default() -> None:
     assert half.dropped == pytest.approx(0.5 / np.sqrt(1.25), rel=1e-12)
     for wrong in ({"truncation": 1.0}, {"truncation": -0.1}, {"truncation_of": "all"}):
         with pytest.raises(InputError, match="truncation"):
-            affine_lft(fit, bounds, **wrong)  # type: ignore[arg-type]
+            affine_lft(fit, bounds, **wrong)
 
 
 @pytest.mark.parametrize("count", [3, 14])

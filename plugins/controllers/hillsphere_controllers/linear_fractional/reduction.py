@@ -239,7 +239,7 @@ def _weights(error: Lft, bound: float, seed: int) -> tuple[Array, Array]:
     size = gain_bound(Lft(gain(d), error.uncertainties, error.times))
     if np.isfinite(size):
         return diagonal_weights(by_row, by_column, size)
-    return diagonal_weights(1.0 * rows, 1.0 * columns, bound)
+    return diagonal_weights(rows.astype(float), columns.astype(float), bound)
 
 
 def _states(of: Lft) -> tuple[Array, Array, Array, list[int]]:

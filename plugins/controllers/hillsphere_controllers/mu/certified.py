@@ -226,6 +226,7 @@ class _Cover:
         self.bounds: dict[float, UpperBound] = {}  # the least at their frequencies
         self.proved: dict[float, Scalings] = {}  # of any bound, to begin others with
         self.intervals: list[Interval] = []
+        self.beta = 0.0
         self._first_look()
         if self._is_decided() or not (loop.poles.size and 0.0 < self.beta < np.inf):
             return
@@ -233,7 +234,7 @@ class _Cover:
         self.slowest, self.fastest = 1e-6 * float(size.min()), 1e6 * float(size.max())
         self._add(0.0)
         self._add(np.inf)
-        most, checked, rest = self.allowed, _CHECKED, np.inf
+        most, checked, rest = self.allowed, _CHECKED, float("inf")
         # cover the axis: bound µ in the middle of the widest gap, then take the interval it proves
         while not self._is_decided() and (between := self._widest_gap()) is not None:
             low, high = between
