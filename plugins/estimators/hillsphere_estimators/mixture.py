@@ -181,7 +181,7 @@ class Mixture:
         made = 0
         while free.any():
             # each pass takes the heaviest free component of every case, with its neighbours
-            open_ = free.any(axis=1)
+            open_ = np.asarray(free.any(axis=1))
             centre = np.argmax(np.where(free, weight, -1.0), axis=1)
             near: NDArray[np.bool_] = np.less_equal(squares[row, centre], distance**2)
             own: NDArray[np.bool_] = free & near & open_[:, None]

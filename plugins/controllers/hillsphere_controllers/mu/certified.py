@@ -245,8 +245,8 @@ class _Cover:
             if limit is None and len(self.intervals) >= checked:
                 checked += _CHECKED
                 before, rest = rest, self._uncovered()
-                allowed = (before - rest) / _CHECKED * _HOPELESS * self.allowed
-                if rest > allowed or len(self.intervals) > most:
+                tolerable = (before - rest) / _CHECKED * _HOPELESS * self.allowed
+                if rest > tolerable or len(self.intervals) > most:
                     self.gap *= 4.0
                     self.beta = max(self.beta, (1.0 + self.gap) * self.peak)
                     if self.gap >= 1.0 and (self.gap > _WIDEST or self.beta >= self._norm()):
