@@ -117,9 +117,14 @@ def radiance(law: Law, incidence: Array, emission: Array) -> Array:
     ----------
     law : {"uniform", "lambert", "lommel_seeliger"}
         Photometric function.
-    incidence, emission : ndarray
+    incidence, emission : ndarray, shape (...)
         Cosines of the angles from the normal to the Sun and to the camera; with an incidence of
         zero or less the surface is dark.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        Radiance, without unit.
     """
     lit = np.maximum(incidence, 0.0)
     if law == "uniform":

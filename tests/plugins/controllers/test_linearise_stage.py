@@ -212,7 +212,8 @@ def uncertain(models: LinearisedFlight) -> dict[float, FittedModels]:
     for truncation in (0.0, 0.05):
         stage = create(
             "stage", "lft", needs={"models": "linear"}, known=["point"], dispersions=[FIELD],
-            sigmas=3, fit="affine", truncation=truncation, compare_sigmas=[2, 3],
+            sigmas=3, fit="affine", truncation=truncation, truncation_of="nominal",
+            compare_sigmas=[2, 3],
         )  # fmt: skip
         made[truncation] = stage.run(RecordingContext(), models=models)
         check_presentation(stage.present(made[truncation], models=models))
