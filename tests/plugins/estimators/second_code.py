@@ -1,11 +1,11 @@
 """A second code: problems, simulations and reference posteriors in plain NumPy and SciPy.
 
 Written from the textbooks: Anderson and Moore (1979) for the phase and the cubic sensor, Gelb
-(1974) for mismodelled noise, Bar-Shalom, Li and Kirubarajan (2001) for the test of the NEES, Särkkä
-(2013) for the Kalman and the point-mass filter, Gordon, Salmond and Smith (1993) for the particle filter,
-Crassidis and Junkins (2012) for gyro and bias, Harvey, Ruiz and Shephard (1994) for the stochastic
-volatility, Uppal, Ray and Poore (1974) for the stirred reactor. It shares no line with the
-estimators that it examines.
+(1974) for mismodelled noise, Bar-Shalom, Li and Kirubarajan (2001) for the test of the NEES,
+Särkkä (2013) for the Kalman and the point-mass filter, Gordon, Salmond and Smith (1993) for the
+particle filter, Crassidis and Junkins (2012) for gyro and bias, Harvey, Ruiz and Shephard (1994)
+for the stochastic volatility, Uppal, Ray and Poore (1974) for the stirred reactor. It shares no
+line with the estimators that it examines.
 
 The exact posterior mean and covariance have an expected NEES equal to the number of states,
 whatever the distributions are. This checks the simulations.

@@ -31,9 +31,7 @@ ESTIMATORS: dict[str, tuple[str, dict[str, str]]] = {
 }
 
 HIDDEN = "a constant bias of the only measurement of a level has the measurements of another level"
-POWER = "1.38 per state in these draws, 1.10 and 1.22 in others: too little beyond the band to detect"
-    "a NEES of 1.38 per state in a hundred draws moves no statistic of the innovations or the fit"
-)
+POWER = "1.38 per state in these draws, 1.10 and 1.22 in others: hardly beyond the band"
 
 
 class Believed:
