@@ -230,7 +230,7 @@ def _battery() -> Problem:
     def see(x: Array, t: Array) -> Array:
         s = x[0]
         open_circuit = 3.2 + 0.9 * s - 0.3 * np.exp(-12.0 * s) + 0.1 * s**3
-        return (open_circuit - x[1] - 0.05 * current(t))[None]
+        return np.asarray((open_circuit - x[1] - 0.05 * current(t))[None])
 
     return Problem(
         "battery", np.array([0.7, 0.0]), np.array([0.1, 0.02]), move,
@@ -242,7 +242,7 @@ def _battery_biased() -> Problem:
     good = _battery()
 
     def move(x: Array, t: Array) -> Array:
-        return good.move(x, t) - np.array([[60.0 * 0.3 / 7200.0], [0.0]])
+        return np.asarray(good.move(x, t) - np.array([[60.0 * 0.3 / 7200.0], [0.0]]))
 
     return replace(good, true_move=move)
 
@@ -336,7 +336,7 @@ def _terrain(spread: float) -> Problem:
 def _volatility() -> Problem:
     def errors(random: np.random.Generator, shape: tuple[int, int, int]) -> Array:
         # log χ²₁ has the mean −γ − log 2 and the variance π²/2
-        return np.log(random.normal(size=shape) ** 2) + np.euler_gamma + np.log(2.0)
+        return np.asarray(np.log(random.normal(size=shape) ** 2) + np.euler_gamma + np.log(2.0))
 
     return Problem(
         "volatility", np.zeros(1), np.ones(1), _linear(np.array([[0.95]])), np.array([[0.3]]),
@@ -364,7 +364,7 @@ def _jump() -> Problem:
     calm = _integrator(1.0)
 
     def move(x: Array, t: Array) -> Array:
-        return calm.move(x, t) + np.array([[2.0], [0.0]]) * (np.abs(t - 26.0) < 0.5)
+        return np.asarray(calm.move(x, t) + np.array([[2.0], [0.0]]) * (np.abs(t - 26.0) < 0.5))
 
     return replace(calm, true_move=move)
 
