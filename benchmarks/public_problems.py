@@ -287,7 +287,7 @@ one of SB10AD (bisection) and SB10FD, through slycot; a plant is missed where SL
 and ours does not. The ratio is that of the norms, ours over SLICOT's."""
 _COLLECTION = """## A collection of plants
 
-Static output feedback for the plants of COMPleib 1.1 (Leibfritz, 2004) of order 20 at most, with
+Static output feedback for the plants of COMPleib 1.1 (Leibfritz, 2004) of order 8 and less, with
 the default effort. HIFOO's γ is that of one run of HIFOO 3.5 with its own settings. The verdict is
 *confirmed* if two different routes arrive at γ, *best* if it is the proved bound. The γ of full
 order is what a controller of the plant's order reaches, or its bound."""

@@ -28,6 +28,7 @@ from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
 from hillsphere_estimators.batch_least_squares import batch_least_squares
 from hillsphere_estimators.curvature import curved_points, expand
+from hillsphere_estimators.gaussian_sum import refuse_angles
 from hillsphere_estimators.innovations import WhitenedInnovation, usable, whiten
 from hillsphere_estimators.mixture import (
     Mixture,
@@ -87,7 +88,7 @@ def batch_gaussian_sum(
     ------
     InputError
         If there is not one control for each time, a limit is not positive, or the model has
-        considered states.
+        considered states or states that are angles.
     """
     cases = len(prior.t_s)
     if controls is None:
@@ -101,6 +102,7 @@ def batch_gaussian_sum(
         raise InputError(
             f"components and curvature must be above zero, got {components} and {curvature:g}"
         )
+    refuse_angles(model, len(prior.x))
     if update_mask(model, len(prior.x)) is not None:
         raise InputError("the batch estimates all states, but the model has considered ones")
     start, before = mixture_of(prior)

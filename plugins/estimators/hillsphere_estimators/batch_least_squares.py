@@ -39,7 +39,7 @@ from hillsphere_estimators.innovations import usable, whiten
 from hillsphere_estimators.linearisation import predict_measurement, transition
 from hillsphere_estimators.roots import lower_root, solve_root, upper_triangle
 from hillsphere_estimators.sigma_points import update_mask
-from hillsphere_estimators.state_angles import state_angles, wrap_means
+from hillsphere_estimators.state_angles import state_angles, wrap_differences, wrap_means
 
 __all__ = ["Fit", "batch_least_squares"]
 
@@ -136,6 +136,10 @@ def batch_least_squares(
         )
     prior, failed, _ = replace_failed(prior)
     free = update_mask(model, len(prior.x))
+    if start is not None:
+        # angles the short way from the prior, from which the fit counts their turns
+        angles = state_angles(model, len(prior.x))
+        start = prior.x + wrap_differences(start - prior.x, angles)
     now = prior if start is None else Belief(start, prior.root, prior.t_s)
     moving = np.ones(cases, dtype=bool)
     count, rounding = np.zeros(cases, dtype=np.int64), np.zeros(cases)

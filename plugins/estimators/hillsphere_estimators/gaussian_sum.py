@@ -24,13 +24,37 @@ from hillsphere_estimators.innovations import (
     usable_at,
     whiten,
 )
+from hillsphere_estimators.linearisation import noise_between
 from hillsphere_estimators.mixture import Mixture, MixtureBelief, mixture_of
 from hillsphere_estimators.mixture_update import expand_in_parts, update_mixture
 from hillsphere_estimators.sigma_points import SigmaRule, transform_motion, update_mask
 from hillsphere_estimators.specs import GaussianSumSpec
+from hillsphere_estimators.state_angles import state_angles
 from hillsphere_estimators.unscented import belief_of_images
 
-__all__ = ["GaussianSum"]
+__all__ = ["GaussianSum", "refuse_angles"]
+
+
+def refuse_angles(model: EstimationModel, n: int) -> None:
+    """Refuse a model some of whose states are angles: mixtures take states for numbers on a line.
+
+    Parameters
+    ----------
+    model : EstimationModel
+        The model.
+    n : int
+        Number of states.
+
+    Raises
+    ------
+    InputError
+        If it has such states.
+    """
+    if angles := state_angles(model, n):
+        raise InputError(
+            f"mixtures take states for numbers on a line, but states {list(angles)} of the model "
+            "are angles; take an estimator of type unscented or iterated_extended"
+        )
 
 
 class GaussianSum:
@@ -52,7 +76,15 @@ class GaussianSum:
     def predict(
         self, model: EstimationModel, belief: Belief, t_to_s: Array, control: Array
     ) -> Belief:
-        """Return the belief at later times; see `hillsphere.interfaces.Estimator`."""
+        """Return the belief at later times; see `hillsphere.interfaces.Estimator`.
+
+        Raises
+        ------
+        InputError
+            If states of the model are angles, of which the means of components would not be points
+            on a circle, or a case is predicted backward over process noise.
+        """
+        refuse_angles(model, len(belief.x))
         mixture, unresolved = mixture_of(belief)
         owner = mixture.owner
         images = transform_motion(
@@ -60,7 +92,7 @@ class GaussianSum:
             control[:, owner],
         )  # fmt: skip
         # the noise at the mean of a case, as in other filters
-        noise = model.process_noise(belief.x, belief.t_s, t_to_s, control)[owner]
+        noise = noise_between(model, belief, t_to_s, control)[owner]
         moved = belief_of_images(images, noise, t_to_s[owner])
         after = Mixture(owner, mixture.weight, moved.x, moved.root)
         return MixtureBelief.of_mixture(after, t_to_s, unresolved)
@@ -73,9 +105,11 @@ class GaussianSum:
         Raises
         ------
         InputError
-            If the model has considered states: the weights of components would estimate them.
+            If the model has considered states: the weights of components would estimate them. If
+            states of the model are angles.
         """
         spec = self.spec
+        refuse_angles(model, len(belief.x))
         layout, used = usable_at(belief, measurements)
         if update_mask(model, len(belief.x)) is not None:
             raise InputError(

@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
 from hillsphere_estimators.casewise import CasewiseEstimator, drop_failed
@@ -52,7 +53,14 @@ class Information(CasewiseEstimator):
         cases, n, r = noise.shape
         # x' = Φ x + G w with white w: the equations are w = 0 and R Φ⁻¹ (x' − G w) = R x̂, each with
         # noise of unit variance; the triangle of both without the columns of w is R of x'
-        back = np.linalg.solve(np.swapaxes(phi, 1, 2), np.swapaxes(information_root(belief), 1, 2))
+        known = np.swapaxes(information_root(belief), 1, 2)
+        try:
+            back = np.linalg.solve(np.swapaxes(phi, 1, 2), known)
+        except np.linalg.LinAlgError:
+            raise InputError(
+                "the information filter needs a motion that can be inverted, but its derivative by "
+                "the states is singular; take an estimator of type unscented or iterated_extended"
+            ) from None
         back = np.swapaxes(back, 1, 2)
         rows = np.zeros((cases, r + n, r + n))
         rows[:, :r, :r] = np.eye(r)

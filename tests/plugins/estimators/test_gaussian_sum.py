@@ -299,3 +299,42 @@ def test_the_batch_on_wide_priors(scenarios: ModuleType, name: str) -> None:
         )
         off = np.linalg.solve(fit.belief.root, (belief.x - fit.belief.x).T[:, :, None])
         assert np.linalg.norm(off, axis=(1, 2)).max() < 1e-3
+
+
+class _Heading:
+    """A heading that turns at a constant rate; a sensor shows it."""
+
+    blocks = ((Channel("heading", "rad", "angle"),),)
+    angles = (0,)
+
+    def advance(self, x: Array, t0_s: Array, t1_s: Array, control: Array, case: Integers) -> Array:
+        return np.array([x[0] + (t1_s - t0_s) * x[1], x[1]])
+
+    def process_noise(self, x: Array, t0_s: Array, t1_s: Array, control: Array) -> Array:
+        return np.full((x.shape[1], 2, 1), 0.1)
+
+    def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
+        return x[:1]
+
+
+def test_states_that_are_angles_are_refused_by_name() -> None:
+    belief = Belief.of(np.array([[3.1], [0.0]]), np.eye(2)[None], np.zeros(1))
+    shown = MeasurementSet.of(np.zeros(1), np.array([[3.0]]), np.array([[0.1]]), _Heading.blocks)
+    filter_ = create("estimator", "gaussian_sum")
+    for work in (
+        lambda: filter_.predict(_Heading(), belief, np.ones(1), np.zeros((0, 1))),
+        lambda: filter_.update(_Heading(), belief, shown),
+        lambda: batch_gaussian_sum(_Heading(), belief, [shown]),
+    ):
+        with pytest.raises(InputError, match="are angles"):
+            work()
+
+
+def test_a_fit_begins_the_short_way_from_its_prior() -> None:
+    prior = Belief.of(np.array([[3.1], [0.0]]), 0.01 * np.eye(2)[None], np.zeros(1))
+    shown = MeasurementSet.of(np.zeros(1), np.array([[3.2]]), np.array([[0.1]]), _Heading.blocks)
+    start = np.array([[3.3 - 2.0 * np.pi], [0.0]])
+    fit = batch_least_squares(_Heading(), prior, [shown], start=start)
+    # two values of one variance each: their mean, a turn away from it
+    off = np.mod(fit.belief.x[0, 0] - 3.15 + np.pi, 2.0 * np.pi) - np.pi
+    assert off == pytest.approx(0.0, abs=1e-12)
