@@ -208,7 +208,7 @@ def hostile_section(rows: list[dict[str, Any]]) -> str:
     cells = (
         [
             row["kind"], *(number(row[key]) for key in ("plants", "ours", "slicot", "missed")),
-            number(row["largest"], 5), number(row["median"], 5),
+            number(row["largest"] or None, 5), number(row["median"], 5),
             number(row["ours_s"] / row["plants"]), number(row["slicot_s"] / row["plants"]),
         ]
         for row in rows
