@@ -396,6 +396,7 @@ READERS = (
 RUN_DIRECTORY = "a run directory, not a single file: test_resume.py, test_store.py"
 NO_READERS = {
     "hillsphere.base.atomic": "writes",
+    "hillsphere_tracking.live.logbook": "writes",
     "hillsphere.base.cached_files": "takes digests, parses nothing",
     "hillsphere.cli.endings": "writes the log of an internal error",
     "hillsphere.base.json_files": RUN_DIRECTORY,

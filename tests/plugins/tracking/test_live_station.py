@@ -178,7 +178,7 @@ def test_the_search_finds_a_satellite_that_the_prediction_misses(searches: bool)
     stream = stream_of(method, iss(), place, view, RISE, UT1, 0.1 * DEGREE)
     receiver = Receiver(beam)
     rules = SearchRules(beam, 1.0) if searches else None
-    session = Session(stream, plan_of(view, ANTENNA.mount, None), place, 1.0, 3.0, rules)
+    session = Session(stream, plan_of(view, ANTENNA.mount, None), place, 0.0, 1.0, 3.0, rules)
     states: list[str] = []
 
     def show(status: Status) -> None:

@@ -126,12 +126,16 @@ def test_a_sigma_that_does_not_fit_is_told(
 
 def test_offsets_along_and_across() -> None:
     # due east at the horizon, climbing 0.1°/s: left is north, early is higher
-    azimuth = np.full(3, 0.5 * np.pi)
-    elevation = np.radians([-0.05, 0.0, 0.05])
-    ahead = offsets_of((azimuth, elevation), (0.5 * np.pi, np.radians(0.3)), 0.5)
+    def climbing(t_s: Array) -> tuple[Array, Array]:
+        return np.full(t_s.shape, 0.5 * np.pi), np.radians(0.1 * t_s)
+
+    ahead = offsets_of(climbing, (0.5 * np.pi, np.radians(0.3)), 0.0)
     assert_allclose(ahead, (3.0, 0.0), rtol=0.0, atol=1e-3)
-    north = offsets_of((azimuth, elevation), (np.radians(89.0), 0.0), 0.5)
+    north = offsets_of(climbing, (np.radians(89.0), 0.0), 0.0)
     assert_allclose(north, (0.0, np.radians(1.0)), rtol=0.0, atol=1e-9)
+    # far ahead the tangent of the track would say 573 s (sin 90° over the rate)
+    far = offsets_of(climbing, (0.5 * np.pi, np.radians(89.0)), 100.0)
+    assert_allclose(far, (790.0, 0.0), rtol=0.0, atol=1e-3)
 
 
 def test_mean_elements_of_a_tle_hold_for_the_pass() -> None:

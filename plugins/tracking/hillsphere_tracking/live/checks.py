@@ -11,7 +11,7 @@ from hillsphere.errors import InputError
 from hillsphere_tracking.live.atmosphere import Air
 from hillsphere_tracking.memory import RandomWalk
 
-__all__ = ["air_of", "check_positive", "check_writable", "random_walk_of"]
+__all__ = ["air_of", "check_apart", "check_positive", "check_writable", "random_walk_of"]
 
 
 def check_positive(**numbers: float) -> None:
@@ -19,6 +19,14 @@ def check_positive(**numbers: float) -> None:
     for name, value in numbers.items():
         if not 0.0 < value < inf:
             raise InputError(f"--{name.replace('_', '-')} must be > 0, got {value:g}")
+
+
+def check_apart(log: Path | None, source: str) -> None:
+    """Refuse a log that would take the place of the measurements while they are read."""
+    if log is None or source == "-" or not (log.exists() and Path(source).exists()):
+        return
+    if log.samefile(source):
+        raise InputError(f"--log: {log} is the file of the measurements; name another one")
 
 
 def check_writable(option: str, path: Path | None) -> None:

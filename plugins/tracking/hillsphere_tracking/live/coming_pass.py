@@ -42,11 +42,19 @@ class NominalPass:
     times_s, azimuth_rad, elevation_rad : ndarray, shape (K,)
         Times one command period apart, from before the rise to after the set, and angles; the
         elevations are apparent if there is air.
+    up : slice
+        Indices of the times from the rise to the set: above the mask of the horizon.
     """
 
     times_s: Array
     azimuth_rad: Array
     elevation_rad: Array
+    up: slice
+
+    @property
+    def rise_s(self) -> float:
+        """Time of the rise, or the first time if the pass is under way."""
+        return float(self.times_s[self.up.start])
 
     @property
     def highest_s(self) -> float:
@@ -116,15 +124,28 @@ def next_pass(
     begin = float(max(grid[first] - 2.0 * _COARSE_S, 0.0))
     count = int((grid[last] + _AFTER_S - begin) / period_s) + 1
     times = begin + period_s * np.arange(float(max(count, 8)))
-    return NominalPass(times, *seen(times))
+    azimuth, elevation = seen(times)
+    # a mask's edges and gaps between two coarse steps do not divide the pass
+    up = np.flatnonzero(place.above(azimuth, elevation) >= 0.0)
+    up = up[times[up] <= grid[last]]
+    rise, end = (int(up[0]), int(up[-1]) + 1) if up.size else (0, times.size)
+    return NominalPass(times, azimuth, elevation, slice(rise, end))
 
 
 def plan_of(
     nominal: NominalPass, mount: Mount, position_rad: tuple[float, float] | None
 ) -> PassPlan:
-    """Plan the motion of the axes from their position, or from any position if it is None."""
+    """Plan the motion of the axes from their position, or from any position if it is None.
+
+    The plan waits at the directions of the rise and the set. If it followed the satellite below
+    the horizon, where nothing is received, stops there would cost parts of the pass.
+    """
     start = None if position_rad is None else position_rad[0]
-    return plan_pass(nominal.times_s, nominal.azimuth_rad, nominal.elevation_rad, mount, start)
+    up = nominal.up
+    index = np.clip(np.arange(nominal.times_s.size), up.start, up.stop - 1)
+    return plan_pass(
+        nominal.times_s, nominal.azimuth_rad[index], nominal.elevation_rad[index], mount, start
+    )
 
 
 def stream_of(

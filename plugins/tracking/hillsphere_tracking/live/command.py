@@ -20,6 +20,7 @@ from hillsphere_tracking.live.atmosphere import ThroughAir
 from hillsphere_tracking.live.calibration import StationMemory
 from hillsphere_tracking.live.checks import (
     air_of,
+    check_apart,
     check_positive,
     check_writable,
     random_walk_of,
@@ -196,6 +197,13 @@ def track(
             rich_help_panel=_ANTENNA,
         ),
     ] = "",
+    rotator_timeout: Annotated[
+        float,
+        typer.Option(
+            help="Longest wait for the connection to rotctld and for each of its answers, s.",
+            rich_help_panel=_ANTENNA,
+        ),
+    ] = 2.0,
     lost_after: Annotated[
         float,
         typer.Option(
@@ -267,8 +275,9 @@ def track(
     130 interrupted.
     """
     check_positive(
-        sigma=sigma, lost_after=lost_after, within=within, rate=rate, acceleration=acceleration
-    )
+        sigma=sigma, lost_after=lost_after, within=within, rate=rate, acceleration=acceleration,
+        rotator_timeout=rotator_timeout,
+    )  # fmt: skip
     if not 0.01 <= period <= 10.0:
         raise InputError(f"--period must be from 0.01 to 10 s, got {period:g}")
     if not 0.0 < lock_angle <= 90.0:
@@ -279,6 +288,7 @@ def track(
         raise InputError("--speed must be ≥ 0, and is for --replay only")
     check_writable("--memory", memory)
     check_writable("--log", log)
+    check_apart(log, source)
     if memory and latitude is not None and not station:
         raise InputError("--memory keeps biases by the station's name: give --station NAME")
     loaded = load_mission(mission) if mission else None
@@ -311,16 +321,16 @@ def track(
         if kept:
             stream.state = kept.begin(inner, stream.state, start)
         begun = stream.state
-        position, point = target_of(stack, rotator, start, antenna.axes)
+        position, point = target_of(stack, rotator, rotator_timeout, start, antenna.axes)
         session = Session(
-            stream, plan_of(seen, antenna.mount, position), place, period, lost_after,
-            SearchRules(beam, dwell) if search else None,
+            stream, plan_of(seen, antenna.mount, position), place, seen.rise_s, period,
+            lost_after, SearchRules(beam, dwell) if search else None,
         )  # fmt: skip
         name = place.station.name
         say(f"{orbit.name} over {name}, until {start.isot(seen.times_s[-1:], 0)[0]} UTC")
-        if (miss := degrees(float(session.plan.error_rad.max()))) > 0.1:
+        if (miss := degrees(float(session.plan.error_rad[seen.up].max()))) > 0.1:
             say(f"the limits of the mount will cause errors of up to {miss:.1f}° in this pass")
-        book = Logbook(start, antenna.mount, radians(sigma))
+        book = Logbook(start, antenna.mount, radians(sigma), log, say)
         if score:
             table = streamed(Table(TableSpec()))
             rivals = {tracker: (stream.tracker, begun), "(table)": (table.tracker, table.state)}
@@ -331,10 +341,9 @@ def track(
             afterwards.callback(
                 lambda: kept.end(inner, stream.state, start, float(stream.state.t_s[0]))
             )
-        if log:
-            afterwards.callback(book.save, log)
+        afterwards.callback(book.save)
         outputs = Outputs(
-            _call_all(book.note_command, point), book.note_measurement,
+            _call_all(point, book.note_command), book.note_measurement,
             lambda status: say(status_line(status, start)), say,
         )  # fmt: skip
         run_session(session, clock, feed, position, outputs)

@@ -20,7 +20,7 @@ __all__ = ["Feed", "LiveFeed", "ReplayFeed"]
 
 _LONGEST_LINE = 65536
 """Bytes of a line at most: a stream without line ends must not fill the memory. One read takes as
-much."""
+much. What follows up to the next line end is passed over."""
 _POLL_S = 0.2
 """Interval (s) in which a reader looks whether it shall end, or whether a file has grown: short to
 an operator, rare to the processor."""
@@ -193,7 +193,7 @@ class LiveFeed:
 
     def _lines(self) -> Iterator[str]:
         """Yield lines as they arrive; another thread can end this, unlike `readline`."""
-        buffer = b""
+        buffer, noisy = b"", False
         grows = stat.S_ISREG(os.fstat(self._descriptor).st_mode)
         while not self._ending.is_set():
             if not select.select([self._descriptor], [], [], _POLL_S)[0]:
@@ -207,9 +207,19 @@ class LiveFeed:
                 self._ending.wait(_POLL_S)
                 continue
             *lines, buffer = (buffer + got).split(b"\n")
+            if noisy and lines:
+                # the end of the line that was passed over
+                noisy, lines = False, lines[1:]
             for line in lines:
                 yield line.decode("utf-8", "replace")
-            if not got or len(buffer) > _LONGEST_LINE:
+            if not got:
                 break
-        if buffer and not self._ending.is_set():
+            if len(buffer) > _LONGEST_LINE:
+                if not noisy:
+                    self._say(
+                        f"passed over: {self._where}: more than {_LONGEST_LINE} bytes without a "
+                        "line end"
+                    )
+                buffer, noisy = b"", True
+        if buffer and not noisy and not self._ending.is_set():
             yield buffer.decode("utf-8", "replace")

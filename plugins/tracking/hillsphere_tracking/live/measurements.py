@@ -8,6 +8,7 @@ are dates in UTC or seconds after a given epoch. Lines that begin with ``#`` are
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from collections.abc import Iterable, Iterator
 from itertools import chain
@@ -24,6 +25,9 @@ __all__ = ["Measurement", "measurements"]
 _POSITIONS = {"time": 0, "azimuth_deg": 1, "elevation_deg": 2, "sigma_deg": 3}
 _TIMES = ("utc", "time", "time_s")
 _LOCKED = "locked"
+_MESSAGE = re.compile(r"CCSDS_TDM_VERS|COMMENT\b|<(\?xml|!--|([\w.-]+:)?(ndm|tdm)\b)")
+"""How a message begins. Anything else is a line of a table, perhaps a bad one: noise on a serial
+line must not make a message of it."""
 _WIDEST = 1000
 """Characters of a line that are read: a table has nine columns, and the rest of a longer line is no
 measurement."""
@@ -75,7 +79,7 @@ def measurements(
     else:
         text = ""
     whole = chain(head, rest)
-    if text.startswith(("CCSDS_", "<", "COMMENT")):
+    if _MESSAGE.match(text):
         return _Message(whole, where)
     return _Table(whole, where, epoch)
 
@@ -113,7 +117,7 @@ class _Table(Iterator[Measurement]):
         self._lines = enumerate(lines, start=1)
         self._where, self._epoch = where, epoch
         self._columns: dict[str, int] | None = None
-        self._width = 0
+        self._width, self._unsure = 0, True
 
     def __next__(self) -> Measurement:
         for number, raw in self._lines:
@@ -124,7 +128,14 @@ class _Table(Iterator[Measurement]):
             cells = [cell.strip() for cell in line[:_WIDEST].split(",")]
             if self._columns is None and self._read_header(cells, place):
                 continue
-            record = self._measurement(cells, place)
+            try:
+                record = self._measurement(cells, place)
+            except InputError:
+                if self._unsure:
+                    # the columns of a table without header are those of its first good line
+                    self._columns = None
+                raise
+            self._unsure = False
             if record is not None:
                 return record
         raise StopIteration
@@ -152,6 +163,7 @@ class _Table(Iterator[Measurement]):
         if _LOCKED in names:
             columns[_LOCKED] = names.index(_LOCKED)
         self._columns = columns | {"time": times[0]}
+        self._unsure = False
         return True
 
     def _measurement(self, cells: list[str], place: str) -> Measurement | None:

@@ -82,6 +82,9 @@ class Session:
         Plan of the axes; the session ends with it.
     place : Place
         Station with its horizon mask and blind sectors.
+    rise_s : float
+        Time of the rise by the elements. Until then, or until the first measurement, the antenna
+        waits where the satellite will rise.
     period_s : float
         Interval between commands.
     lost_after_s : float
@@ -93,6 +96,7 @@ class Session:
     tracker: StreamingTracker
     plan: PassPlan
     place: Place
+    rise_s: float
     period_s: float
     lost_after_s: float
     search: SearchRules | None
@@ -121,7 +125,7 @@ def run_session(
         Receivers of commands, measurements, status and events.
     """
     tracker, plan, period, place = session.tracker, session.plan, session.period_s, session.place
-    nominal = tracker.state
+    elements = tracker.nominal_orbit()
     taken, heard, shown = 0, -np.inf, -np.inf
     gate = Gate(clock.start, outputs.say)
     search: Search | None = None
@@ -131,17 +135,15 @@ def run_session(
         position = float(plan.primary_rad[0]), float(plan.secondary_rad[0])
     state = begin(plan, clock.now_s(), *position)
     while state.time_s < plan.times_s[-1]:
-        for measurement in feed.until(clock.start, state.time_s):
-            t_s = measurement.epoch.seconds_since(clock.start)
-            if gate.lets_in(measurement, t_s, state.time_s):
-                if not tracker.is_locked:
-                    tracker.mark_locked()
-                    outputs.say("the signal is there")
-                tracker.update(
-                    t_s, measurement.azimuth_rad, measurement.elevation_rad, measurement.sigma_rad
-                )
-                outputs.note(t_s, measurement)
-                taken, heard = taken + 1, max(heard, t_s)
+        for t_s, measurement in gate.admit(feed.until(clock.start, state.time_s), state.time_s):
+            if not tracker.is_locked:
+                tracker.mark_locked()
+                outputs.say("the signal is there")
+            tracker.update(
+                t_s, measurement.azimuth_rad, measurement.elevation_rad, measurement.sigma_rad
+            )
+            outputs.note(t_s, measurement)
+            taken, heard = taken + 1, max(heard, t_s)
         # loss of signal: predictions continue from the last estimate
         if tracker.is_locked and state.time_s - heard > session.lost_after_s:
             tracker.mark_lost()
@@ -161,15 +163,17 @@ def run_session(
         # Near the zenith the axes "right" and "up" rotate, whereas the search path does not.
         turns = turned + parallel_transport(azimuth[1:3], elevation[1:3])
         beside = None if search is None else partial(_beside, search, times[1:3], turns)
-        state = advance_pointing(plan, state, (times, azimuth, elevation), period, beside)
+        aim = azimuth, elevation
+        if not taken and now + period < session.rise_s:
+            aim = tracker.predict(np.full(times.shape, session.rise_s))[:2]
+        state = advance_pointing(plan, state, (times, *aim), period, beside)
         # one command per period, one period ahead of its time
         predicted, turned = (float(azimuth[2]), float(elevation[2])), float(turns[1])
         outputs.point(Command(state.time_s, *_angles(state), *predicted, doing))
         if now - shown >= 1.0 - 1e-6:
             shown = now
-            around = now + _STEP_S * np.array([-1.0, 0.0, 1.0])
-            az0, el0, _ = tracker.tracker.predict(nominal, around)
-            offsets = offsets_of((az0[:, 0], el0[:, 0]), here, _STEP_S)
+            # without the biases of the angles, which would pass for a motion along the track
+            offsets = offsets_of(elements, tracker.true_direction(now), now)
             sigma = sqrt(max(float(np.trace(covariance[:, :, 1])), 0.0))
             arcs = np.ravel((0.0, 0.0) if beside is None else beside(times[1:2]))
             aside = (float(arcs[0]), float(arcs[1]))

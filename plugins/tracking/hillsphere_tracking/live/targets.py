@@ -20,7 +20,7 @@ __all__ = ["target_of"]
 
 
 def target_of(
-    stack: ExitStack, rotator: str, start: Epoch, axes: tuple[str, str]
+    stack: ExitStack, rotator: str, timeout_s: float, start: Epoch, axes: tuple[str, str]
 ) -> tuple[tuple[float, float] | None, Callable[[Command], None]]:
     """Return the position of the axes (rad, None if unknown) and a receiver of commands.
 
@@ -30,6 +30,8 @@ def target_of(
         Stack that stops the rotator.
     rotator : str
         ``HOST`` or ``HOST:PORT`` of a rotctld; empty for a CSV table on stdout.
+    timeout_s : float
+        Longest wait for the connection and for each answer of the rotctld.
     start : Epoch
         Origin of the times.
     axes : tuple of two str
@@ -49,7 +51,7 @@ def target_of(
         host, port = rotator, str(PORT)
     if not (host and port.isdigit() and 0 < int(port) < 65536):
         raise InputError(f"--rotator must be HOST or HOST:PORT, got {rotator!r}")
-    link = RotatorLink(lambda: Rotctl(host, int(port)), say)
+    link = RotatorLink(lambda: Rotctl(host, int(port), timeout_s), say)
     primary, secondary = link.start()
     stack.callback(link.end)
     return (radians(primary), radians(secondary)), lambda command: link.point(

@@ -1,6 +1,7 @@
 """Pass log: table of the measured, commanded and predicted angles of a tracked pass.
 
-The CSV file has one line per measurement or command, in order of time, in degrees (shortened)::
+The CSV file has one line per measurement or command, in order of time, in degrees (shortened; while
+the pass lasts, in the order in which they happen)::
 
     utc,azimuth_deg,elevation_deg,sigma_deg,locked,commanded_…,commanded_…,predicted_…,predicted_…
     2027-06-01T12:30:00.000000,284.031369,5.048786,0.05,1,284.03,5.05,284.03,5.05
@@ -26,7 +27,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
 
-__all__ = ["PassLog", "read_pass_log", "write_pass_log"]
+__all__ = ["PassLog", "header_line", "log_lines", "read_pass_log", "write_pass_log"]
 
 _COLUMNS = (
     "utc", "azimuth_deg", "elevation_deg", "sigma_deg", "locked", "commanded_azimuth_deg",
@@ -106,9 +107,18 @@ def write_pass_log(path: Path, log: PassLog) -> None:
     OSError
         If the file cannot be written.
     """
+    write_text(path, header_line() + log_lines(log), follow_links=True)
+
+
+def header_line() -> str:
+    """Return the first line of a pass log."""
+    return ",".join(_COLUMNS) + "\n"
+
+
+def log_lines(log: PassLog) -> str:
+    """Return the lines of a pass log below its header, times to 1 µs and angles to 1e-9°."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(_COLUMNS)
     for i, utc in enumerate(log.epoch.to("UTC").isot(log.times_s, 6)):
         writer.writerow(
             [
@@ -123,11 +133,15 @@ def write_pass_log(path: Path, log: PassLog) -> None:
                 _cell(log.predicted_elevation_rad[i]),
             ]
         )
-    write_text(path, text.getvalue(), follow_links=True)
+    return text.getvalue()
 
 
 def read_pass_log(path: Path) -> PassLog:
-    """Read a pass log.
+    """Read a pass log, also one that was not finished.
+
+    While a pass lasts, measurements and commands are written as they happen: each kind is in order
+    of time, and a measurement may stand below the command of a later time. What was written last
+    may be a part of a line, which is left out.
 
     Parameters
     ----------
@@ -149,7 +163,9 @@ def read_pass_log(path: Path) -> PassLog:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"the pass log {path} cannot be read: {error}") from None
     try:
-        lines = list(csv.reader(text.splitlines()))
+        # the last line of a file that was cut off has no end
+        whole = text[: text.rfind("\n") + 1] if "\n" in text else text
+        lines = list(csv.reader(whole.splitlines()))
     except csv.Error as error:
         raise InputError(f"{path}: not the CSV table of a pass log: {error}") from None
     if not lines or tuple(lines[0]) != _COLUMNS:
@@ -158,6 +174,7 @@ def read_pass_log(path: Path) -> PassLog:
         raise InputError(f"{path}: the pass log has no measurements")
     epochs: list[Epoch] = []
     rows: list[list[float]] = []
+    latest = {True: -inf, False: -inf}
     for number, cells in enumerate(lines[1:], start=2):
         where = f"{path}:{number}"
         if len(cells) != len(_COLUMNS):
@@ -166,17 +183,43 @@ def read_pass_log(path: Path) -> PassLog:
             epochs.append(Epoch.parse(cells[0], "UTC"))
         except InputError as error:
             raise InputError(f"{where}: {error}") from None
-        time = epochs[-1].seconds_since(epochs[0])
-        if rows and time <= rows[-1][0]:
-            raise InputError(f"{where}: {cells[0]} is not after the line before; sort the log")
-        rows.append([time, *_numbers(cells, where)])
-    columns = np.array(rows).T
+        row = [epochs[-1].seconds_since(epochs[0]), *_numbers(cells, where)]
+        measured, commanded = _kinds(row)
+        for kind in {measured, not commanded}:
+            if row[0] <= latest[kind]:
+                what = "measurement" if kind else "command"
+                raise InputError(
+                    f"{where}: {cells[0]} is not after the {what} before it; sort the log"
+                )
+            latest[kind] = row[0]
+        rows.append(row)
+    columns = np.array(_join_rows(rows)).T
+    first = int(np.argmin([row[0] for row in rows]))
+    columns[0] -= columns[0, 0]
     azimuth, elevation, sigma = np.radians(columns[1:4])
     pointed = np.radians(columns[5:])
     return PassLog(
-        epochs[0], columns[0], azimuth, elevation, sigma, columns[4] == 1.0,
+        epochs[first], columns[0], azimuth, elevation, sigma, columns[4] == 1.0,
         pointed[0], pointed[1], pointed[2], pointed[3],
     )  # fmt: skip
+
+
+def _kinds(row: list[float]) -> tuple[bool, bool]:
+    """Return whether a row has a measurement, and a command; one without either is the former."""
+    commanded = any(isfinite(value) for value in row[5:])
+    return row[4] == 1.0 or isfinite(row[1]) or not commanded, commanded
+
+
+def _join_rows(rows: list[list[float]]) -> list[list[float]]:
+    """Return the rows in order of time, a measurement and a command of one time in one."""
+    joined: list[list[float]] = []
+    for row in sorted(rows, key=lambda row: row[0]):
+        if joined and row[0] == joined[-1][0]:
+            measured, other = (row, joined[-1]) if _kinds(row)[0] else (joined[-1], row)
+            joined[-1] = [*measured[:5], *other[5:]]
+        else:
+            joined.append(row)
+    return joined
 
 
 def _numbers(cells: list[str], where: str) -> list[float]:

@@ -34,6 +34,10 @@ table of losses takes 35 MB."""
 _CELLS_PER_STEP = 4.0
 """Cells that the axis can cross in a step, at least: with fewer, rounding down to whole cells would
 slow it down by more than a fifth."""
+_SLACK = 2.0 * _CELL
+"""Error (rad) beyond the stops of a flipped angle that is no reason to leave it. The route weighs
+such errors, but not below its own resolution of about a degree. At the horizon a mount from 0° to
+180° has no angles left in flipped operation, and half a turn would cost minutes of the pass."""
 _PREFERENCE = 1e-7
 """Weight (per radian, or per second) of the preferences that decide between routes of equal loss.
 All turns share the error of the grid, so that a small weight decides; it never outweighs an error
@@ -128,7 +132,10 @@ def on_target_angles(
     plain, secondary = mount.on_target(direction)
     upright = plain + 2.0 * pi * np.rint((near_rad - plain) / (2.0 * pi))
     over = plain + pi + 2.0 * pi * np.rint((near_rad - plain - pi) / (2.0 * pi))
-    reachable = mount.plunges & (pi - secondary <= mount.secondary.upper_rad)
+    # beyond the stops both sides may miss the target: below the horizon by the same angle
+    beyond = pi - secondary - mount.secondary.upper_rad
+    below = np.maximum(mount.secondary.lower_rad - secondary, 0.0)
+    reachable = mount.plunges & (beyond <= below + _SLACK)
     flipped = reachable & (np.abs(over - near_rad) < np.abs(upright - near_rad))
     return np.where(flipped, over, upright), flipped
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -126,6 +126,35 @@ class StreamingTracker:
     def mark_locked(self) -> None:
         """Record that the signal is received again: measurements are used from now on."""
         self.is_locked = True
+
+    def nominal_orbit(self) -> Callable[[Array], tuple[Array, Array]]:
+        """Return the present estimate as a function: true times (K,) → true angles (K,), rad.
+
+        Called before the first measurement, it is the orbit of the elements.
+        """
+        tracker, state = self.tracker, self.state
+
+        def angles(times_s: Array) -> tuple[Array, Array]:
+            azimuth, elevation, _ = tracker.predict(state, times_s, biased=False)
+            return azimuth[:, 0], elevation[:, 0]
+
+        return angles
+
+    def true_direction(self, t_s: float) -> tuple[float, float]:
+        """Return the estimated direction of the satellite without the biases of the angles.
+
+        Parameters
+        ----------
+        t_s : float
+            Time of the station's clock; an estimated bias of the clock is taken into account.
+
+        Returns
+        -------
+        azimuth_rad, elevation_rad : float
+        """
+        late = self.state.time_bias_s[0] if isinstance(self.state, LeastSquaresState) else 0.0
+        azimuth, elevation = self.nominal_orbit()(np.array([t_s + late]))
+        return float(azimuth[0]), float(elevation[0])
 
     def predict(self, times_s: Array) -> tuple[Array, Array, Array]:
         """Predict the angles that the antenna will measure.
