@@ -69,7 +69,7 @@ def test_a_mount_that_flips_follows_passes_across_its_stop(
         # stops at north without a flip would cost 4 to 57 degrees of these passes
         assert np.degrees(plan.error_rad[view.up].max()) < 1e-6
         assert np.degrees(flown.error_rad[view.up].max()) < 0.01
-        flipped += plan.flipped.any()
+        flipped += int(plan.flipped.any())
     assert flipped >= 2
 
 
