@@ -257,6 +257,7 @@ def test_too_short_legs(plant: Any, family: QsoFamily, orbits: OrbitSet) -> None
     check_presentation(made.present(found, planar=family, orbits=(orbits,)))
 
 
+@pytest.mark.slow
 def test_other_processes_find_the_same_bits(
     plant: Any,
     family: QsoFamily,

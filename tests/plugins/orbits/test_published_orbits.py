@@ -116,8 +116,8 @@ def test_the_distant_retrograde_orbit_of_the_moon() -> None:
 
 
 WHOLE_FAMILY = pytest.mark.slow
-"""Halo families that one test alone computes to their last orbit; that of the Earth and Moon at L2
-is always tested."""
+"""Families that one test alone computes to their last orbit; the Lyapunov orbits of Earth and Moon
+and the halos of the Sun and Earth, both at L2, are always tested."""
 
 
 @pytest.mark.parametrize(
@@ -159,11 +159,15 @@ def test_retrograde_orbit_840_of_the_earth_and_moon() -> None:
         ("lyapunov", "L2", EARTH_MOON, (1.1192937490150918, 0.0, 0.18122474967618102),
          3.4181096055680626),
         # number 468 [3]
-        ("lyapunov", "L1", EARTH_MOON, (6.819333350640226e-1, 0.0, 6.785699388026654e-1),
-         6.111556928682104),
+        pytest.param(
+         "lyapunov", "L1", EARTH_MOON, (6.819333350640226e-1, 0.0, 6.785699388026654e-1),
+         6.111556928682104,
+         marks=WHOLE_FAMILY),
         # "SE_L2_Small_Lyapunov" [4]
-        ("lyapunov", "L2", SUN_EARTH, (1.0173058431158761, 0.0, -3.5071329991448227e-2),
-         5.5314456810353905),
+        pytest.param(
+         "lyapunov", "L2", SUN_EARTH, (1.0173058431158761, 0.0, -3.5071329991448227e-2),
+         5.5314456810353905,
+         marks=WHOLE_FAMILY),
         # number 1197
         ("north", "L2", SUN_EARTH,
          (1.0110059685997803, 4.5638537751076817e-3, -1.1344790710813389e-2), 3.0803024932763416),
@@ -171,8 +175,10 @@ def test_retrograde_orbit_840_of_the_earth_and_moon() -> None:
         ("north", "L2", SUN_EARTH,
          (1.0082893998277027, 0.011434182696839030, -0.015179690420484332), 2.7047531095113841),
         # number 723, near-rectilinear [2]
-        ("south", "L2", EARTH_MOON,
-         (1.0134037728554581, -0.17536227281091840, -8.3688427472776439e-2), 1.3960732332950263),
+        pytest.param(
+         "south", "L2", EARTH_MOON,
+         (1.0134037728554581, -0.17536227281091840, -8.3688427472776439e-2), 1.3960732332950263,
+         marks=WHOLE_FAMILY),
         # number 1147, beside the Lyapunov orbits [5]
         pytest.param(
          "north", "L1", EARTH_MOON,

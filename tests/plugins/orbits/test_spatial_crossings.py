@@ -63,6 +63,7 @@ def family() -> SpatialFamilies:
     return run(3.0, 20.0)
 
 
+@pytest.mark.slow
 def test_the_family_ends_before_another_comes_near(family: SpatialFamilies) -> None:
     assert family.ends == (LEAPS,)
     assert family.members.labels == ("1:17, 3 km",)

@@ -244,6 +244,7 @@ def test_tuned_on_other_flights_than_judged() -> None:
     np.testing.assert_allclose(again.cost_m_s[0, 0], found.cost_m_s[0, 3], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_only_several_tuned_laws_decide_that_an_orbit_is_not_held() -> None:
     laws = ["floquet_mode", "target_point", "periodic_lqr", "phase_free_lqr"]
     keys: dict[str, Any] = {

@@ -106,7 +106,7 @@ def test_flight_over_the_surface_is_that_of_the_step_map(name: str, angle: float
     np.testing.assert_allclose(back, x0, rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize("stm", [False, True])
+@pytest.mark.parametrize("stm", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_lanes_cross_each_at_its_own_time(stm: bool) -> None:
     s = about_phobos()
     states, durations = zip(*(start(s, name) for name in FLIGHTS), strict=True)
@@ -155,6 +155,7 @@ def test_a_crossing_of_the_surface_is_recorded_once() -> None:
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_dense_output_over_the_surface() -> None:
     s = about_phobos()
     x0, duration = start(s, "fall through")

@@ -186,7 +186,7 @@ def test_a_pass_through_hamlib(tmp_path: Path) -> None:
     port = free_port()
     command = [sys.executable, "-m", "hillsphere", "track", "m.csv", "--elements", "iss.tle"]
     command += ["--latitude", "-2.18", "--longitude", "-44.26", "--azimuth-limits", "-180", "450"]
-    command += ["--replay", "--speed", "150", "--period", "0.5", "--rotator", f"{HOST}:{port}"]
+    command += ["--replay", "--speed", "80", "--period", "0.5", "--rotator", f"{HOST}:{port}"]
     with rotctld(port):
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
