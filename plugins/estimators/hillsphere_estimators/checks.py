@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
+from scipy.stats import t as student
 
 from hillsphere.estimation import Innovation, MeasurementSet
 from hillsphere.interfaces import Array, Integers
@@ -25,7 +26,10 @@ from hillsphere_estimators.differences import layout_of
 
 __all__ = [
     "OF_FILTER",
+    "OF_FIT",
+    "OF_SIGMA",
     "Check",
+    "expected_check",
     "inapplicable_check",
     "innovation_checks",
     "measured_rows",
@@ -35,12 +39,17 @@ __all__ = [
 ]
 
 OF_FILTER = ("nis", "late_nis", "slow_nis", "mean", "whiteness")
-"""Names of the tests of a filter's innovations."""
+OF_FIT = ("fit_nis", "fit_late_nis", "fit_slow_nis", "fit_bias", "fit_whiteness")
+OF_SIGMA = tuple(f"sigma_{name}" for name in OF_FILTER)
+"""Names of the tests of innovations: of the filter, about the fit, and of a sigma-point filter."""
 _LAGS = 5
 """Lags of the test of whiteness. A wrong process noise shows at the first few, an unmodelled force
 at all; each further lag spends power on nothing."""
 _LEAST_SETS = 3
 """Sets of measurements of a case below which a run is too short for whiteness."""
+_LEAST_MIXED = 20
+"""Cases of mixtures below which the mean of squares is not tested: the mean of fewer skew numbers
+is not near to Student's distribution."""
 _MOSTLY_REJECTED = 0.5
 """Share of rejected rows above which a filter that rejects has no measurements to follow, as in the
 detection of divergence of the stage ``navigation``."""
@@ -105,7 +114,7 @@ class Check:
 
 def innovation_checks(
     innovations: Sequence[Innovation], share: float, whole: NDArray[np.bool_], optimal: bool,
-    states: int, names: tuple[str, ...],
+    states: int, names: tuple[str, ...], mixed: NDArray[np.bool_] | None = None,
 ) -> list[Check]:  # fmt: skip
     """Test innovations: NIS over all sets, the later half and windows, mean and whiteness.
 
@@ -124,6 +133,9 @@ def innovation_checks(
         Number of states: the sets that bring the first so many rows do not count in the mean.
     names : tuple of str
         Names of the five tests.
+    mixed : ndarray of bool, shape (N,), optional
+        Cases whose beliefs are mixtures, none by default: their innovations are not normal, so that
+        only the mean NIS is tested.
 
     Returns
     -------
@@ -138,16 +150,72 @@ def innovation_checks(
     met = min(int(np.searchsorted(rows, states)) + 1, half)
     nis = np.sum(white**2, axis=1)
     dof = used.sum(axis=1)
-    return [
-        _chi_check(names[0], "mean NIS per row", nis.sum(axis=0), dof.sum(axis=0), share),
-        _chi_check(
-            names[1], "mean NIS per row, later half", nis[half:].sum(axis=0),
-            dof[half:].sum(axis=0), share,
+    if mixed is None:
+        mixed = np.zeros(len(whole), dtype=bool)
+    made = [
+        expected_check(
+            names[0], "mean NIS per row", nis.sum(axis=0), dof.sum(axis=0), share, mixed
         ),
+        expected_check(
+            names[1], "mean NIS per row, later half", nis[half:].sum(axis=0),
+            dof[half:].sum(axis=0), share, mixed,
+        ),
+    ]  # fmt: skip
+    if mixed.any():
+        why = "the innovations of mixtures are not normal"
+        return made + [inapplicable_check(name, "", len(whole), why) for name in names[2:]]
+    return [
+        *made,
         _slow_check(names[2], white, used, share, optimal),
         _mean_check(names[3], white[met:], used[met:], share),
         _whiteness_check(names[4], white, used, share, optimal),
-    ]  # fmt: skip
+    ]
+
+
+def expected_check(
+    name: str, says: str, squares: Array, dof: Array, share: float, mixed: NDArray[np.bool_]
+) -> Check:
+    """Test squares of errors, or of innovations, whose mean is their degrees of freedom.
+
+    Those of normal distributions are χ² distributed. Of mixtures only the mean is known: the mean
+    over the cases is then compared with its spread among them by Student's distribution, and no
+    case is judged by itself.
+
+    Parameters
+    ----------
+    name, says : str
+        Its name, and what its statistic is.
+    squares, dof : ndarray, shape (N,)
+        Squares and their degrees of freedom, 0 in cases that do not count.
+    share : float
+        Probability with which a consistent filter fails each limit.
+    mixed : ndarray of bool, shape (N,)
+        Cases whose beliefs are mixtures.
+
+    Returns
+    -------
+    Check
+        Numbers and limits per degree of freedom.
+    """
+    check = _chi_check(name, says, squares, dof, share)
+    counted = dof > 0.0
+    if check.reason:
+        return check
+    if not (mixed & counted).any():
+        return check
+    many = int(counted.sum())
+    if many < _LEAST_MIXED:
+        return inapplicable_check(
+            name, says, len(dof), f"{many} cases of mixtures are too few for a mean"
+        )
+    each = squares[counted] / dof[counted].mean()
+    width = float(student.isf(share, many - 1)) * float(np.std(each, ddof=1)) / np.sqrt(many)
+    # one that is judged by the spread is called so; the mean of the cases is that of the sums
+    nothing = np.where(mixed, np.nan, 1.0)
+    return Check(
+        name, f"{says} (mixtures: by its spread),", float(each.mean()), max(1.0 - width, 0.0),
+        1.0 + width, check.each * nothing, check.each_low, check.each_high,
+    )  # fmt: skip
 
 
 def rejected_check(
@@ -311,7 +379,7 @@ def _chi_check(name: str, says: str, squares: Array, dof: Array, share: float) -
     low, high = chi2.ppf(share, some) / some, chi2.isf(share, some) / some
     blank = dof > 0.0
     if not degrees:
-        return inapplicable_check(name, says, len(dof), "no row was used")
+        return inapplicable_check(name, says, len(dof), "there is nothing to test")
     return Check(
         name, says, total / degrees, float(chi2.ppf(share, degrees)) / degrees,
         float(chi2.isf(share, degrees)) / degrees, np.where(blank, squares / some, np.nan),

@@ -7,14 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
 from hillsphere_estimators.checks import (
-    OF_FILTER,
+    OF_FIT,
+    OF_SIGMA,
     Check,
+    expected_check,
     inapplicable_check,
     innovation_checks,
     measured_rows,
@@ -26,17 +27,11 @@ from hillsphere_estimators.specs import BatchedUnscentedSpec
 from hillsphere_estimators.unscented import BatchedUnscented
 
 __all__ = [
-    "OF_FIT",
-    "OF_SIGMA",
     "fit_arc",
     "fit_checks",
     "is_explained",
     "reference_checks",
 ]
-
-OF_FIT = ("fit_nis", "fit_late_nis", "fit_slow_nis", "fit_bias", "fit_whiteness")
-OF_SIGMA = tuple(f"sigma_{name}" for name in OF_FILTER)
-"""Names of the tests of innovations: of the filter, about the fit, and of a sigma-point filter."""
 
 
 def fit_arc(
@@ -91,10 +86,7 @@ def fit_arc(
         )
         for b in after
     ]
-    counted = [
-        replace(m, present=m.present & (i.used | ~measured_rows(m)[:, None]))
-        for m, i in zip(measurements, innovations, strict=True)
-    ]
+    counted = _count_used(measurements, innovations)
     try:
         with np.errstate(all="ignore"):
             return refit(model, prior, counted, beliefs, controls, many_starts=curved), ""
@@ -105,8 +97,9 @@ def fit_arc(
 
 
 def fit_checks(
-    arc: Refit | None, why: str, share: float, n: int, whole: NDArray[np.bool_]
-) -> dict[str, Check]:
+    arc: Refit | None, why: str, share: float, n: int, whole: NDArray[np.bool_],
+    mixed: NDArray[np.bool_],
+) -> dict[str, Check]:  # fmt: skip
     """Test the model about the fit, and the expected NEES of the filter.
 
     Parameters
@@ -121,6 +114,8 @@ def fit_checks(
         Number of states.
     whole : ndarray of bool, shape (N,)
         Cases whose beliefs are finite.
+    mixed : ndarray of bool, shape (N,)
+        Cases whose beliefs are mixtures.
 
     Returns
     -------
@@ -137,18 +132,17 @@ def fit_checks(
         return {name: inapplicable_check(name, "", len(whole), why) for name in (*OF_FIT, *says)}
     good = arc.settled & whole
     made = {c.name: c for c in _model_checks(arc, share, good, n)}
-    one = chi2.ppf(share, n) / n, chi2.isf(share, n) / n
-    many = float(n * good.sum())
-    band = float(chi2.ppf(share, many) / many), float(chi2.isf(share, many) / many)
-    for name, values in (
-        ("final_nees", arc.expected[-1]),
-        ("mean_nees", arc.expected.mean(axis=0)),
+    # directions that a filter knows exactly have no error; there may be others at each time
+    if not arc.dof[:, good].any():
+        none = "all states are known exactly"
+        return made | {name: inapplicable_check(name, "", len(whole), none) for name in says}
+    for name, total, dof in (
+        ("final_nees", arc.expected[-1], arc.dof[-1]),
+        ("mean_nees", arc.expected.mean(axis=0), arc.dof.mean(axis=0)),
     ):
-        each = np.where(good, values / n, np.nan)
-        made[name] = Check(
-            name, says[name], float(np.nanmean(each)), *band, each, np.full(len(each), one[0]),
-            np.full(len(each), one[1]),
-        )  # fmt: skip
+        made[name] = expected_check(
+            name, says[name], np.where(good, total, 0.0), np.where(good, dof, 0.0), share, mixed
+        )
     return made
 
 
@@ -228,14 +222,10 @@ def reference_checks(
     belief, made = prior, []
     try:
         with np.errstate(all="ignore"):
-            for k, (measured, own) in enumerate(zip(measurements, innovations, strict=True)):
+            for k, measured in enumerate(_count_used(measurements, innovations)):
                 if k or not np.array_equal(prior.t_s, measured.t_s):
                     belief = estimator.predict(model, belief, measured.t_s, controls[k])
-                counted = replace(
-                    measured,
-                    present=measured.present & (own.used | ~measured_rows(measured)[:, None]),
-                )
-                belief, innovation = estimator.update(model, belief, counted)
+                belief, innovation = estimator.update(model, belief, measured)
                 made.append(innovation)
             good = whole & np.isfinite(belief.x).all(axis=0)
             for innovation in made:
@@ -244,6 +234,16 @@ def reference_checks(
     except (InputError, np.linalg.LinAlgError):
         return {}
     return {check.name: check for check in checks[:3]}
+
+
+def _count_used(
+    measurements: Sequence[MeasurementSet], innovations: Sequence[Innovation]
+) -> list[MeasurementSet]:
+    """Return the sets with only those rows present that the filter has used."""
+    return [
+        replace(m, present=m.present & (i.used | ~measured_rows(m)[:, None]))
+        for m, i in zip(measurements, innovations, strict=True)
+    ]
 
 
 def _model_checks(arc: Refit, share: float, good: NDArray[np.bool_], n: int) -> list[Check]:
