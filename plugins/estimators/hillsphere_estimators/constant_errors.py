@@ -36,6 +36,8 @@ class ConstantErrors:
     def __init__(self, cases: int, n: int, m: int) -> None:
         self.effect = np.zeros((cases, n, m))
         self.score, self.information = np.zeros((cases, m)), np.zeros((cases, m, m))
+        self.curvature = np.zeros((cases, m))
+        """Part of the score that curvature may have added, at most."""
 
     def move(self, tie: Link, before: Belief) -> None:
         """Move the effect with the motion; Φᵀ = P⁻¹ C P', from the smoother gain C."""
@@ -49,10 +51,12 @@ class ConstantErrors:
         expected: WhitenedInnovation,
         covariance: Array,
         counted: NDArray[np.bool_],
+        remainder: Array,
     ) -> None:
         """Take an update into account; the innovation is that of the prior.
 
-        Where it is not `counted` (N,) the error does not act in it, and it adds no score.
+        Where it is not `counted` (N,) the error does not act in it, and it adds no score. The mean
+        `remainder` (m, N) of its linearisation may have acted like a constant error.
         """
         # H D = (Sᵀ Hᵀ)ᵀ S⁻¹ D
         past = np.swapaxes(expected.linear, 1, 2) @ solve_root(belief.root, self.effect)
@@ -63,5 +67,7 @@ class ConstantErrors:
         )
         keep = counted[:, None, None]
         self.score += np.where(keep, np.swapaxes(seen, 1, 2) @ solved[:, :, :1], 0.0)[:, :, 0]
+        share = np.abs(np.swapaxes(np.linalg.solve(covariance, seen), 1, 2))
+        self.curvature += np.where(keep, share @ remainder.T[:, :, None], 0.0)[:, :, 0]
         self.information += np.where(keep, np.swapaxes(seen, 1, 2) @ solved[:, :, 1:], 0.0)
         self.effect = self.effect + belief.root @ expected.linear @ solved[:, :, 1:]

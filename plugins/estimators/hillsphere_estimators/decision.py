@@ -8,7 +8,8 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from hillsphere_estimators.checks import OF_FILTER, OF_FIT, OF_SIGMA, Check
+from hillsphere_estimators.checks import OF_FILTER, OF_FIT, OF_SIGMA
+from hillsphere_estimators.chi_square_tests import Check
 
 __all__ = ["Answer", "Circumstances", "Decision", "decide"]
 
@@ -19,8 +20,11 @@ Answer: TypeAlias = Literal[
 right but curved; "overconfident" one whose model does not explain the measurements, or whose
 covariance is too small for another reason."""
 _NEES = ("final_nees", "mean_nees")
-_MEASURES = ("curvature", "path", "posterior_curvature", "motion")
-"""Checks that say where linear theory holds; they are no tests of the filter."""
+_MEASURES = ("curvature", "path", "posterior_curvature", "motion", "coloured_nees")
+"""Checks that say where theory holds, or what would be if; they are no tests of the filter."""
+_SLOW = ("slow_nis", "fit_slow_nis", "sigma_slow_nis")
+"""Tests that errors of measurements fail that are correlated in time, whatever the filter's own
+errors are."""
 _TWICE = 4.0
 """Mean NIS per row of a filter whose innovations are twice as large as it states. A run whose limit
 is above that, of less than seven rows at the default level, is too short to be called
@@ -170,6 +174,16 @@ def _weigh(seen: _Seen, at: Circumstances) -> Decision:
             )
         return Decision("undecided", _join(f"{at.place}; without a fit it is not known what it "
                                            f"has done", no_fit))  # fmt: skip
+    powerful = {*OF_FILTER[:2], *OF_FIT[:2], *OF_SIGMA[:2], names[3], "rejected"}
+    if (
+        wrong and fitted and not optimistic and not high & powerful
+        and "coloured_nees" in seen.there and "coloured_nees" not in high
+    ):  # fmt: skip
+        return Decision("undecided", _join(
+            "the innovations are correlated in time: with too little process noise the filter is "
+            "overconfident, with correlated errors of the measurements it is not",
+            seen.say((*_SLOW, "whiteness", "fit_whiteness")),
+        ))  # fmt: skip
     if wrong or optimistic or "rejected" in high:
         return Decision("overconfident", failed)
     if below := low & {*names[1:3], "final_nees"}:

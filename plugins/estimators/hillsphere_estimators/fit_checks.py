@@ -11,17 +11,15 @@ from numpy.typing import NDArray
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
-from hillsphere_estimators.checks import (
-    OF_FIT,
-    OF_SIGMA,
+from hillsphere_estimators.checks import OF_FIT, OF_SIGMA, innovation_checks, measured_rows
+from hillsphere_estimators.chi_square_tests import (
     Check,
     expected_check,
     inapplicable_check,
-    innovation_checks,
-    measured_rows,
     most_extreme_check,
     one_sided_check,
 )
+from hillsphere_estimators.coloured_errors import coloured_nees
 from hillsphere_estimators.refit import Refit, refit
 from hillsphere_estimators.specs import BatchedUnscentedSpec
 from hillsphere_estimators.unscented import BatchedUnscented
@@ -32,6 +30,10 @@ __all__ = [
     "is_explained",
     "reference_checks",
 ]
+
+_TENTH = 1.1
+"""NEES per state in the presence of correlated errors up to which they do no harm: standard
+deviations are then too small by 5 %, which is less than what the estimated correlation tells."""
 
 
 def fit_arc(
@@ -120,7 +122,8 @@ def fit_checks(
     Returns
     -------
     dict of str to Check
-        Those of `OF_FIT`, ``final_nees`` and ``mean_nees``.
+        Those of `OF_FIT`, ``final_nees`` and ``mean_nees``; ``coloured_nees`` if the innovations
+        about the fit are not white.
     """
     says = {
         "final_nees": "expected NEES at the end, per state",
@@ -132,6 +135,8 @@ def fit_checks(
         return {name: inapplicable_check(name, "", len(whole), why) for name in (*OF_FIT, *says)}
     good = arc.settled & whole
     made = {c.name: c for c in _model_checks(arc, share, good, n)}
+    if made["fit_whiteness"].above:
+        made |= _coloured_checks(arc, made["fit_nis"], made["fit_bias"], good)
     # directions that a filter knows exactly have no error; there may be others at each time
     if not arc.dof[:, good].any():
         none = "all states are known exactly"
@@ -246,6 +251,32 @@ def _count_used(
     ]
 
 
+def _coloured_checks(
+    arc: Refit, nis: Check, bias: Check, good: NDArray[np.bool_]
+) -> dict[str, Check]:
+    """Return what correlated errors of the measurements would mean, where they explain the NIS.
+
+    They multiply the variance of a mean by (1 + ρ)/(1 − ρ), and so the limits of constant errors.
+    """
+    rho, power, nees = coloured_nees(arc.about, good)
+    if nis.value > power * nis.high:
+        return {}
+    each = np.where(good, np.maximum(nees[-1], nees.mean(axis=0)), np.nan)
+    value = max(float(nees[-1, good].mean()), float(nees[:, good].mean()))
+    factor = (1.0 + rho) / (1.0 - rho)
+    says = f"NEES per state if the errors of successive measurements are correlated by {rho:.2g}"
+    return {
+        "fit_bias": replace(
+            bias, says=f"{bias.says}, errors correlated by {rho:.2g},", high=factor * bias.high,
+            each_high=factor * bias.each_high,
+        ),
+        "coloured_nees": Check(
+            "coloured_nees", says, value, 0.0, _TENTH, each, np.zeros(len(each)),
+            np.full(len(each), _TENTH),
+        ),
+    }  # fmt: skip
+
+
 def _model_checks(arc: Refit, share: float, good: NDArray[np.bool_], n: int) -> list[Check]:
     """Return the tests of the innovations about the fit, with that of constant errors."""
     made = innovation_checks(arc.innovations, share, good, True, n, OF_FIT)
@@ -257,6 +288,7 @@ def _bias_check(name: str, arc: Refit, good: NDArray[np.bool_], share: float) ->
     """Return the test of constant errors, the same in all cases or another in each.
 
     The score sᵀ I⁻¹ s is χ² with as many degrees of freedom as the information I has directions.
+    Curvature adds at most c to the score, and so √(cᵀ I⁻¹ c) to the root of its square.
     """
     says = "squared score of constant errors, per row"
 
@@ -270,11 +302,20 @@ def _bias_check(name: str, arc: Refit, good: NDArray[np.bool_], share: float) ->
             there.sum(axis=1),
         )
 
-    score = np.where(good[:, None], arc.score, 0.0)
+    score, bent = (np.where(good[:, None], own, 0.0) for own in (arc.score, arc.curvature))
     information = np.where(good[:, None, None], arc.information, 0.0)
     each, rows = squares(score, information)
-    common, degrees = squares(score.sum(axis=0)[None], information.sum(axis=0)[None])
-    return most_extreme_check([
-        one_sided_check(name, says, float(total), float(dof), each, rows, 0.5 * share)
-        for total, dof in ((common[0], degrees[0]), (each.sum(), rows.sum()))
-    ])  # fmt: skip
+    more = squares(bent, information)[0]
+    every = information.sum(axis=0)[None]
+    common, degrees = squares(score.sum(axis=0)[None], every)
+    wide = squares(bent.sum(axis=0)[None], every)[0]
+    made = []
+    for total, dof, excess in (
+        (common[0], degrees[0], wide[0]), (each.sum(), rows.sum(), more.sum()),
+    ):  # fmt: skip
+        check = one_sided_check(name, says, float(total), float(dof), each, rows, 0.5 * share)
+        made.append(replace(
+            check, high=(np.sqrt(check.high) + np.sqrt(excess / max(dof, 1))) ** 2,
+            each_high=(np.sqrt(check.each_high) + np.sqrt(more / np.maximum(rows, 1))) ** 2,
+        ))  # fmt: skip
+    return most_extreme_check(made)

@@ -169,7 +169,7 @@ def score_constant_errors(
             errors.move(fit.links[k - 1], fit.filtered[k - 1])
         expected = fit.whitened[k]
         wide = Belief(smoothed.x, belief.root, belief.t_s)
-        curved = measurement_curvature(model, wide, measurements[k], expected.used)
-        linear = np.asarray(curved.max(axis=0, initial=0.0) <= CURVED)
-        errors.add(belief, expected, expected.covariance(), linear)
+        rms, mean = measurement_curvature(model, wide, measurements[k], expected.used)
+        linear = np.asarray(rms.max(axis=0, initial=0.0) <= CURVED)
+        errors.add(belief, expected, expected.covariance(), linear, mean)
     return errors

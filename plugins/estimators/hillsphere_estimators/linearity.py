@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
-from hillsphere_estimators.checks import Check
+from hillsphere_estimators.chi_square_tests import Check
 from hillsphere_estimators.remainders import (
     CURVED,
     UpdateCurvature,
@@ -21,9 +21,7 @@ from hillsphere_estimators.smoother import link
 
 __all__ = [
     "NonlinearUpdate",
-    "curvature_checks",
-    "curved_cases",
-    "first_nonlinear",
+    "RunCurvature",
     "measure_curvatures",
 ]
 
@@ -75,6 +73,83 @@ class NonlinearUpdate:
         )
 
 
+@dataclass(frozen=True)
+class RunCurvature:
+    """Curvature of K updates of a run of N cases, and of the motion to each.
+
+    Parameters
+    ----------
+    updates : list of UpdateCurvature
+        K of them.
+    motions : ndarray, shape (K, N)
+        Root mean square remainders of the motion, 0 without motion.
+    measurements : sequence of MeasurementSet
+        K sets, for times and names of channels.
+    """
+
+    updates: list[UpdateCurvature]
+    motions: Array
+    measurements: Sequence[MeasurementSet]
+
+    def largest(self, name: str) -> Array:
+        """Return the largest value (K, N) of an attribute of the updates among their rows."""
+        return np.array([getattr(curve, name).max(axis=0, initial=0.0) for curve in self.updates])
+
+    @property
+    def curved(self) -> NDArray[np.bool_]:
+        """Whether any update or motion of a case is beyond `CURVED`, (N,)."""
+        return np.asarray(((self.largest("prior") > CURVED) | (self.motions > CURVED)).any(axis=0))
+
+    def first(self) -> NonlinearUpdate | None:
+        """Return the first motion or update that is curved in any case, None if there is none."""
+        for k, (curve, measured) in enumerate(zip(self.updates, self.measurements, strict=True)):
+            motion = self.motions[k]
+            if (far := motion > CURVED).any():
+                case = int(np.nanargmax(motion))
+                return NonlinearUpdate(
+                    k, float(measured.t_s[case]), "motion", -1, float(motion[case]), 1.0, np.nan,
+                    int(far.sum()),
+                )  # fmt: skip
+            if (bent := curve.prior > CURVED).any():
+                place = np.unravel_index(int(np.nanargmax(curve.prior)), curve.prior.shape)
+                row, case = int(place[0]), int(place[1])
+                names = [
+                    channel.name
+                    for block in measured.blocks
+                    for channel in block
+                    for _ in range(channel.rows)
+                ]
+                return NonlinearUpdate(
+                    k, float(measured.t_s[case]), names[row], row, float(curve.prior[row, case]),
+                    float(curve.ratio[row, case]), float(curve.shift[row, case]),
+                    int(bent.any(axis=0).sum()),
+                )  # fmt: skip
+        return None
+
+    def checks(self) -> dict[str, Check]:
+        """Return the largest curvatures over the run, with the limit `CURVED`.
+
+        Returns
+        -------
+        dict of str to Check
+            ``curvature``, ``path``, ``posterior_curvature`` and ``motion``.
+        """
+        over = "remainder of a measurement, in sigmas of its noise,"
+        sizes = {
+            "curvature": (f"largest {over} over the belief before", self.largest("prior").max(0)),
+            "path": (f"largest {over} along an update", self.largest("path").max(axis=0)),
+            "posterior_curvature": (f"{over} over the last belief", self.largest("posterior")[-1]),
+            "motion": (
+                "largest remainder of the motion, in predicted sigmas", self.motions.max(axis=0),
+            ),
+        }  # fmt: skip
+        return {
+            name: Check(name, says, float(np.nanmax(each, initial=0.0)), 0.0, CURVED, each,
+                        np.zeros(len(each)), np.full(len(each), CURVED))
+            for name, (says, each) in sizes.items()
+        }  # fmt: skip
+
+
 def measure_curvatures(
     model: EstimationModel,
     prior: Belief,
@@ -83,7 +158,7 @@ def measure_curvatures(
     innovations: Sequence[Innovation],
     controls: Sequence[Array],
     before: Sequence[Belief] | None,
-) -> tuple[list[UpdateCurvature], Array]:
+) -> RunCurvature:
     """Measure the curvature of each update of a run, and of the motion to it.
 
     Parameters
@@ -105,123 +180,17 @@ def measure_curvatures(
 
     Returns
     -------
-    updates : list of UpdateCurvature
-        K of them.
-    motions : ndarray, shape (K, N)
-        Root mean square remainders of the motion, 0 without motion.
+    RunCurvature
+        Of K updates.
     """
-    curves, motions = [], []
+    curves, motions = [], np.zeros((len(measurements), len(prior.t_s)))
     for k, measured in enumerate(measurements):
-        start = prior if not k else after[k - 1]
-        moves = bool(k) or not np.array_equal(prior.t_s, measured.t_s)
+        at = start = prior if not k else after[k - 1]
+        if k or not np.array_equal(prior.t_s, measured.t_s):
+            motions[k] = motion_curvature(model, start, measured.t_s, controls[k]).rms
+            if before is None:
+                at = link(model, start, measured.t_s, controls[k]).predicted
         if before is not None:
             at = before[k]
-        else:
-            at = link(model, start, measured.t_s, controls[k]).predicted if moves else prior
         curves.append(update_curvature(model, at, after[k], measured, innovations[k].used))
-        motions.append(
-            motion_curvature(model, start, measured.t_s, controls[k]).rms
-            if moves
-            else np.zeros(len(prior.t_s))
-        )
-    return curves, np.array(motions)
-
-
-def curved_cases(curves: Sequence[UpdateCurvature], motions: Array) -> NDArray[np.bool_]:
-    """Return the cases in which an update or the motion is curved.
-
-    Parameters
-    ----------
-    curves : sequence of UpdateCurvature
-        K updates of N cases.
-    motions : ndarray, shape (K, N)
-        Root mean square remainders of the motion to each.
-
-    Returns
-    -------
-    ndarray of bool, shape (N,)
-        Whether any is beyond `CURVED`.
-    """
-    sizes = np.array([curve.prior.max(axis=0, initial=0.0) for curve in curves])
-    return np.asarray(((sizes > CURVED) | (motions > CURVED)).any(axis=0))
-
-
-def first_nonlinear(
-    curves: Sequence[UpdateCurvature], motions: Array, measurements: Sequence[MeasurementSet]
-) -> NonlinearUpdate | None:
-    """Return the first motion or update that is curved in any case.
-
-    Parameters
-    ----------
-    curves : sequence of UpdateCurvature
-        K updates of N cases.
-    motions : ndarray, shape (K, N)
-        Root mean square remainders of the motion to each.
-    measurements : sequence of MeasurementSet
-        K sets, for times and names of channels.
-
-    Returns
-    -------
-    NonlinearUpdate or None
-        None if no case is beyond `CURVED`.
-    """
-    for k, (curve, measured) in enumerate(zip(curves, measurements, strict=True)):
-        far = motions[k] > CURVED
-        if far.any():
-            case = int(np.nanargmax(motions[k]))
-            return NonlinearUpdate(
-                k, float(measured.t_s[case]), "motion", -1, float(motions[k, case]), 1.0, np.nan,
-                int(far.sum()),
-            )  # fmt: skip
-        bent = curve.prior > CURVED
-        if bent.any():
-            place = np.unravel_index(int(np.nanargmax(curve.prior)), curve.prior.shape)
-            row, case = int(place[0]), int(place[1])
-            names = [
-                channel.name
-                for block in measured.blocks
-                for channel in block
-                for _ in range(channel.rows)
-            ]
-            return NonlinearUpdate(
-                k, float(measured.t_s[case]), names[row], row, float(curve.prior[row, case]),
-                float(curve.ratio[row, case]), float(curve.shift[row, case]),
-                int(bent.any(axis=0).sum()),
-            )  # fmt: skip
-    return None
-
-
-def curvature_checks(curves: Sequence[UpdateCurvature], motions: Array) -> dict[str, Check]:
-    """Return the largest curvatures over a run.
-
-    Parameters
-    ----------
-    curves : sequence of UpdateCurvature
-        K updates of N cases.
-    motions : ndarray, shape (K, N)
-        Root mean square remainders of the motion to each.
-
-    Returns
-    -------
-    dict of str to Check
-        ``curvature``, ``path``, ``posterior_curvature`` and ``motion`` with the limit `CURVED`.
-    """
-
-    def largest(name: str) -> Array:
-        each = [getattr(curve, name).max(axis=0, initial=0.0) for curve in curves]
-        return np.asarray(np.max(each, axis=0))
-
-    over = "remainder of a measurement, in sigmas of its noise,"
-    sizes = {
-        "curvature": (f"largest {over} over the belief before", largest("prior")),
-        "path": (f"largest {over} along an update", largest("path")),
-        "posterior_curvature": (
-            f"{over} over the last belief", curves[-1].posterior.max(axis=0, initial=0.0),
-        ),
-        "motion": ("largest remainder of the motion, in predicted sigmas", motions.max(axis=0)),
-    }  # fmt: skip
-    return {
-        name: Check(name, says, float(np.nanmax(each)), 0.0, CURVED, each, np.zeros(len(each)),
-                    np.full(len(each), CURVED))
-        for name, (says, each) in sizes.items()
-    }  # fmt: skip
+    return RunCurvature(curves, motions, measurements)

@@ -97,6 +97,10 @@ class Refit:
         in the sets that are linear over the belief before them.
     information : ndarray, shape (N, m, m)
         Its covariance if there are no such errors, see `ConstantErrors`.
+    curvature : ndarray, shape (N, m)
+        Size of the score that the curvature of the measurements may have added.
+    about : FittedPass
+        Filter and smoother about the fit that starts from the filter's own trajectory.
     """
 
     expected: Array
@@ -110,6 +114,8 @@ class Refit:
     belief: Belief
     score: Array
     information: Array
+    curvature: Array
+    about: FittedPass
 
 
 LEAST_WEIGHT = 0.01
@@ -198,6 +204,8 @@ def refit(
         belief,
         np.stack([error.score for error in errors])[best, case],
         np.stack([error.information for error in errors])[best, case],
+        np.stack([error.curvature for error in errors])[best, case],
+        fits[0][0],
     )
 
 

@@ -158,7 +158,7 @@ def update_curvature(
     path = np.abs(_wrap_rows(end - (slopes @ step)[:, :, 0].T, layout)) / sigma
     return UpdateCurvature(
         _over_noise(rho, sigma, used),
-        measurement_curvature(model, after, measurements, used),
+        measurement_curvature(model, after, measurements, used)[0],
         np.where(used, path, 0.0),
         np.where(used, np.abs(mean) / spread, 0.0),
         np.where(used, variance / spread**2, 1.0),
@@ -172,8 +172,8 @@ def measurement_curvature(
     belief: Belief,
     measurements: MeasurementSet,
     used: NDArray[np.bool_],
-) -> Array:
-    """Return the root mean square remainders of measurements over a belief.
+) -> tuple[Array, Array]:
+    """Return the root mean square remainders of measurements over a belief, and their means.
 
     Parameters
     ----------
@@ -188,11 +188,13 @@ def measurement_curvature(
 
     Returns
     -------
-    ndarray, shape (m, N)
-        In standard deviations of the noise; zero in rows that were not used.
+    rms, mean : ndarray, shape (m, N)
+        In standard deviations of the noise; zero in rows that were not used. The mean is a size.
     """
     sigma = np.where(used, measurements.sigma, 1.0)
-    return _over_noise(_remainders(model, belief, usable(measurements)[0])[1], sigma, used)
+    rho = _remainders(model, belief, usable(measurements)[0])[1]
+    mean = np.where(used, np.abs(np.mean(rho, axis=1)) / sigma, 0.0)
+    return _over_noise(rho, sigma, used), mean
 
 
 def _over_noise(rho: Array, sigma: Array, used: NDArray[np.bool_]) -> Array:

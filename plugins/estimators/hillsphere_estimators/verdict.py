@@ -30,7 +30,8 @@ from numpy.typing import NDArray
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
-from hillsphere_estimators.checks import OF_FILTER, Check, innovation_checks, rejected_check
+from hillsphere_estimators.checks import OF_FILTER, innovation_checks, rejected_check
+from hillsphere_estimators.chi_square_tests import Check
 from hillsphere_estimators.decision import Answer, Circumstances, decide
 from hillsphere_estimators.fit_checks import (
     fit_arc,
@@ -38,13 +39,7 @@ from hillsphere_estimators.fit_checks import (
     is_explained,
     reference_checks,
 )
-from hillsphere_estimators.linearity import (
-    NonlinearUpdate,
-    curvature_checks,
-    curved_cases,
-    first_nonlinear,
-    measure_curvatures,
-)
+from hillsphere_estimators.linearity import NonlinearUpdate, measure_curvatures
 from hillsphere_estimators.mixture import mixture_of
 from hillsphere_estimators.refit import Refit
 from hillsphere_estimators.sigma_points import update_mask
@@ -165,12 +160,9 @@ def verdict(
     ):
         checks[check.name] = check
     checks["rejected"] = rejected_check(measurements, innovations)
-    curves, motions = measure_curvatures(
-        model, prior, measurements, after, innovations, controls, before
-    )
-    nonlinear = first_nonlinear(curves, motions, measurements)
-    checks |= curvature_checks(curves, motions)
-    curved = curved_cases(curves, motions)
+    bent = measure_curvatures(model, prior, measurements, after, innovations, controls, before)
+    nonlinear, curved = bent.first(), bent.curved
+    checks |= bent.checks()
     arc, why = fit_arc(
         model, prior, measurements, after, innovations, controls, fit, whole, bool(curved.any())
     )
