@@ -118,8 +118,8 @@ def expected_check(
     """Test squares of errors, or of innovations, whose mean is their degrees of freedom.
 
     Those of normal distributions are χ² distributed. Of mixtures only the mean is known: the mean
-    over the cases is then compared with its spread among them by Student's distribution, and no
-    case is judged by itself.
+    over the cases is then compared with its spread among them by Student's distribution, or with
+    the limits of χ² where these are wider, and no case is judged by itself.
 
     Parameters
     ----------
@@ -150,11 +150,12 @@ def expected_check(
         )
     each = squares[counted] / dof[counted].mean()
     width = float(student.isf(share, many - 1)) * float(np.std(each, ddof=1)) / np.sqrt(many)
-    # one that is judged by the spread is called so; the mean of the cases is that of the sums
+    # means given all measurements spread less than χ²; their fit is not as accurate as that
+    low, high = min(check.low, max(1.0 - width, 0.0)), max(check.high, 1.0 + width)
     nothing = np.where(mixed, np.nan, 1.0)
     return Check(
-        name, f"{says} (mixtures: by its spread),", float(each.mean()), max(1.0 - width, 0.0),
-        1.0 + width, check.each * nothing, check.each_low, check.each_high,
+        name, f"{says} (of mixtures)", float(each.mean()), low, high, check.each * nothing,
+        check.each_low, check.each_high,
     )  # fmt: skip
 
 
