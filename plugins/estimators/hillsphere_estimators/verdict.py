@@ -11,7 +11,15 @@ Every test is at a share of the level: the sum of the shares is the level (Bonfe
 consistent filter in a linear problem is called anything else with less than that probability.
 Where the fit has settled, the innovations about the fitted trajectory decide on the model and the
 expected NEES decides on the filter. The filter's own innovations, which are not normal where a wide
-prior meets a curved measurement, then decide nothing. Without a fit they decide.
+prior meets a curved measurement, then decide nothing. Without a fit they decide, but nothing is
+called consistent, unless no fit was asked for. The rules are in `decision`; where the theory of a
+test does not hold the test does not decide:
+
+- constant errors count only as far as curvature does not explain them (`fit_checks`);
+- correlated innovations alone do not decide if errors of measurements that are correlated explain
+  them and leave the filter consistent (`coloured_errors`);
+- of mixtures only the means of squares are tested, by their spread (`expected_check`);
+- directions of the states that are known exactly are left out.
 
 References
 ----------
@@ -73,7 +81,8 @@ class Verdict:
         Tests by name: ``nis``, ``late_nis``, ``slow_nis``, ``mean``, ``whiteness`` and
         ``rejected`` of the filter's innovations; with ``fit_`` and ``sigma_`` of those about the
         fit and of a sigma-point filter; ``fit_bias``, constant errors of the measurements;
-        ``final_nees`` and ``mean_nees``, the expected NEES; ``curvature``, ``path``,
+        ``final_nees`` and ``mean_nees``, the expected NEES; ``coloured_nees``, what correlated
+        errors of the measurements would make of it; ``curvature``, ``path``,
         ``posterior_curvature`` and ``motion``.
     nonlinear : NonlinearUpdate, optional
         The first update or motion that is too curved, whatever the answer.
