@@ -229,4 +229,4 @@ def _check_lengths(
 
 def _find_mixtures(after: Sequence[Belief]) -> NDArray[np.bool_]:
     """Return the cases (N,) whose belief has more than one component at any time."""
-    return np.any([mixture_of(belief)[0].count > 1 for belief in after], axis=0)
+    return np.asarray(np.any([mixture_of(belief)[0].count > 1 for belief in after], axis=0))

@@ -72,7 +72,7 @@ class Heading:
         return np.repeat(np.diag([0.05, 0.01])[None], x.shape[1], axis=0)
 
     def observe(self, x: Array, t_s: Array, case: Any) -> Array:
-        return np.angle(np.exp(1j * x[:1]))
+        return np.asarray(np.angle(np.exp(1j * x[:1])))
 
 
 def test_a_turn_of_all_directions_changes_no_verdict() -> None:
