@@ -22,8 +22,9 @@ have a constant error), "coloured" (their errors are correlated from one to the 
 
 The limits of the verdict are those of its level and of χ² distributions. The problems were seen
 while its rules were written, and none were held back: that the mean of the first innovations does
-not count, that one of three linearisations clears the model, and that a fit with a NIS above 2 is
-no solution were learned here.
+not count, that one of three linearisations clears the model, that a fit with a NIS above 2 is no
+solution, and that correlated errors of the measurements may do no harm (van der Pol, "coloured")
+were learned here.
 
 References
 ----------

@@ -63,7 +63,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
         *(f"hillsphere_estimators.{name}" for name in (
             "unscented", "iterated_extended", "information", "sequential", "smoother",
             "gaussian_sum", "batch_gaussian_sum", "mixture", "batch_least_squares",
-            "consistency", "verdict", "linearity", "cramer_rao", "observability",
+            "consistency", "verdict", "linearity", "remainders", "cramer_rao", "observability",
             "covariance_intersection", "bias_states", "fixed_lag", "plant_model",
         )),
         "hillsphere_sensors.camera_image", "hillsphere_sensors.lit_disc",

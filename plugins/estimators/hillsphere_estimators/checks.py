@@ -13,29 +13,35 @@ References
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from hillsphere.estimation import Innovation, MeasurementSet
-from hillsphere.interfaces import Array, Integers
+from hillsphere.interfaces import Array
+from hillsphere_estimators.chi_square_tests import (
+    Check,
+    expected_check,
+    inapplicable_check,
+    most_extreme_check,
+    one_sided_check,
+    two_sided_check,
+)
 from hillsphere_estimators.differences import layout_of
 
 __all__ = [
     "OF_FILTER",
-    "Check",
-    "inapplicable_check",
+    "OF_FIT",
+    "OF_SIGMA",
     "innovation_checks",
     "measured_rows",
-    "most_extreme_check",
-    "one_sided_check",
     "rejected_check",
 ]
 
 OF_FILTER = ("nis", "late_nis", "slow_nis", "mean", "whiteness")
-"""Names of the tests of a filter's innovations."""
+OF_FIT = ("fit_nis", "fit_late_nis", "fit_slow_nis", "fit_bias", "fit_whiteness")
+OF_SIGMA = tuple(f"sigma_{name}" for name in OF_FILTER)
+"""Names of the tests of innovations: of the filter, about the fit, and of a sigma-point filter."""
 _LAGS = 5
 """Lags of the test of whiteness. A wrong process noise shows at the first few, an unmodelled force
 at all; each further lag spends power on nothing."""
@@ -46,66 +52,9 @@ _MOSTLY_REJECTED = 0.5
 detection of divergence of the stage ``navigation``."""
 
 
-@dataclass(frozen=True)
-class Check:
-    """Result of one test, of all cases together and of each of N cases.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    says : str
-        What its statistic is.
-    value, low, high : float
-        Statistic of all cases, and the limits between which it passes.
-    each, each_low, each_high : ndarray, shape (N,)
-        The same of each case; NaN where it does not apply.
-    reason : str
-        Why the test does not apply, "" if it does.
-    """
-
-    name: str
-    says: str
-    value: float
-    low: float
-    high: float
-    each: Array
-    each_low: Array
-    each_high: Array
-    reason: str = ""
-
-    @property
-    def above(self) -> bool:
-        """Whether the statistic of all cases is above its limit."""
-        return bool(self.value > self.high)
-
-    @property
-    def below(self) -> bool:
-        """Whether it is below its limit."""
-        return bool(self.value < self.low)
-
-    @property
-    def each_above(self) -> NDArray[np.bool_]:
-        """Whether that of a case is above its limit, (N,)."""
-        return np.asarray(self.each > self.each_high)
-
-    @property
-    def each_below(self) -> NDArray[np.bool_]:
-        """Whether that of a case is below its limit, (N,)."""
-        return np.asarray(self.each < self.each_low)
-
-    def __str__(self) -> str:
-        if self.reason:
-            return f"{self.name}: not applicable, {self.reason}"
-        band = (
-            f"at most {self.high:.3g}" if self.low <= 0.0 else f"{self.low:.3g} to {self.high:.3g}"
-        )
-        return f"{self.name}: {self.says} {self.value:.3g} (limit {band})"
-
-
 def innovation_checks(
     innovations: Sequence[Innovation], share: float, whole: NDArray[np.bool_], optimal: bool,
-    states: int, names: tuple[str, ...],
+    states: int, names: tuple[str, ...], mixed: NDArray[np.bool_] | None = None,
 ) -> list[Check]:  # fmt: skip
     """Test innovations: NIS over all sets, the later half and windows, mean and whiteness.
 
@@ -124,6 +73,9 @@ def innovation_checks(
         Number of states: the sets that bring the first so many rows do not count in the mean.
     names : tuple of str
         Names of the five tests.
+    mixed : ndarray of bool, shape (N,), optional
+        Cases whose beliefs are mixtures, none by default: their innovations are not normal, so that
+        only the mean NIS is tested.
 
     Returns
     -------
@@ -138,16 +90,26 @@ def innovation_checks(
     met = min(int(np.searchsorted(rows, states)) + 1, half)
     nis = np.sum(white**2, axis=1)
     dof = used.sum(axis=1)
-    return [
-        _chi_check(names[0], "mean NIS per row", nis.sum(axis=0), dof.sum(axis=0), share),
-        _chi_check(
-            names[1], "mean NIS per row, later half", nis[half:].sum(axis=0),
-            dof[half:].sum(axis=0), share,
+    if mixed is None:
+        mixed = np.zeros(len(whole), dtype=bool)
+    made = [
+        expected_check(
+            names[0], "mean NIS per row", nis.sum(axis=0), dof.sum(axis=0), share, mixed
         ),
+        expected_check(
+            names[1], "mean NIS per row, later half", nis[half:].sum(axis=0),
+            dof[half:].sum(axis=0), share, mixed,
+        ),
+    ]  # fmt: skip
+    if mixed.any():
+        why = "the innovations of mixtures are not normal"
+        return made + [inapplicable_check(name, "", len(whole), why) for name in names[2:]]
+    return [
+        *made,
         _slow_check(names[2], white, used, share, optimal),
         _mean_check(names[3], white[met:], used[met:], share),
         _whiteness_check(names[4], white, used, share, optimal),
-    ]  # fmt: skip
+    ]
 
 
 def rejected_check(
@@ -181,92 +143,6 @@ def rejected_check(
         "rejected", "share of rows rejected in the later half", value, 0.0, _MOSTLY_REJECTED, each,
         np.zeros(many), np.full(many, _MOSTLY_REJECTED),
     )  # fmt: skip
-
-
-def one_sided_check(
-    name: str, says: str, value: float, degrees: float, each: Array, dof: Array, share: float
-) -> Check:
-    """Return a test of χ² numbers that only large values fail.
-
-    Parameters
-    ----------
-    name, says : str
-        Its name, and what its statistic is.
-    value, degrees : float
-        The number of all cases, and its degrees of freedom.
-    each, dof : ndarray, shape (N,)
-        The same of each case.
-    share : float
-        Probability with which a consistent filter fails.
-
-    Returns
-    -------
-    Check
-        Numbers and limits per degree of freedom.
-    """
-    if not degrees:
-        return inapplicable_check(name, says, len(each), "too few rows follow one another")
-    some = np.maximum(dof, 1)
-    there = dof > 0
-    return Check(
-        name, says, value / degrees, 0.0, float(chi2.isf(share, degrees)) / degrees,
-        np.where(there, each / some, np.nan), np.zeros(len(each)),
-        np.where(there, chi2.isf(share, some) / some, np.nan),
-    )  # fmt: skip
-
-
-def most_extreme_check(checks: list[Check]) -> Check:
-    """Return one test of several: of all cases and of each the one farthest beyond its limit.
-
-    Parameters
-    ----------
-    checks : list of Check
-        At least one, of the same name.
-
-    Returns
-    -------
-    Check
-        Values with their own limits. One above its limit comes before one below.
-    """
-
-    def choose(value: Array, low: Array, high: Array) -> Integers:
-        over = np.where(np.isfinite(value), value / np.maximum(high, 1e-300), -np.inf)
-        under = np.where(np.isfinite(value), low / np.maximum(value, 1e-300), -np.inf)
-        top = np.argmax(over, axis=0)
-        above = np.take_along_axis(over, top[None], axis=0)[0] > 1.0
-        return np.asarray(np.where(above, top, np.argmax(np.maximum(over, under), axis=0)))
-
-    pooled = choose(
-        *(np.array([[getattr(c, k)] for c in checks]) for k in ("value", "low", "high"))
-    )
-    fields = [np.array([getattr(c, k) for c in checks]) for k in ("each", "each_low", "each_high")]
-    own = choose(*fields)
-    case = np.arange(len(own))
-    return replace(
-        checks[int(pooled[0])], each=fields[0][own, case], each_low=fields[1][own, case],
-        each_high=fields[2][own, case],
-    )  # fmt: skip
-
-
-def inapplicable_check(name: str, says: str, cases: int, reason: str) -> Check:
-    """Return a test that does not apply.
-
-    Parameters
-    ----------
-    name, says : str
-        Its name, and what its statistic is.
-    cases : int
-        Number of cases.
-    reason : str
-        Why it does not apply.
-
-    Returns
-    -------
-    Check
-        Its numbers are NaN.
-    """
-    none = np.full(cases, np.nan)
-    return Check(name, says, np.nan, np.nan, np.nan, none, none, none, reason)
 
 
 def measured_rows(measured: MeasurementSet) -> NDArray[np.bool_]:
@@ -304,21 +180,6 @@ def _whiten_all(
     return np.array(white), np.array(used)
 
 
-def _chi_check(name: str, says: str, squares: Array, dof: Array, share: float) -> Check:
-    """Return the test of χ² numbers (N,) and of their sum, two-sided."""
-    total, degrees = float(squares.sum()), float(dof.sum())
-    some = np.maximum(dof, 1.0)
-    low, high = chi2.ppf(share, some) / some, chi2.isf(share, some) / some
-    blank = dof > 0.0
-    if not degrees:
-        return inapplicable_check(name, says, len(dof), "no row was used")
-    return Check(
-        name, says, total / degrees, float(chi2.ppf(share, degrees)) / degrees,
-        float(chi2.isf(share, degrees)) / degrees, np.where(blank, squares / some, np.nan),
-        np.where(blank, low, np.nan), np.where(blank, high, np.nan),
-    )  # fmt: skip
-
-
 def _slow_check(
     name: str, white: Array, used: NDArray[np.bool_], share: float, optimal: bool
 ) -> Check:
@@ -346,7 +207,7 @@ def _slow_check(
         many = used[count - whole :].reshape(shape).sum(axis=1)
         squares = np.sum(sums**2 / np.maximum(many, 1), axis=(0, 1))
         dof = np.sum(many > 0, axis=(0, 1))
-        made.append(_chi_check(name, says, squares, dof, share / len(lengths)))
+        made.append(two_sided_check(name, says, squares, dof, share / len(lengths)))
     return most_extreme_check(made)
 
 

@@ -7,36 +7,33 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
-from hillsphere_estimators.checks import (
-    OF_FILTER,
+from hillsphere_estimators.checks import OF_FIT, OF_SIGMA, innovation_checks, measured_rows
+from hillsphere_estimators.chi_square_tests import (
     Check,
+    expected_check,
     inapplicable_check,
-    innovation_checks,
-    measured_rows,
     most_extreme_check,
     one_sided_check,
 )
+from hillsphere_estimators.coloured_errors import coloured_nees
 from hillsphere_estimators.refit import Refit, refit
 from hillsphere_estimators.specs import BatchedUnscentedSpec
 from hillsphere_estimators.unscented import BatchedUnscented
 
 __all__ = [
-    "OF_FIT",
-    "OF_SIGMA",
     "fit_arc",
     "fit_checks",
     "is_explained",
     "reference_checks",
 ]
 
-OF_FIT = ("fit_nis", "fit_late_nis", "fit_slow_nis", "fit_bias", "fit_whiteness")
-OF_SIGMA = tuple(f"sigma_{name}" for name in OF_FILTER)
-"""Names of the tests of innovations: of the filter, about the fit, and of a sigma-point filter."""
+_TENTH = 1.1
+"""NEES per state in the presence of correlated errors up to which they do no harm: standard
+deviations are then too small by 5 %, which is less than what the estimated correlation tells."""
 
 
 def fit_arc(
@@ -91,10 +88,7 @@ def fit_arc(
         )
         for b in after
     ]
-    counted = [
-        replace(m, present=m.present & (i.used | ~measured_rows(m)[:, None]))
-        for m, i in zip(measurements, innovations, strict=True)
-    ]
+    counted = _count_used(measurements, innovations)
     try:
         with np.errstate(all="ignore"):
             return refit(model, prior, counted, beliefs, controls, many_starts=curved), ""
@@ -105,8 +99,9 @@ def fit_arc(
 
 
 def fit_checks(
-    arc: Refit | None, why: str, share: float, n: int, whole: NDArray[np.bool_]
-) -> dict[str, Check]:
+    arc: Refit | None, why: str, share: float, n: int, whole: NDArray[np.bool_],
+    mixed: NDArray[np.bool_],
+) -> dict[str, Check]:  # fmt: skip
     """Test the model about the fit, and the expected NEES of the filter.
 
     Parameters
@@ -121,11 +116,14 @@ def fit_checks(
         Number of states.
     whole : ndarray of bool, shape (N,)
         Cases whose beliefs are finite.
+    mixed : ndarray of bool, shape (N,)
+        Cases whose beliefs are mixtures.
 
     Returns
     -------
     dict of str to Check
-        Those of `OF_FIT`, ``final_nees`` and ``mean_nees``.
+        Those of `OF_FIT`, ``final_nees`` and ``mean_nees``; ``coloured_nees`` if the innovations
+        about the fit are not white.
     """
     says = {
         "final_nees": "expected NEES at the end, per state",
@@ -137,18 +135,19 @@ def fit_checks(
         return {name: inapplicable_check(name, "", len(whole), why) for name in (*OF_FIT, *says)}
     good = arc.settled & whole
     made = {c.name: c for c in _model_checks(arc, share, good, n)}
-    one = chi2.ppf(share, n) / n, chi2.isf(share, n) / n
-    many = float(n * good.sum())
-    band = float(chi2.ppf(share, many) / many), float(chi2.isf(share, many) / many)
-    for name, values in (
-        ("final_nees", arc.expected[-1]),
-        ("mean_nees", arc.expected.mean(axis=0)),
+    if made["fit_whiteness"].above:
+        made |= _coloured_checks(arc, made["fit_nis"], made["fit_bias"], good)
+    # directions that a filter knows exactly have no error; there may be others at each time
+    if not arc.dof[:, good].any():
+        none = "all states are known exactly"
+        return made | {name: inapplicable_check(name, "", len(whole), none) for name in says}
+    for name, total, dof in (
+        ("final_nees", arc.expected[-1], arc.dof[-1]),
+        ("mean_nees", arc.expected.mean(axis=0), arc.dof.mean(axis=0)),
     ):
-        each = np.where(good, values / n, np.nan)
-        made[name] = Check(
-            name, says[name], float(np.nanmean(each)), *band, each, np.full(len(each), one[0]),
-            np.full(len(each), one[1]),
-        )  # fmt: skip
+        made[name] = expected_check(
+            name, says[name], np.where(good, total, 0.0), np.where(good, dof, 0.0), share, mixed
+        )
     return made
 
 
@@ -228,14 +227,10 @@ def reference_checks(
     belief, made = prior, []
     try:
         with np.errstate(all="ignore"):
-            for k, (measured, own) in enumerate(zip(measurements, innovations, strict=True)):
+            for k, measured in enumerate(_count_used(measurements, innovations)):
                 if k or not np.array_equal(prior.t_s, measured.t_s):
                     belief = estimator.predict(model, belief, measured.t_s, controls[k])
-                counted = replace(
-                    measured,
-                    present=measured.present & (own.used | ~measured_rows(measured)[:, None]),
-                )
-                belief, innovation = estimator.update(model, belief, counted)
+                belief, innovation = estimator.update(model, belief, measured)
                 made.append(innovation)
             good = whole & np.isfinite(belief.x).all(axis=0)
             for innovation in made:
@@ -244,6 +239,42 @@ def reference_checks(
     except (InputError, np.linalg.LinAlgError):
         return {}
     return {check.name: check for check in checks[:3]}
+
+
+def _count_used(
+    measurements: Sequence[MeasurementSet], innovations: Sequence[Innovation]
+) -> list[MeasurementSet]:
+    """Return the sets with only those rows present that the filter has used."""
+    return [
+        replace(m, present=m.present & (i.used | ~measured_rows(m)[:, None]))
+        for m, i in zip(measurements, innovations, strict=True)
+    ]
+
+
+def _coloured_checks(
+    arc: Refit, nis: Check, bias: Check, good: NDArray[np.bool_]
+) -> dict[str, Check]:
+    """Return what correlated errors of the measurements would mean, where they explain the NIS.
+
+    They multiply the variance of a mean by (1 + ρ)/(1 − ρ), and so the limits of constant errors.
+    """
+    rho, power, nees = coloured_nees(arc.about, good)
+    if nis.value > power * nis.high:
+        return {}
+    each = np.where(good, np.maximum(nees[-1], nees.mean(axis=0)), np.nan)
+    value = max(float(nees[-1, good].mean()), float(nees[:, good].mean()))
+    factor = (1.0 + rho) / (1.0 - rho)
+    says = f"NEES per state if the errors of successive measurements are correlated by {rho:.2g}"
+    return {
+        "fit_bias": replace(
+            bias, says=f"{bias.says}, errors correlated by {rho:.2g},", high=factor * bias.high,
+            each_high=factor * bias.each_high,
+        ),
+        "coloured_nees": Check(
+            "coloured_nees", says, value, 0.0, _TENTH, each, np.zeros(len(each)),
+            np.full(len(each), _TENTH),
+        ),
+    }  # fmt: skip
 
 
 def _model_checks(arc: Refit, share: float, good: NDArray[np.bool_], n: int) -> list[Check]:
@@ -257,6 +288,7 @@ def _bias_check(name: str, arc: Refit, good: NDArray[np.bool_], share: float) ->
     """Return the test of constant errors, the same in all cases or another in each.
 
     The score sᵀ I⁻¹ s is χ² with as many degrees of freedom as the information I has directions.
+    Curvature adds at most c to the score, and so √(cᵀ I⁻¹ c) to the root of its square.
     """
     says = "squared score of constant errors, per row"
 
@@ -270,11 +302,20 @@ def _bias_check(name: str, arc: Refit, good: NDArray[np.bool_], share: float) ->
             there.sum(axis=1),
         )
 
-    score = np.where(good[:, None], arc.score, 0.0)
+    score, bent = (np.where(good[:, None], own, 0.0) for own in (arc.score, arc.curvature))
     information = np.where(good[:, None, None], arc.information, 0.0)
     each, rows = squares(score, information)
-    common, degrees = squares(score.sum(axis=0)[None], information.sum(axis=0)[None])
-    return most_extreme_check([
-        one_sided_check(name, says, float(total), float(dof), each, rows, 0.5 * share)
-        for total, dof in ((common[0], degrees[0]), (each.sum(), rows.sum()))
-    ])  # fmt: skip
+    more = squares(bent, information)[0]
+    every = information.sum(axis=0)[None]
+    common, degrees = squares(score.sum(axis=0)[None], every)
+    wide = squares(bent.sum(axis=0)[None], every)[0]
+    made = []
+    for total, dof, excess in (
+        (common[0], degrees[0], wide[0]), (each.sum(), rows.sum(), more.sum()),
+    ):  # fmt: skip
+        check = one_sided_check(name, says, float(total), float(dof), each, rows, 0.5 * share)
+        made.append(replace(
+            check, high=(np.sqrt(check.high) + np.sqrt(excess / max(dof, 1))) ** 2,
+            each_high=(np.sqrt(check.each_high) + np.sqrt(more / np.maximum(rows, 1))) ** 2,
+        ))  # fmt: skip
+    return most_extreme_check(made)

@@ -9,6 +9,8 @@ so that the expected NEES of the filter, given the measurements, is
 
 It needs no true states and is on average the number of states for a consistent filter. For an
 optimal filter it is the test of Hausman [1]_, by which x_f − x_s has the covariance P_f − P_s.
+Directions of the states that the filter knows exactly have no error and are left out. Considered
+states are estimated by the fit, and their errors count like those of the others.
 
 The fit is the maximum a posteriori trajectory: without process noise by `batch_least_squares`,
 with process noise by the iterated Kalman smoother [2]_. A filter and a smoother linearised about
@@ -35,12 +37,18 @@ from numpy.typing import NDArray
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel, Integers
 from hillsphere_estimators.batch_least_squares import batch_least_squares
-from hillsphere_estimators.constant_errors import ConstantErrors
-from hillsphere_estimators.convergence import regular_root
-from hillsphere_estimators.gauss_newton import linearise_measurements
-from hillsphere_estimators.innovations import refer_to_prior, usable
-from hillsphere_estimators.smoother import Link, link, smooth
-from hillsphere_estimators.unscented import linear_update
+from hillsphere_estimators.fitted_pass import (
+    AllEstimated,
+    AtRest,
+    FittedPass,
+    pass_about,
+    score_constant_errors,
+)
+from hillsphere_estimators.innovations import usable
+from hillsphere_estimators.nees import nees_dof
+from hillsphere_estimators.roots import solve_root
+from hillsphere_estimators.smoother import link, smooth
+from hillsphere_estimators.state_angles import state_angles, wrap_differences
 
 __all__ = ["Refit", "refit"]
 
@@ -67,6 +75,8 @@ class Refit:
     expected : ndarray, shape (K, N)
         Expected NEES of the filter's belief after each set of measurements, given all of them; NaN
         where no fit has settled.
+    dof : ndarray of int, shape (K, N)
+        Its degrees of freedom: states that the filter does not know exactly.
     innovations : list of Innovation
         K: of the filter linearised about the fitted trajectory.
     squares : ndarray, shape (N,)
@@ -83,12 +93,18 @@ class Refit:
     belief : Belief
         The most probable solution after the last set of measurements.
     score : ndarray, shape (N, m)
-        Gradient of the log-likelihood by constant errors of the m rows, in units of their noise.
+        Gradient of the log-likelihood by constant errors of the m rows, in units of their noise,
+        in the sets that are linear over the belief before them.
     information : ndarray, shape (N, m, m)
         Its covariance if there are no such errors, see `ConstantErrors`.
+    curvature : ndarray, shape (N, m)
+        Size of the score that the curvature of the measurements may have added.
+    about : FittedPass
+        Filter and smoother about the fit that starts from the filter's own trajectory.
     """
 
     expected: Array
+    dof: Integers
     innovations: list[Innovation]
     squares: Array
     rows: Integers
@@ -98,21 +114,13 @@ class Refit:
     belief: Belief
     score: Array
     information: Array
+    curvature: Array
+    about: FittedPass
 
 
 LEAST_WEIGHT = 0.01
 """Weight below which another solution does not count. Of a hundred draws less than one would lie
 there, and the mean NEES that would belong to it is beyond what they could show."""
-
-
-@dataclass(frozen=True)
-class _Pass:
-    """Filter and smoother about one trajectory, with the score of constant errors."""
-
-    smoothed: list[Belief]
-    innovations: list[Innovation]
-    likelihood: Array
-    bias: ConstantErrors
 
 
 def refit(
@@ -147,32 +155,26 @@ def refit(
     -------
     Refit
         Of N cases.
-
-    Raises
-    ------
-    InputError
-        If a covariance is singular, so that there is neither a fit nor a NEES.
     """
-    roots = [regular_root(belief) for belief in after]
-    regular_root(prior)
+    model, angles = AllEstimated(model), state_angles(model, len(prior.x))
     steps = _steps(prior, measurements)
     noiseless = _is_noiseless(model, prior, measurements, controls, after)
     starts = [_smooth_filter(model, after, measurements, controls)]
     if many_starts:
         starts += _further_starts(model, prior, measurements, controls)
-    fits: list[tuple[_Pass, NDArray[np.bool_]]] = []
+    fits: list[tuple[FittedPass, NDArray[np.bool_]]] = []
     for start in starts:
         if noiseless:
             found, settled = _fit_start(model, prior, measurements, controls, steps, start)
         else:
             found, settled = _fit_trajectory(model, prior, measurements, controls, steps, start)
         fits.append((found, settled))
-    weights = _weigh(fits)
+    weights = _weigh(fits, angles)
     expected = np.zeros((len(after), len(prior.t_s)))
     for (found, _), weight in zip(fits, weights, strict=True):
         own = np.array([
-            _expected_nees(belief, root, fit)
-            for belief, root, fit in zip(after, roots, found.smoothed, strict=True)
+            _expected_nees(belief, fit, angles)
+            for belief, fit in zip(after, found.smoothed, strict=True)
         ])  # fmt: skip
         expected += np.where(weight > 0.0, weight * np.where(np.isfinite(own), own, np.inf), 0.0)
     settled = weights.sum(axis=0) > 0.0
@@ -189,8 +191,10 @@ def refit(
         last[0].t_s,
     )
     rows = np.sum([innovation.dof for innovation in innovations], axis=0)
+    errors = [score_constant_errors(model, fit, measurements) for fit, _ in fits]
     return Refit(
         np.where(settled, expected, np.nan),
+        np.array([nees_dof(b) for b in after]),
         innovations,
         np.sum([innovation.nis for innovation in innovations], axis=0),
         np.asarray(rows, dtype=np.int64),
@@ -198,23 +202,11 @@ def refit(
         np.sum(weights > 0.0, axis=0),
         weights.max(axis=0),
         belief,
-        np.stack([fit.bias.score for fit, _ in fits])[best, case],
-        np.stack([fit.bias.information for fit, _ in fits])[best, case],
+        np.stack([error.score for error in errors])[best, case],
+        np.stack([error.information for error in errors])[best, case],
+        np.stack([error.curvature for error in errors])[best, case],
+        fits[0][0],
     )
-
-
-class _AtRest:
-    """A model whose motion over no time is none; discrete models move at each call."""
-
-    def __init__(self, model: EstimationModel) -> None:
-        self._model = model
-        self.observe = model.observe
-        self.process_noise = model.process_noise
-
-    def advance(self, x: Array, t0_s: Array, t1_s: Array, control: Array, case: Integers) -> Array:
-        if np.array_equal(t0_s, t1_s):
-            return x
-        return self._model.advance(x, t0_s, t1_s, control, case)
 
 
 def _steps(prior: Belief, measurements: Sequence[MeasurementSet]) -> bool:
@@ -262,7 +254,7 @@ def _propagate(
     controls: Sequence[Array],
 ) -> list[Array]:
     """Return the states (n, N) at the times of K sets that follow from x at t_s without noise."""
-    path, case, still = [], np.arange(x.shape[1]), _AtRest(model)
+    path, case, still = [], np.arange(x.shape[1]), AtRest(model)
     for measured, control in zip(measurements, controls, strict=True):
         x = still.advance(x, t_s, measured.t_s, control, case)
         t_s = measured.t_s
@@ -321,9 +313,9 @@ def _fit_start(
     controls: Sequence[Array],
     steps: bool,
     start: list[Array],
-) -> tuple[_Pass, NDArray[np.bool_]]:
+) -> tuple[FittedPass, NDArray[np.bool_]]:
     """Return the least-squares trajectory without process noise, and which cases have settled."""
-    still, first = _AtRest(model), start[0]
+    still, first = AtRest(model), start[0]
     if steps:  # the trajectory begins at the first set: its states at the prior's time
         case = np.arange(first.shape[1])
         first = model.advance(first, measurements[0].t_s, prior.t_s, controls[0], case)
@@ -332,7 +324,7 @@ def _fit_start(
         tolerance_sigmas=_SETTLED_SIGMAS,
     )  # fmt: skip
     path = _propagate(model, best.belief.x, prior.t_s, measurements, controls)
-    return _pass_about(
+    return pass_about(
         model, prior, measurements, controls, steps, path, best.belief.x
     ), best.settled
 
@@ -344,68 +336,35 @@ def _fit_trajectory(
     controls: Sequence[Array],
     steps: bool,
     path: list[Array],
-) -> tuple[_Pass, NDArray[np.bool_]]:
+) -> tuple[FittedPass, NDArray[np.bool_]]:
     """Return the most probable trajectory with process noise, and which cases have settled."""
-    origin = prior.x
+    origin, angles = prior.x, state_angles(model, len(prior.x))
     for count in range(_ITERATIONS):
-        found = _pass_about(model, prior, measurements, controls, steps, path, origin)
-        far = np.max([
-            np.linalg.norm(np.linalg.solve(b.root, (b.x - x).T[:, :, None])[:, :, 0], axis=1)
-            for b, x in zip(found.smoothed, path, strict=True)
-        ], axis=0)  # fmt: skip
+        found = pass_about(model, prior, measurements, controls, steps, path, origin)
+        offs = [
+            wrap_differences(b.x - x, angles) for b, x in zip(found.smoothed, path, strict=True)
+        ]
+        far = np.max([_length(b, off) for b, off in zip(found.smoothed, offs, strict=True)], axis=0)
         settled = far <= _SETTLED_SIGMAS
         if settled.all():
             break
         share = 1.0 if count < _FULL_STEPS else 0.5
         path = [
-            np.where(settled | ~np.isfinite(far), x, x + share * (b.x - x))
-            for b, x in zip(found.smoothed, path, strict=True)
+            np.where(settled | ~np.isfinite(far), x, x + share * off)
+            for off, x in zip(offs, path, strict=True)
         ]
     return found, settled
 
 
-def _pass_about(
-    model: EstimationModel,
-    prior: Belief,
-    measurements: Sequence[MeasurementSet],
-    controls: Sequence[Array],
-    steps: bool,
-    path: list[Array],
-    origin: Array,
-) -> _Pass:
-    """Filter and smooth with motion and measurements linearised about a trajectory.
+def _length(belief: Belief, off: Array) -> Array:
+    """Return the length (N,) of differences (n, N) in standard deviations of a belief.
 
-    `origin` (n, N) is the state at the time of the prior, if that is before the first set.
+    Directions that are known exactly do not count.
     """
-    filtered, links, innovations = list[Belief](), list[Link](), list[Innovation]()
-    likelihood = np.zeros(len(prior.t_s))
-    belief = prior
-    states, cases = prior.x.shape
-    bias = ConstantErrors(cases, states, len(measurements[0].values))
-    for k, (measured, control, x) in enumerate(zip(measurements, controls, path, strict=True)):
-        if k:
-            links.append(link(model, filtered[-1], measured.t_s, control, about=path[k - 1]))
-            bias.move(links[-1], filtered[-1])
-            belief = links[-1].predicted
-        elif steps:
-            belief = link(model, prior, measured.t_s, control, about=origin).predicted
-        layout, used = usable(measured)
-        # the derivatives by differences take their steps from the belief
-        at = linearise_measurements(
-            model, Belief(x, belief.root, measured.t_s), layout, measured, used
-        )
-        expected = refer_to_prior(belief, x, at)
-        covariance = expected.covariance()
-        residual = expected.residual[:, :, None]
-        nis = np.sum(residual * np.linalg.solve(covariance, residual), axis=(1, 2))
-        likelihood = likelihood - 0.5 * (nis + np.linalg.slogdet(covariance)[1])
-        innovations.append(Innovation(expected.residual.T, covariance, used, nis))
-        bias.add(belief, expected, covariance)
-        filtered.append(linear_update(belief, expected, 1.0, None))
-    return _Pass(smooth(filtered, links), innovations, likelihood, bias)
+    return np.asarray(np.linalg.norm(solve_root(belief.root, off.T[:, :, None])[:, :, 0], axis=1))
 
 
-def _weigh(fits: list[tuple[_Pass, NDArray[np.bool_]]]) -> Array:
+def _weigh(fits: list[tuple[FittedPass, NDArray[np.bool_]]], angles: Sequence[int]) -> Array:
     """Return the weights (S, N) of S fits: their likelihoods, without those met before.
 
     The likelihood of a linearised filter is that of its solution's neighbourhood (Laplace).
@@ -417,8 +376,8 @@ def _weigh(fits: list[tuple[_Pass, NDArray[np.bool_]]]) -> Array:
             same = (likelihood[earlier] > -np.inf) & (likelihood[later] > -np.inf)
             for end in (0, -1):
                 one, other = fits[earlier][0].smoothed[end], fits[later][0].smoothed[end]
-                off = np.linalg.solve(one.root, (other.x - one.x).T[:, :, None])
-                same &= np.linalg.norm(off[:, :, 0], axis=1) < _SAME_SIGMAS
+                off = wrap_differences(other.x - one.x, angles)
+                same &= _length(one, off) < _SAME_SIGMAS
             likelihood[later] = np.where(same, -np.inf, likelihood[later])
     top = likelihood.max(axis=0)
     weight = np.exp(likelihood - np.where(np.isfinite(top), top, 0.0))
@@ -427,10 +386,11 @@ def _weigh(fits: list[tuple[_Pass, NDArray[np.bool_]]]) -> Array:
     return np.asarray(weight / np.maximum(weight.sum(axis=0), 1e-300))
 
 
-def _expected_nees(belief: Belief, root: Array, fit: Belief) -> Array:
-    """Return (x_f − x_s)ᵀ P_f⁻¹ (x_f − x_s) + tr(P_f⁻¹ P_s), (N,)."""
-    off = np.concatenate([(fit.x - belief.x).T[:, :, None], fit.root], axis=2)
-    return np.asarray(np.sum(np.linalg.solve(root, off) ** 2, axis=(1, 2)))
+def _expected_nees(belief: Belief, fit: Belief, angles: Sequence[int]) -> Array:
+    """Return (x_f − x_s)ᵀ P_f⁻¹ (x_f − x_s) + tr(P_f⁻¹ P_s), (N,), where P_f has a variance."""
+    off = wrap_differences(fit.x - belief.x, angles)
+    both = np.concatenate([off.T[:, :, None], fit.root], axis=2)
+    return np.asarray(np.sum(solve_root(belief.root, both) ** 2, axis=(1, 2)))
 
 
 def _choose_innovation(each: list[Innovation], best: Integers) -> Innovation:

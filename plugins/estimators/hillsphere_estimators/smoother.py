@@ -117,7 +117,8 @@ def link(
         at = belief if about is None else Belief(about, belief.root, belief.t_s)
         x, phi = transition(model, at, t_to_s, control)
         if about is not None:
-            x = x + (phi @ (belief.x - about).T[:, :, None])[:, :, 0].T
+            off = wrap_differences(belief.x - about, state_angles(model, len(x)))
+            x = x + (phi @ off.T[:, :, None])[:, :, 0].T
         odd, even = before @ np.swapaxes(phi, 1, 2), np.zeros((len(phi), 0, len(x)))
     else:
         images = transform_motion(rule, model, belief, t_to_s, control)

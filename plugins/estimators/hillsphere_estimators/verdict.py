@@ -11,7 +11,15 @@ Every test is at a share of the level: the sum of the shares is the level (Bonfe
 consistent filter in a linear problem is called anything else with less than that probability.
 Where the fit has settled, the innovations about the fitted trajectory decide on the model and the
 expected NEES decides on the filter. The filter's own innovations, which are not normal where a wide
-prior meets a curved measurement, then decide nothing. Without a fit they decide.
+prior meets a curved measurement, then decide nothing. Without a fit they decide, but nothing is
+called consistent, unless no fit was asked for. The rules are in `decision`; where the theory of a
+test does not hold the test does not decide:
+
+- constant errors count only as far as curvature does not explain them (`fit_checks`);
+- correlated innovations alone do not decide if errors of measurements that are correlated explain
+  them and leave the filter consistent (`coloured_errors`);
+- of mixtures only the means of squares are tested, by their spread (`expected_check`);
+- directions of the states that are known exactly are left out.
 
 References
 ----------
@@ -22,41 +30,30 @@ References
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
-from hillsphere_estimators.checks import OF_FILTER, Check, innovation_checks, rejected_check
+from hillsphere_estimators.checks import OF_FILTER, innovation_checks, rejected_check
+from hillsphere_estimators.chi_square_tests import Check
+from hillsphere_estimators.decision import Answer, Circumstances, decide
 from hillsphere_estimators.fit_checks import (
-    OF_FIT,
-    OF_SIGMA,
     fit_arc,
     fit_checks,
     is_explained,
     reference_checks,
 )
-from hillsphere_estimators.linearity import (
-    NonlinearUpdate,
-    curvature_checks,
-    curved_cases,
-    first_nonlinear,
-    measure_curvatures,
-)
+from hillsphere_estimators.linearity import NonlinearUpdate, measure_curvatures
+from hillsphere_estimators.mixture import mixture_of
 from hillsphere_estimators.refit import Refit
 from hillsphere_estimators.sigma_points import update_mask
 
 __all__ = ["Answer", "Verdict", "verdict"]
 
-Answer: TypeAlias = Literal[
-    "consistent", "overconfident", "underconfident", "not linear enough here", "undecided"
-]
-"""What a verdict says of a run. "not linear enough here" is an overconfident filter whose model is
-right but curved; "overconfident" one whose model does not explain the measurements, or whose
-covariance is too small for another reason."""
 _LIMITS = 20
 """Limits among which the level is divided. Innovations have eight: NIS, late NIS and slow NIS, high
 and low each, mean and whiteness; they are tested about the filter and about the fit. The expected
@@ -84,7 +81,8 @@ class Verdict:
         Tests by name: ``nis``, ``late_nis``, ``slow_nis``, ``mean``, ``whiteness`` and
         ``rejected`` of the filter's innovations; with ``fit_`` and ``sigma_`` of those about the
         fit and of a sigma-point filter; ``fit_bias``, constant errors of the measurements;
-        ``final_nees`` and ``mean_nees``, the expected NEES; ``curvature``, ``path``,
+        ``final_nees`` and ``mean_nees``, the expected NEES; ``coloured_nees``, what correlated
+        errors of the measurements would make of it; ``curvature``, ``path``,
         ``posterior_curvature`` and ``motion``.
     nonlinear : NonlinearUpdate, optional
         The first update or motion that is too curved, whatever the answer.
@@ -165,37 +163,36 @@ def verdict(
     whole = np.asarray(finite.all(axis=0))
     checks: dict[str, Check] = {}
     optimal = update_mask(model, len(prior.x)) is None
-    for check in innovation_checks(innovations, share, whole, optimal, len(prior.x), OF_FILTER):
+    mixed = _find_mixtures(after)
+    for check in innovation_checks(
+        innovations, share, whole, optimal, len(prior.x), OF_FILTER, mixed
+    ):
         checks[check.name] = check
     checks["rejected"] = rejected_check(measurements, innovations)
-    curves, motions = measure_curvatures(
-        model, prior, measurements, after, innovations, controls, before
-    )
-    nonlinear = first_nonlinear(curves, motions, measurements)
-    checks |= curvature_checks(curves, motions)
-    curved = curved_cases(curves, motions)
+    bent = measure_curvatures(model, prior, measurements, after, innovations, controls, before)
+    nonlinear, curved = bent.first(), bent.curved
+    checks |= bent.checks()
     arc, why = fit_arc(
         model, prior, measurements, after, innovations, controls, fit, whole, bool(curved.any())
     )
-    checks |= fit_checks(arc, why, share, len(prior.x), whole)
+    checks |= fit_checks(arc, why, share, len(prior.x), whole, mixed)
     if curved.any():
         checks |= reference_checks(model, prior, measurements, innovations, controls, share, whole)
     explained = is_explained(arc, checks, share, len(prior.x), whole)
     about = checks["fit_nis"]
-    answers = tuple(
-        _classify(
-            _Flags.of(checks, k), bool(curved[k]), explained,
-            bool(about.each[k] > np.maximum(_POORLY_FITTED, about.each_high[k])),
-        )
-        for k in range(cases)
+    at = Circumstances(
+        nonlinear is not None, explained, bool(about.value > _POORLY_FITTED), fit,
+        "" if nonlinear is None else str(nonlinear), int((~whole).sum()),
     )  # fmt: skip
-    overall = _classify(
-        _Flags.of(checks), nonlinear is not None, explained, bool(about.value > _POORLY_FITTED)
+    poorly = about.each > np.maximum(_POORLY_FITTED, about.each_high)
+    answers = tuple(
+        decide(
+            checks, k, replace(at, curved=bool(curved[k]), poorly_fitted=bool(poorly[k]), lost=0)
+        ).answer
+        for k in range(cases)
     )
-    if not whole.all() and overall in ("consistent", "underconfident"):
-        overall = "undecided" if nonlinear is None else "not linear enough here"
-    reason = _reason(overall, checks, nonlinear, arc, int((~whole).sum()))
-    return Verdict(overall, reason, answers, checks, nonlinear, arc, level)
+    found = decide(checks, None, at)
+    return Verdict(found.answer, found.reason, answers, checks, nonlinear, arc, level)
 
 
 def _check_lengths(
@@ -230,105 +227,6 @@ def _check_lengths(
             )
 
 
-@dataclass(frozen=True)
-class _Flags:
-    """Which tests of a case, or of all cases together, are above or below their limits."""
-
-    high: frozenset[str]
-    low: frozenset[str]
-    there: frozenset[str]
-
-    @classmethod
-    def of(cls, checks: dict[str, Check], case: int | None = None) -> _Flags:
-        """Return those of one case, or of all together."""
-
-        def names(pooled: str, each: str) -> frozenset[str]:
-            return frozenset(
-                name for name, check in checks.items()
-                if (getattr(check, pooled) if case is None else getattr(check, each)[case])
-            )  # fmt: skip
-
-        there = frozenset(
-            name for name, check in checks.items()
-            if np.isfinite(check.value if case is None else check.each[case])
-        )  # fmt: skip
-        return cls(names("above", "each_above"), names("below", "each_below"), there)
-
-
-def _classify(flags: _Flags, curved: bool, explained: bool, poorly_fitted: bool = False) -> Answer:
-    """Return the answer from the tests of one case or of all.
-
-    Innovations show whether the model is right. They are taken about three linearisations, the
-    filter's, that about the fit, and by sigma points; if the tests of any of them pass the model is
-    not wrong. The expected NEES then shows whether the filter's beliefs are.
-
-    Parameters
-    ----------
-    flags : _Flags
-        Tests that have failed.
-    curved : bool
-        Whether the motion or an update is curved.
-    explained : bool
-        Whether the model explains most cases, see `is_explained`.
-    poorly_fitted : bool
-        Whether the NIS about the fit is above `_POORLY_FITTED`.
-    """
-    if "nis" not in flags.there:
-        return "undecided"
-    fitted = "final_nees" in flags.there
-    # the power of the innovations, about whatever linearisation: one that passes clears the model
-    powers = [
-        bool(flags.high & set(names[:3]))
-        for names in (OF_FILTER, OF_FIT, OF_SIGMA)
-        if names[0] in flags.there
-    ]
-    wrong = all(powers)
-    if fitted and flags.high & set(OF_FIT[:3]) and poorly_fitted and not (wrong or explained):
-        fitted = False
-    bias = (OF_FIT if fitted else OF_FILTER)[3]
-    if not (fitted and flags.high & set(OF_FIT[:3])):
-        wrong = wrong or bias in flags.high
-    optimistic = fitted and bool(flags.high & {"final_nees", "mean_nees"})
-    # innovations smaller than stated, and a fit that is worse than the model: they contradict
-    if curved and poorly_fitted and "nis" in flags.low and not explained and not optimistic:
-        return "undecided"
-    if optimistic and curved and (explained or not wrong):
-        return "not linear enough here"
-    if not fitted and curved:
-        if powers[0]:
-            return "undecided" if "nis" in flags.low else "not linear enough here"
-        return "not linear enough here" if "posterior_curvature" in flags.high else "undecided"
-    if wrong or optimistic or "rejected" in flags.high:
-        return "overconfident"
-    names = OF_FIT if fitted else OF_FILTER
-    if flags.low & {*names[1:3], "final_nees"}:
-        return "underconfident"
-    # coloured innovations of a filter that shows no power too much: of a curved one by curvature
-    return "undecided" if names[4] in flags.high and not curved else "consistent"
-
-
-def _reason(
-    answer: Answer,
-    checks: dict[str, Check],
-    nonlinear: NonlinearUpdate | None,
-    arc: Refit | None,
-    lost: int,
-) -> str:
-    """Return why, in a sentence."""
-    failed = [
-        str(check)
-        for name, check in checks.items()
-        if check.above and name not in ("curvature", "path", "posterior_curvature", "motion")
-    ]
-    low = [str(check) for check in checks.values() if check.below]
-    gone = f"; the beliefs of {lost} cases are not finite" if lost else ""
-    if answer == "not linear enough here":
-        more = f"; {'; '.join(failed)}" if failed else ""
-        return f"{nonlinear}{more}{gone}"
-    if answer == "overconfident":
-        return "; ".join(failed) + gone
-    if answer == "underconfident":
-        return "; ".join(low) + gone
-    if answer == "undecided":
-        return f"no test can decide: {checks['final_nees']}{gone}"
-    return f"no test fails its limit{gone}"
+def _find_mixtures(after: Sequence[Belief]) -> NDArray[np.bool_]:
+    """Return the cases (N,) whose belief has more than one component at any time."""
+    return np.asarray(np.any([mixture_of(belief)[0].count > 1 for belief in after], axis=0))

@@ -32,6 +32,7 @@ ESTIMATORS: dict[str, tuple[str, dict[str, str]]] = {
 
 HIDDEN = "a constant bias of the only measurement of a level has the measurements of another level"
 POWER = "1.25 per state over 1200 draws of seven seeds is overconfident; too little for the verdict"
+SLIGHT = "a right model, and an expected NEES of 1.1 to 1.52 for a limit of 1.53 at a hundred draws"
 
 
 class Believed:
@@ -89,6 +90,10 @@ def _cells(problems: tuple[str, ...], estimators: tuple[str, ...]) -> list[objec
                 reason = HIDDEN
             elif (problem, estimator) == ("source, wide", "unscented tempered"):
                 reason = POWER
+            elif problem == "scale" and estimator in (
+                "unscented tempered", "unscented iterated", "iterated_extended", "information",
+            ):  # fmt: skip
+                reason = SLIGHT
             marks = [pytest.mark.xfail(strict=True, reason=reason)] if reason else []
             cells.append(pytest.param(problem, estimator, marks=marks))
     return cells

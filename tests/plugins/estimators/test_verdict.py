@@ -22,8 +22,8 @@ from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, Channel
 from hillsphere_estimators.checks import OF_FILTER, innovation_checks
 from hillsphere_estimators.consistency import chi_square_band, nees, verdict
-from hillsphere_estimators.linearity import CURVED, motion_curvature, update_curvature
 from hillsphere_estimators.refit import refit
+from hillsphere_estimators.remainders import CURVED, motion_curvature, update_curvature
 from hillsphere_estimators.verdict import Verdict
 
 CASES, STEPS = 60, 16
