@@ -27,6 +27,7 @@ from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
 from hillsphere_estimators.batch_least_squares import batch_least_squares
+from hillsphere_estimators.casewise import refuse_no_cases
 from hillsphere_estimators.curvature import curved_points, expand
 from hillsphere_estimators.gaussian_sum import refuse_angles
 from hillsphere_estimators.innovations import WhitenedInnovation, usable, whiten
@@ -87,9 +88,10 @@ def batch_gaussian_sum(
     Raises
     ------
     InputError
-        If there is not one control for each time, a limit is not positive, or the model has
-        considered states or states that are angles.
+        If there is no case, not one control for each time, a limit is not positive, or the model
+        has considered states or states that are angles.
     """
+    refuse_no_cases(prior)
     cases = len(prior.t_s)
     if controls is None:
         controls = [np.zeros((0, cases))] * len(measurements)

@@ -9,6 +9,7 @@ cases to blame are found by trying each.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import replace
 
 import numpy as np
@@ -23,12 +24,12 @@ from hillsphere_estimators.linearisation import predict_measurement
 from hillsphere_estimators.roots import unit
 from hillsphere_estimators.state_angles import state_angles, wrap_means
 
-__all__ = ["CasewiseEstimator", "drop_failed", "mark_failed", "replace_failed"]
+__all__ = ["CasewiseEstimator", "drop_failed", "mark_failed", "refuse_no_cases", "replace_failed"]
 
 Flags = NDArray[np.bool_]
 
 
-class CasewiseEstimator:
+class CasewiseEstimator(ABC):
     """An estimator whose cases fail one by one; derived classes give `_predict` and `_update`.
 
     Means of states that are angles are returned in (−π, π].
@@ -42,8 +43,8 @@ class CasewiseEstimator:
         Raises
         ------
         InputError
-            If the belief of a single case is not finite, or a case is predicted backward over
-            process noise.
+            If there is no case, the belief of a single one is not finite, or a case is predicted
+            backward over process noise.
         PropagationError
             If the prediction of a single case is not finite.
         """
@@ -76,8 +77,8 @@ class CasewiseEstimator:
         Raises
         ------
         InputError
-            If belief and measurements do not fit, or the prediction of a row that was measured is
-            not finite in a single case.
+            If there is no case, belief and measurements do not fit, or the prediction of a row that
+            was measured is not finite in a single case.
         PropagationError
             If the updated belief of a single case is not finite.
         """
@@ -113,17 +114,34 @@ class CasewiseEstimator:
                 failing[case] = True
         return failing
 
+    @abstractmethod
     def _predict(
         self, model: EstimationModel, belief: Belief, t_to_s: Array, control: Array
     ) -> Belief:
         """Return the prediction of finite beliefs."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _update(
         self, model: EstimationModel, belief: Belief, measurements: MeasurementSet
     ) -> tuple[Belief, Innovation, Flags]:
         """Return the update of finite beliefs, and the cases (N,) whose rows `drop_failed` left."""
-        raise NotImplementedError
+
+
+def refuse_no_cases(belief: Belief) -> None:
+    """Refuse a belief of no cases.
+
+    Parameters
+    ----------
+    belief : Belief
+        Beliefs of N cases.
+
+    Raises
+    ------
+    InputError
+        If N = 0.
+    """
+    if not len(belief.t_s):
+        raise InputError("the belief must have at least one case, got none")
 
 
 def replace_failed(belief: Belief, control: Array | None = None) -> tuple[Belief, Flags, Array]:
@@ -148,8 +166,9 @@ def replace_failed(belief: Belief, control: Array | None = None) -> tuple[Belief
     Raises
     ------
     InputError
-        If the belief of a single case is not finite.
+        If the belief has no cases, or that of a single case is not finite.
     """
+    refuse_no_cases(belief)
     failed = ~belief.finite
     control = np.zeros((0, len(failed))) if control is None else control
     if not failed.any() or (failed.all() and len(failed) > 1):

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel, Integers
+from hillsphere_estimators.casewise import refuse_no_cases
 from hillsphere_estimators.curvature import curved_points, expand
 from hillsphere_estimators.differences import Layout
 from hillsphere_estimators.innovations import (
@@ -84,9 +85,10 @@ class GaussianSum:
         Raises
         ------
         InputError
-            If states of the model are angles, of which the means of components would not be points
-            on a circle, or a case is predicted backward over process noise.
+            If there is no case, or states of the model are angles, of which the means of components
+            would not be points on a circle, or a case is predicted backward over process noise.
         """
+        refuse_no_cases(belief)
         refuse_angles(model, len(belief.x))
         mixture, unresolved = mixture_of(belief)
         owner = mixture.owner
@@ -108,10 +110,11 @@ class GaussianSum:
         Raises
         ------
         InputError
-            If the model has considered states: the weights of components would estimate them. If
-            states of the model are angles.
+            If there is no case. If the model has considered states: the weights of components would
+            estimate them. If states of the model are angles.
         """
         spec = self.spec
+        refuse_no_cases(belief)
         refuse_angles(model, len(belief.x))
         layout, used = usable_at(belief, measurements)
         if update_mask(model, len(belief.x)) is not None:

@@ -20,6 +20,7 @@ from hillsphere.errors import InputError, PropagationError
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, Estimator, Integers
 from hillsphere.testing import example
+from hillsphere_estimators.batch_gaussian_sum import batch_gaussian_sum
 from hillsphere_estimators.batch_least_squares import batch_least_squares
 from hillsphere_estimators.consistency import mean_nis
 from hillsphere_estimators.covariance_intersection import covariance_intersection
@@ -242,3 +243,17 @@ def test_backward_only_without_process_noise(type_: str) -> None:
     )
     again = estimator.predict(quiet, earlier, np.full(2, 5.0), nothing(2))
     np.testing.assert_allclose(again.covariance, prior.covariance, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", [*NAMES, "gaussian_sum"])
+def test_no_cases_are_refused_by_name(name: str) -> None:
+    """A belief of no cases is an input error at the door, not an error of NumPy's."""
+    estimator = ALL.get(name) or example("estimator", name)
+    none = Belief(np.zeros((4, 0)), np.zeros((0, 4, 4)), np.zeros(0))
+    sets = MeasurementSet.of(np.zeros(0), np.zeros((13, 0)), np.ones((13, 1)), Pair().blocks)
+    with pytest.raises(InputError, match="at least one case, got none"):
+        estimator.predict(Pair(), none, np.zeros(0), np.zeros((0, 0)))
+    with pytest.raises(InputError, match="at least one case, got none"):
+        estimator.update(Pair(), none, sets)
+    with pytest.raises(InputError, match="at least one case, got none"):
+        batch_gaussian_sum(Pair(), none, [])
