@@ -114,7 +114,7 @@ def best_of_slicot(plant: LtiSystem, k: int, q: int, near: float) -> tuple[float
 
 def added(design: HinfDesign) -> str:
     """Return what was added to the problem, in words; empty if nothing was."""
-    return str(getattr(design, "added", "") or "")
+    return str(design.added or "")
 
 
 def compare(index: int) -> dict[str, object]:
@@ -125,7 +125,7 @@ def compare(index: int) -> dict[str, object]:
         warnings.simplefilter("always")
         try:
             design = hinf_synthesis(plant, k, q)
-        except Exception as error:
+        except Exception as error:  # a raw one is a finding too, and told as one
             why = f"{type(error).__name__}: {error}"
     if caught:
         why += f" [warned: {caught[0].message}]"

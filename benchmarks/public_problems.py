@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from wide_priors import Scenario, bearings_only, low_earth_orbit, spring_mass
 
 from hillsphere import create
+from hillsphere.errors import HillsphereError
 from hillsphere.estimation import Belief, Innovation
 from hillsphere_estimators.consistency import chi_square_band, nees, verdict
 
@@ -125,7 +126,7 @@ def measure_estimation() -> list[dict[str, Any]]:
                 row["verdict"] = verdict(
                     scenario.model, scenario.prior, scenario.sets, made.after, made.innovations
                 ).answer
-            except Exception as error:
+            except HillsphereError as error:
                 row |= {"truth": "failed", "reason": str(error).splitlines()[0]}
             rows.append(row)
             print(row, flush=True)
@@ -159,7 +160,7 @@ def measure_others(name: str, source: str, scenario: Scenario) -> list[dict[str,
         begun = process_time()
         try:
             row |= judged_by_truth(work(), states)
-        except Exception as error:
+        except Exception as error:  # whatever another code raises is its result
             row |= {"truth": "failed", "reason": f"{type(error).__name__}: {error}".splitlines()[0]}
         row["ms"] = 1e3 * (process_time() - begun) / SINGLE
         rows.append(row)
@@ -207,7 +208,7 @@ def hostile_section(rows: list[dict[str, Any]]) -> str:
     cells = (
         [
             row["kind"], *(number(row[key]) for key in ("plants", "ours", "slicot", "missed")),
-            number(row["largest"], 5), number(row["median"], 5),
+            number(row["largest"] or None, 5), number(row["median"], 5),
             number(row["ours_s"] / row["plants"]), number(row["slicot_s"] / row["plants"]),
         ]
         for row in rows

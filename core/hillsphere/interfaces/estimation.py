@@ -85,6 +85,10 @@ class Estimator(Contract, Protocol):
     """An estimator (filter): from measurements to beliefs, for N independent cases at once.
 
     Pure functions of frozen beliefs. For a single stream of measurements, N = 1.
+
+    An estimator whose update refuses models with consider states (see `ConsiderModel`) says so by
+    an attribute ``considers`` that is False: a mission that asks for both is then refused before it
+    runs.
     """
 
     def predict(

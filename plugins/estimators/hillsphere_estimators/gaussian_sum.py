@@ -69,6 +69,9 @@ class GaussianSum:
         Its parameters.
     """
 
+    considers = False
+    """It estimates all states, see `hillsphere.interfaces.Estimator`."""
+
     def __init__(self, spec: GaussianSumSpec) -> None:
         self.spec = spec
         self.rule = SigmaRule()

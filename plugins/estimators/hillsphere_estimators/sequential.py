@@ -50,6 +50,9 @@ class SequentialUnscented(CasewiseEstimator):
         Its parameters.
     """
 
+    considers = False
+    """It estimates all states, see `hillsphere.interfaces.Estimator`."""
+
     def __init__(self, spec: SequentialUnscentedSpec) -> None:
         self.spec = spec
 
@@ -115,6 +118,9 @@ class SequentialExtended(CasewiseEstimator):
     spec : SequentialExtendedSpec
         Its parameters; it has none.
     """
+
+    considers = False
+    """It estimates all states, see `hillsphere.interfaces.Estimator`."""
 
     def __init__(self, spec: SequentialExtendedSpec) -> None:
         self.spec = spec

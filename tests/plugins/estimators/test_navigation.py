@@ -77,6 +77,8 @@ def stage(names: tuple[str, ...] = SENSORS, **keys: Any) -> NavigationStage:
 
     def lookup(kind: str, name: str) -> Any:
         if kind == "estimator":
+            if name in ("ukf", "ekf", "gaussian_sum"):
+                return create("estimator", name)
             return create("estimator", "unscented", update=name, iterations=40)
         return part(name)
 
@@ -297,6 +299,7 @@ def test_lost_flights_leave_curves_of_the_others() -> None:
     assert [row["answer"] for row in rows] == ["consistent"] * 2 + ["lost"] * 2
 
 
+CONSIDERED = {"of": "acceleration", "sigma": 2e-8, "considered": True}
 BAD: list[tuple[dict[str, Any], str]] = [
     ({"sensors": []}, "nothing measures"),
     ({"sensors": ["link", "link"]}, "is listed twice"),
@@ -328,6 +331,11 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"truth": {"scale": {"mass": 2}}}, "no parameter mass"),
     ({"belief": {"velocity_mm_s": 1}}, "zero is no belief"),
     ({"truth": {"sensors": ["link"]}}, "their channels must be those"),
+    *(
+        ({"estimator": name, "biases": [CONSIDERED]}, "estimator: it estimates all states")
+        for name in ("ukf", "ekf", "gaussian_sum")
+    ),
+    ({"opening": "ekf", "gate_after": 1, "biases": [CONSIDERED]}, "opening: it estimates all"),
 ]
 
 

@@ -13,7 +13,7 @@ from hillsphere.engine.course import Rows
 from hillsphere.engine.simulation.flow import thrust_vectors
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
-from hillsphere.interfaces import Array, Integers, Plant, Sensor
+from hillsphere.interfaces import Array, Estimator, Integers, Plant, Sensor
 from hillsphere.sensor_suite import SensorSuite
 from hillsphere.simulation import ContinuousLaw
 from hillsphere.spec import Ref
@@ -34,6 +34,7 @@ __all__ = [
     "model_of",
     "prior_of",
     "prior_sigma",
+    "refuse_considered",
     "sensors_of",
     "true_sensors",
     "usable_beliefs",
@@ -283,6 +284,21 @@ def biases_of(
         np.concatenate([np.zeros((angles, k)), *[np.eye(angles)] * len(turns)], axis=1)
         if turns else None,
     )  # fmt: skip
+
+
+def refuse_considered(key: str, estimator: Estimator) -> None:
+    """Refuse an estimator that takes no considered states, by the key of a mission that names it.
+
+    Raises
+    ------
+    InputError
+        If its attribute ``considers`` is False, see `hillsphere.interfaces.Estimator`.
+    """
+    if not getattr(estimator, "considers", True):
+        raise InputError(
+            f"{key}: it estimates all states, but biases has considered ones; take one of type "
+            "unscented, iterated_extended or information, or set considered = false"
+        )
 
 
 def prior_sigma(spec: NavigationSpec, rows: Rows, start: Array) -> Array:

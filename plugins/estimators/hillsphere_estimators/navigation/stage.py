@@ -50,6 +50,7 @@ from hillsphere_estimators.navigation.parts import (
     members_of,
     model_of,
     prior_of,
+    refuse_considered,
     sensors_of,
     true_sensors,
 )
@@ -134,6 +135,9 @@ class NavigationStage(FlyingStage[_Planned, Record]):
         self._estimator: Estimator = spec.estimator.get()
         opening = spec.opening or spec.estimator
         self._opening: Estimator = opening.get()
+        if self._biases is not None and self._biases.considered.any():
+            refuse_considered("estimator", self._estimator)
+            refuse_considered("opening", self._opening)
         self._count = intervals_of(spec) + 1
         self._since: Array = np.arange(self._count, dtype=float) * spec.interval_s
         self._metrics = navigation_metrics(self.rows.vectors, self._since, spec.report_at_s)
