@@ -70,7 +70,9 @@ def test_restrictions_are_each_taken_once_and_keep_performance() -> None:
         [repeated_real(2, "a"), full(1, 2, "b"), full(1, name="c"), full(2, 1, "performance")]
     )
     p, m = blocks.shape
-    system = LtiSystem(-np.eye(1), np.ones((1, m)), np.ones((p, 1)), np.arange(p * m).reshape(p, m))
+    system = LtiSystem(
+        -np.eye(1), np.ones((1, m)), np.ones((p, 1)), np.arange(float(p * m)).reshape(p, m)
+    )
     made = list(restrictions(system, blocks, kept=3))
     names = [tuple(block.name for block in one.structure.blocks) for one in made]
     assert names == [

@@ -269,6 +269,7 @@ def test_toolbox_gives_the_verdict_and_takes_the_effort() -> None:
         np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]),
     )  # fmt: skip
     quick = hc.hinfstruct(plant, hc.tunableGain(1, 1), starts=2, effort="quick")
+    assert quick.verdict is not None
     assert quick.verdict.kind in ("starts alone", "best")
     normal = hc.hinfstruct(plant, hc.tunableGain(1, 1), starts=2, effort=1.0)
     assert "lower bound" in str(normal.verdict)

@@ -9,8 +9,9 @@ the axis, whatever L has, and
     L = -\tfrac1k < 0 \iff T = \frac{1}{1 - k} \text{ real, } T < 0 \text{ or } T > 1 .
 
 On intervals of frequency T is enclosed (`gain_bounds`). An interval that is shown to have no
-crossing of either kind, or none of a factor k nearer to one than those known, is settled; others are
-halved until they are as narrow as rounding. Beyond the last interval T is too small for a crossing.
+crossing of either kind, or none of a factor k nearer to one than those known, is settled; others
+are halved until they are as narrow as rounding. Beyond the last interval T is too small for a
+crossing.
 """
 
 from __future__ import annotations

@@ -22,8 +22,8 @@ from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem, real_matrix
 
 __all__ = [
-    "append", "close_with_gain", "connect_inside", "feedback", "gain", "lower_lft", "parallel", "series", "star",
-    "upper_lft",
+    "append", "close_with_gain", "connect_inside", "feedback", "gain", "lower_lft", "parallel",
+    "series", "star", "upper_lft",
 ]  # fmt: skip
 
 _SINGULAR, _NEAR = 1e-12, 1e-6

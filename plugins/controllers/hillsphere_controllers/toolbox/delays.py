@@ -72,7 +72,7 @@ def delaymargin(
     Returns
     -------
     DelayMargin
-        Proved bounds; `margins` has the delay of each channel alone.
+        Proved bounds; `hillsphere_controllers.margins` has the delay of each channel alone.
 
     Raises
     ------

@@ -187,7 +187,7 @@ def robstab(usys: Lft, *, gap: float = 0.01) -> RobustMargin:
     values = made.worst.values if made.worst is not None else {}
     return RobustMargin(
         *made.margin, made.frequency_rad_s, _worst_values(usys, values), _without_value(usys),
-        _undecided(*made.margin, gap),
+        _remaining_gap(*made.margin, gap),
     )  # fmt: skip
 
 
@@ -219,7 +219,7 @@ def robgain(usys: Lft, gamma: float, *, gap: float = 0.01) -> RobustMargin:
     made = performance_margin(least.system, least.structure, gamma, gap=gap)
     return RobustMargin(
         made.lower, made.upper, made.frequency_rad_s, _worst_values(usys, made.values),
-        _without_value(usys), _undecided(made.lower, made.upper, gap),
+        _without_value(usys), _remaining_gap(made.lower, made.upper, gap),
     )  # fmt: skip
 
 
@@ -243,7 +243,7 @@ def _worst_values(usys: Lft, values: dict[str, float]) -> dict[str, float]:
     return physical_values(usys.uncertainties, known)
 
 
-def _undecided(lower: float, upper: float, gap: float) -> float:
+def _remaining_gap(lower: float, upper: float, gap: float) -> float:
     """Return how far two bounds are apart, relatively; zero if that is about the gap asked for."""
     if upper <= lower * (1.0 + _EXCESS * gap):
         return 0.0
@@ -309,7 +309,7 @@ def wcgain(usys: Lft, *, size: float = 1.0, gap: float = 0.01) -> GainBounds:
     made = worst_case_gain(least.system, least.structure, size=size, gap=gap)
     return GainBounds(
         made.lower, made.upper, made.frequency_rad_s, _worst_values(usys, made.values),
-        _without_value(usys), _undecided(made.lower, made.upper, gap),
+        _without_value(usys), _remaining_gap(made.lower, made.upper, gap),
     )  # fmt: skip
 
 
