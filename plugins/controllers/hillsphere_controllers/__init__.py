@@ -23,9 +23,11 @@ if TYPE_CHECKING:
     )
     from hillsphere_controllers.systems.weights import performance_weight, shelving_weight
     from hillsphere_controllers.toolbox.delays import (
+        DelayMargin,
         DelaySystem,
         connect,
         delay,
+        delaymargin,
         freqresp,
         isstable,
         pade,
@@ -91,6 +93,8 @@ if TYPE_CHECKING:
         append,
         feedback,
         lft,
+        parallel,
+        series,
         ucover,
         ultidyn,
         ureal,
@@ -99,6 +103,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Bode",
+    "DelayMargin",
     "DelaySystem",
     "DiskMargins",
     "FixedStructure",
@@ -127,6 +132,7 @@ __all__ = [
     "bode",
     "connect",
     "delay",
+    "delaymargin",
     "diskmargin",
     "feedback",
     "freqresp",
@@ -149,9 +155,11 @@ __all__ = [
     "ncfsyn",
     "pade",
     "padecover",
+    "parallel",
     "performance_weight",
     "robgain",
     "robstab",
+    "series",
     "shelving_weight",
     "sigma",
     "step",
@@ -178,7 +186,8 @@ _MODULES = {
     "hillsphere_controllers.systems.conversion": "from_control to_control transfer_function",
     "hillsphere_controllers.systems.weights": "performance_weight shelving_weight",
     "hillsphere_controllers.toolbox.delays": (
-        "DelaySystem connect delay freqresp isstable pade padecover with_delays with_names"
+        "DelayMargin DelaySystem connect delay delaymargin freqresp isstable pade padecover "
+        "with_delays with_names"
     ),
     "hillsphere_controllers.toolbox.responses": (
         "Bode Margins SingularValues StepResponse bode h2norm hinfnorm margins sigma step"
@@ -196,7 +205,7 @@ _MODULES = {
         "systune tunableGain tunablePID tunableSS tunableTF"
     ),
     "hillsphere_controllers.toolbox.uncertain": (
-        "PlantCover append feedback lft ucover ultidyn ureal uss"
+        "PlantCover append feedback lft parallel series ucover ultidyn ureal uss"
     ),
 }
 """Module → the names that it offers here."""

@@ -172,7 +172,8 @@ def test_toolbox_takes_systems_with_delays() -> None:
         # the loop -1 + 1 without the delay has no solution
         (lambda: feedback(1.0, -1.0 + delay(1.0)), "not well posed"),
         (lambda: hc.step(delay(1.0)), "step response of a system with delays"),  # type: ignore[arg-type]
-        (lambda: hc.margins(delay(1.0)), "margins of a loop with delays"),  # type: ignore[arg-type]
+        (lambda: hc.margins(delay(0.2) @ (0.5 + LAG)), "delays and a direct term"),
+        (lambda: delay(-1.0), "time_s: a delay must be"),
         (lambda: hc.feedback(hc.ureal("a", 1.0), delay(1.0)), "padecover"),  # type: ignore[call-overload]
         (lambda: hc.ureal("a", 1.0) * delay(1.0), "has delays"),
         (lambda: hc.hinfsyn(delay(1.0, 2), 1, 1), "has delays"),  # type: ignore[type-var]

@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import hillsphere_controllers as hc
+from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.delays.algebra import delay, feedback
 from hillsphere_controllers.delays.cover import pade_cover, pade_error_weight
@@ -32,6 +33,26 @@ def test_weight_covers_the_error_closely(order: int, weight_order: int) -> None:
     if order == 1:
         x = omega * time
         assert_allclose(error, 2.0 * np.abs(np.sin(0.5 * x - np.arctan(0.5 * x))), atol=1e-9)
+
+
+@pytest.mark.parametrize("order", range(1, 9))
+@pytest.mark.parametrize("share", [1e-6, 0.05, 1.0])
+def test_weight_covers_all_delays_of_a_range(order: int, share: float) -> None:
+    """Frequencies and delays at random, those at the ends of the range among them."""
+    time, rng = 0.3, np.random.default_rng(order)
+    weight = pade_error_weight(time, order, spread_s=share * time)
+    omega = 10.0 ** rng.uniform(-4.0, 4.0, 2000) / time
+    late = time * (1.0 + share * rng.choice([-1.0, 1.0, rng.uniform(-1.0, 1.0)], omega.size))
+    error = np.abs(np.exp(-1j * omega * late) - pade_delay(time, order).response(omega)[:, 0, 0])
+    ratio = error / np.abs(weight.response(omega)[:, 0, 0])
+    seen = error > 1e-9  # the approximation itself is rounded
+    assert 0.9 < ratio[seen].max() < 1.0
+
+
+@pytest.mark.parametrize("spread", [-0.1, 1.1, np.nan, "0.1", (0.1, 0.1)])
+def test_a_spread_is_a_part_of_the_delay(spread: object) -> None:
+    with pytest.raises(InputError, match="spread"):
+        hc.padecover(delay(1.0), spread_s=spread)  # type: ignore[arg-type]
 
 
 def test_cover_contains_the_delay_at_every_frequency() -> None:

@@ -42,7 +42,7 @@ from hillsphere_controllers.structured.structure import (
 )
 from hillsphere_controllers.structured.synthesis import synthesise
 from hillsphere_controllers.structured.verdict import make_verdict
-from hillsphere_controllers.structured.verification import full_order, regularised_full_order
+from hillsphere_controllers.structured.verification import full_order
 from hillsphere_controllers.systems.algebra import gain, lower_lft
 
 P, Z, RHO, NU = 0.1, 200.0, 1.0, 0.001
@@ -224,7 +224,7 @@ def test_full_order_of_a_singular_problem_proves_no_bound() -> None:
     plant = LtiSystem(
         np.array([[1.0]]), np.array([[1.0, 1.0]]), np.array([[1.0], [1.0]]), np.zeros((2, 2))
     )
-    made = regularised_full_order([DesignPlant(plant)], static(1, 1))
+    made = full_order([DesignPlant(plant)], static(1, 1), regularised=True)
     assert made is not None
     assert made.bound == 0.0
     assert lower_lft(plant, made.controller).is_stable
@@ -269,9 +269,10 @@ def test_toolbox_gives_the_verdict_and_takes_the_effort() -> None:
         np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]),
     )  # fmt: skip
     quick = hc.hinfstruct(plant, hc.tunableGain(1, 1), starts=2, effort="quick")
-    assert "starts alone" in quick.verdict or "proved" in quick.verdict
+    assert quick.verdict is not None
+    assert quick.verdict.kind in ("starts alone", "best")
     normal = hc.hinfstruct(plant, hc.tunableGain(1, 1), starts=2, effort=1.0)
-    assert "lower bound" in normal.verdict
+    assert "lower bound" in str(normal.verdict)
     assert normal.gamma == quick.gamma
     with pytest.raises(InputError, match="effort"):
         hc.hinfstruct(plant, hc.tunableGain(1, 1), effort="much")  # type: ignore[arg-type]

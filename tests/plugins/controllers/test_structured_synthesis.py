@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+import hillsphere_controllers as hc
 from hillsphere.errors import InputError, Interrupted
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
@@ -336,3 +337,14 @@ def test_what_cannot_be_is_refused() -> None:
         Channel(limit=np.inf)
     with pytest.raises(InputError, match="gain"):
         synthesise(lag(-1.0), static(1, 1), largest_gain=0.0)
+
+
+def test_poles_that_only_reach_the_axis_are_named() -> None:
+    """PI control of 1/s²: s³ + Kp s + Ki has roots of sum zero, so that none is stable."""
+    plant = LtiSystem(
+        np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0, 0.0], [1.0, 1.0]]),
+        np.array([[1.0, 0.0], [0.0, 0.0], [-1.0, 0.0]]),
+        np.array([[0.0, 0.0], [0.0, 0.1], [0.0, 0.0]]),
+    )  # fmt: skip
+    with pytest.raises(NotStabilisableError, match="on the imaginary axis"):
+        hc.hinfstruct(plant, hc.tunablePID("pi"), starts=4)

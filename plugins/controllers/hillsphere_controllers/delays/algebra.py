@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import reduce
+from operator import add
 
 import numpy as np
 
@@ -49,7 +51,7 @@ def delay(time_s: float, channels: int = 1) -> DelaySystem:
     """
     if channels < 1:
         raise InputError(f"a delay needs at least one channel, got {channels}")
-    return with_delays(gain(np.eye(channels)), input_s=time_s)
+    return _late_channels(time_s, channels, "time_s")
 
 
 def with_delays(
@@ -115,10 +117,7 @@ def series(*systems: DelayOperand) -> DelaySystem:
     InputError
         If there is none, or the numbers of outputs and inputs do not fit.
     """
-    first, *others = _require_systems(systems)
-    for after in others:
-        first = after @ first
-    return first
+    return reduce(lambda before, after: after @ before, _require_systems(systems))
 
 
 def parallel(*systems: DelayOperand) -> DelaySystem:
@@ -139,10 +138,7 @@ def parallel(*systems: DelayOperand) -> DelaySystem:
     InputError
         If there is none, or the shapes differ.
     """
-    first, *others = _require_systems(systems)
-    for other in others:
-        first = first + other
-    return first
+    return reduce(add, _require_systems(systems))
 
 
 def append(*systems: DelayOperand) -> DelaySystem:

@@ -17,10 +17,15 @@ since the numerator of 1 − 2 d(arg Q)/dx is a polynomial of degree 2N, and the
 
 which rises too, covers it on an interval if it does so at the left end for the error at the right
 end. The largest a for which this proves the cover is taken.
+
+A delay of which only a range T ± δ is known has the phase error :math:`ψ(x) ± ρ x` at most, with
+ρ = δ/T. The same proof then holds for :math:`ψ + ρ x`, which rises too but is of the first order at
+zero: r is one.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from math import factorial
 
@@ -56,7 +61,13 @@ _ROUNDING = 1e-9
 """Share by which the weight exceeds the error at least, far above the rounding of both."""
 
 
-def pade_cover(system: DelaySystem, order: int = 1, *, weight_order: int = 2) -> Lft:
+def pade_cover(
+    system: DelaySystem,
+    order: int = 1,
+    *,
+    weight_order: int | None = None,
+    spread_s: float | Sequence[float] = 0.0,
+) -> Lft:
     """Return an uncertain system without delays that contains the system with delays.
 
     Each delay is P(s T) + W(s T) Δ with any stable Δ of norm at most one. What holds for all Δ,
@@ -68,8 +79,12 @@ def pade_cover(system: DelaySystem, order: int = 1, *, weight_order: int = 2) ->
         With q delays.
     order : int
         N of the approximations, from 1 to 8.
-    weight_order : int
-        r of the weights, from 1 to 2N + 1. Each delay adds N + r states.
+    weight_order : int, optional
+        r of the weights, from 1 to 2N + 1, by default 2; 1 for a delay with a spread. Each delay
+        adds N + r states.
+    spread_s : float or sequence of float
+        How much longer or shorter a delay may be than the system says, s, from 0 to its length; one
+        number for all of them. A delay is constant, but anywhere in its range.
 
     Returns
     -------
@@ -79,21 +94,33 @@ def pade_cover(system: DelaySystem, order: int = 1, *, weight_order: int = 2) ->
     Raises
     ------
     InputError
-        If there is no delay, an order is out of range, or the loops with the approximations are not
-        well posed.
+        If there is no delay, an order or a spread is out of range, or the loops with the
+        approximations are not well posed.
     """
     if not system.delays_s:
         raise InputError("the system has no delays to cover")
+    spreads = np.asarray(spread_s)
+    if spreads.dtype.kind not in "iuf" or spreads.shape not in ((), (1,), (len(system.delays_s),)):
+        raise InputError(
+            f"spread_s: one spread, s, or one for each of {len(system.delays_s)} delays, got "
+            f"{spread_s!r}"
+        )
     blocks = [
         constant(pade_delay(time, order))
-        + dynamics(f"delay{k + 1}", weight=pade_error_weight(time, order, weight_order))
-        for k, time in enumerate(system.delays_s)
+        + dynamics(
+            f"delay{k + 1}", weight=pade_error_weight(time, order, weight_order, spread_s=spread)
+        )
+        for k, (time, spread) in enumerate(
+            zip(system.delays_s, np.broadcast_to(spreads, len(system.delays_s)), strict=True)
+        )
     ]
     q = len(blocks)
     return star(constant(system.system), diagonal(*blocks), q, q)
 
 
-def pade_error_weight(time_s: float, order: int = 1, weight_order: int = 2) -> LtiSystem:
+def pade_error_weight(
+    time_s: float, order: int = 1, weight_order: int | None = None, *, spread_s: float = 0.0
+) -> LtiSystem:
     """Return a stable weight that the error of a Padé approximation exceeds at no frequency.
 
     Parameters
@@ -102,8 +129,10 @@ def pade_error_weight(time_s: float, order: int = 1, weight_order: int = 2) -> L
         T, s.
     order : int
         N, from 1 to 8.
-    weight_order : int
-        r, from 1 to 2N + 1.
+    weight_order : int, optional
+        r, from 1 to 2N + 1, by default 2; 1 with a spread.
+    spread_s : float
+        δ, from 0 to T: the approximation of T s stands for all delays from T − δ to T + δ.
 
     Returns
     -------
@@ -113,35 +142,49 @@ def pade_error_weight(time_s: float, order: int = 1, weight_order: int = 2) -> L
     Raises
     ------
     InputError
-        If the time is not positive or an order out of range.
+        If the time is not positive, or an order or the spread out of range.
     """
     pade_delay(time_s, order)  # refuses what is out of range
-    if not 1 <= weight_order <= 2 * order + 1:
+    if not 0.0 <= spread_s <= time_s:
+        raise InputError(f"a spread must be from 0 to the delay, {time_s:g} s, got {spread_s}")
+    most = 1 if spread_s else 2 * order + 1
+    r = min(2, most) if weight_order is None else weight_order
+    if not 1 <= r <= most:
+        range_ = "1 for a delay with a spread" if spread_s else f"from 1 to {most}"
         raise InputError(
-            f"the order of the weight must be from 1 to {2 * order + 1} for a Padé approximation "
-            f"of order {order}, got {weight_order}"
+            f"the order of the weight must be {range_}, with a Padé approximation of order "
+            f"{order}, got {r}"
         )
-    corner = _corner(order, weight_order) / time_s
+    corner = _corner(order, r, float(spread_s / time_s)) / time_s
     one = transfer_function([1.0, 0.0], [1.0, corner])
-    return series(*[one] * weight_order) * (2.0 * (1.0 + _EXCESS))
+    return series(*[one] * r) * (2.0 * (1.0 + _EXCESS))
 
 
 @cache
-def _corner(order: int, weight_order: int) -> float:
-    """Return the largest a for which the cover is proved."""
-    full = brentq(lambda at: float(_phase_error(at, order)[0]) - np.pi, order, 8.0 * order)
+def _corner(order: int, weight_order: int, spread: float) -> float:
+    """Return the largest a for which the cover is proved, for ρ."""
+
+    def phase_error(x: Array | float) -> Array:
+        return _phase_error(x, order) + spread * np.asarray(x)
+
+    # at x = 1, ψ is 1/12 at most
+    full = brentq(
+        lambda at: float(phase_error(at)[0]) - np.pi, 1.0 if spread else order, 8.0 * order
+    )
     x = np.geomspace(_SMALL * full, full, _STEPS + 1)
     power = factorial(order) ** 2 / (factorial(2 * order) * factorial(2 * order + 1))
     # errors at the right ends; beyond the last one the error is at most 2
-    phase = np.minimum(_phase_error(x[1:], order) + _PHASE, np.pi)
-    error = np.minimum(2.0 * np.sin(0.5 * phase), power * x[1:] ** (2 * order + 1))
+    phase = np.minimum(phase_error(x[1:]) + _PHASE, np.pi)
+    by_power = power * x[1:] ** (2 * order + 1) + spread * x[1:]
+    error = np.minimum(2.0 * np.sin(0.5 * phase), by_power)
     error = np.append(error, 2.0)
     low, high = 0.0, full
     for _ in range(_BISECTIONS):
         a = 0.5 * (low + high)
         gains = _gains(x, a, weight_order)
-        # below the first x: c x^(2N+1) ≤ 2 (1 + ε) (x/√(x₀² + a²))^r, hardest at x₀
-        small = power * x[0] ** (2 * order + 1) * (1.0 + _ROUNDING) <= gains[0]
+        # below the first x: c x^(2N+1) + ρ x ≤ 2 (1 + ε) (x/√(x₀² + a²))^r, hardest at x₀
+        first = power * x[0] ** (2 * order + 1) + spread * x[0]
+        small = first * (1.0 + _ROUNDING) <= gains[0]
         proved = small and bool((gains >= error * (1.0 + _ROUNDING)).all())
         low, high = (a, high) if proved else (low, a)
     return low

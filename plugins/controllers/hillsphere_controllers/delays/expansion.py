@@ -65,7 +65,7 @@ class Expansion:
         Bound of |F|; infinite where the pencil is singular but for rounding.
     h, h_bound : ndarray, shape (K, N, N)
         H, and a bound of its size that allows for rounding.
-    x, l, g : ndarray, shape (K, N, m), (K, p, N), (K, p, m)
+    x, left, g : ndarray, shape (K, N, m), (K, p, N), (K, p, m)
         X, L and G.
     x_rounding : ndarray, shape (K, N, m)
         Bound of the rounding of the product that X is.
@@ -79,7 +79,7 @@ class Expansion:
     h: Complex
     h_bound: Array
     x: Complex
-    l: Complex  # noqa: E741
+    left: Complex
     g: Complex
     x_rounding: Array
     out: Array

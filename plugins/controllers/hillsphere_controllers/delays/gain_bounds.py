@@ -17,12 +17,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
 from hillsphere_controllers.analysis.frequency import largest_gains
 from hillsphere_controllers.delays.expansion import Pencil, bound_perturbed
 
-__all__ = ["GainPeak", "bound_gains", "search_peak"]
+__all__ = ["Enclosure", "GainPeak", "bound_gains", "enclose_response", "search_peak"]
+
+Complex = NDArray[np.complex128]
 
 _MOST = 200_000
 """Intervals at most, as in `stability`; the bounds reached by then are returned."""
@@ -114,6 +117,47 @@ def bound_gains(pencil: Pencil, middle: Array, half: Array) -> tuple[Array, Arra
         Largest singular values at the centres, bounds of their errors, and bounds of the largest
         singular values on the intervals; infinite where the interval is too wide for a bound.
     """
+    made = enclose_response(pencil, middle, half)
+    gains = largest_gains(made.centre)
+    move = half[:, None, None] * made.slope
+    ends = np.maximum(largest_gains(made.centre - move), largest_gains(made.centre + move))
+    unit = 4.0 * (pencil.size + 3) * _EPS
+    uppers = (ends + np.linalg.norm(made.rest, axis=(1, 2))) * (1.0 + unit)
+    uppers[~np.isfinite(uppers)] = np.inf
+    return gains, made.errors, uppers
+
+
+@dataclass(frozen=True)
+class Enclosure:
+    """The response of a system near K frequencies: that of an affine function, and a rest.
+
+    Parameters
+    ----------
+    centre, slope : ndarray, shape (K, p, m)
+        Response at the frequencies, and its derivative by frequency.
+    rest : ndarray, shape (K, p, m)
+        Bound of the distance from the affine function on the intervals, entry by entry, rounding
+        included; infinite where an interval is too wide for a bound.
+    errors : ndarray, shape (K,)
+        Bound of the rounding of the response at the frequencies, as a norm.
+    """
+
+    centre: Complex
+    slope: Complex
+    rest: Array
+    errors: Array
+
+
+def enclose_response(pencil: Pencil, middle: Array, half: Array) -> Enclosure:
+    """Return the response near frequencies with a bound of what an affine function leaves.
+
+    Parameters
+    ----------
+    pencil : Pencil
+        Of a system.
+    middle, half : ndarray, shape (K,)
+        Centres and half widths of intervals, rad/s.
+    """
     e = pencil.expand(middle)
     n, late, size = len(pencil.a), pencil.late(middle), pencil.size
     turn = pencil.turn(middle, half)
@@ -125,10 +169,10 @@ def bound_gains(pencil: Pencil, middle: Array, half: Array) -> tuple[Array, Arra
     slope = np.empty((middle.size, size), dtype=complex)
     slope[:, :n] = -1j
     slope[:, n:] = -1j * pencil.times * late
-    first = e.l @ (slope[:, :, None] * e.x)
+    first = e.left @ (slope[:, :, None] * e.x)
     second = np.zeros((middle.size, size))
     second[:, n:] = 0.5 * (half[:, None] * pencil.times) ** 2
-    large = np.abs(e.l)
+    large = np.abs(e.left)
     with np.errstate(invalid="ignore", over="ignore"):
         unit = 4.0 * (size + 3) * _EPS
         phase = 4.0 * _EPS * middle[:, None] * pencil.times
@@ -143,10 +187,5 @@ def bound_gains(pencil: Pencil, middle: Array, half: Array) -> tuple[Array, Arra
         most = (1.0 + unit) * (size_l @ (steep * x))
         rest += half[:, None, None] * (most - large @ (steep * np.abs(e.x)))
         errors = np.linalg.norm(rounding + e.out @ (e.residual @ there), axis=(1, 2))
-    gains = largest_gains(e.g)
-    move = half[:, None, None] * first
-    ends = np.maximum(largest_gains(e.g - move), largest_gains(e.g + move))
     rest[~np.isfinite(rest)] = np.inf
-    uppers = (ends + np.linalg.norm(rest, axis=(1, 2))) * (1.0 + unit)
-    uppers[~np.isfinite(uppers)] = np.inf
-    return gains, errors, uppers
+    return Enclosure(e.g, first, rest, errors)

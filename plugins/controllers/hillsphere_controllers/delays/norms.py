@@ -28,7 +28,7 @@ from hillsphere_controllers.delays.stability import (
 from hillsphere_controllers.delays.system import DelaySystem
 from hillsphere_controllers.systems.algebra import close_with_gain
 
-__all__ = ["h2_norm", "hinf_norm"]
+__all__ = ["bound_tail", "h2_norm", "hinf_norm"]
 
 _FINE = 1e-9
 """Tolerance where no delays are left, that of `hillsphere_controllers.analysis.hinf_norm`."""
@@ -122,7 +122,7 @@ def _search(pencil: Pencil, tolerance: float) -> HinfNorm:
     known = GainPeak(size, float(cuts[best]), float(errors[best]) / size if size else 0.0, 0.0)
     if high.lower > known.value:
         known = GainPeak(high.lower, np.inf, high.error, 0.0)
-    end, tail = _bound_tail(pencil, loop, high.upper, known.value * (1.0 + tolerance), cuts[-1])
+    end, tail = bound_tail(pencil, loop, high.upper, known.value * (1.0 + tolerance), cuts[-1])
     if end > cuts[-1]:
         octaves = np.arange(1, round(np.log2(end / cuts[-1])) + 1)
         cuts = np.concatenate([cuts, cuts[-1] * 2.0**octaves])
@@ -131,10 +131,22 @@ def _search(pencil: Pencil, tolerance: float) -> HinfNorm:
     return HinfNorm(peak.value, peak.frequency_rad_s, upper, peak.error)
 
 
-def _bound_tail(
+def bound_tail(
     pencil: Pencil, loop: Array, direct: float, level: float, start: float
 ) -> tuple[float, float]:
-    """Return a frequency, start · 2ᵏ, and a bound of gains beyond it, below the level if it can."""
+    """Return a frequency, start · 2ᵏ, and a bound of gains beyond it, below the level if it can.
+
+    Parameters
+    ----------
+    pencil : Pencil
+        Of a system.
+    loop : ndarray, shape (q, q)
+        Bound of the inverse of its direct loop.
+    direct : float
+        Bound of its direct terms.
+    level, start : float
+        The level asked for, and the first frequency, rad/s.
+    """
     bar = np.abs(pencil.a) + np.abs(pencil.b) @ loop @ np.abs(pencil.c)
     into = np.abs(pencil.b_u) + np.abs(pencil.b) @ loop @ np.abs(pencil.d_zu)
     out = np.abs(pencil.c_y) + np.abs(pencil.d_yw) @ loop @ np.abs(pencil.c)

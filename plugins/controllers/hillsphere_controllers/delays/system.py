@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.systems.algebra import append, close_with_gain
+from hillsphere_controllers.systems.algebra import close_with_gain, connect_inside
 from hillsphere_controllers.systems.conversion import as_lti
 
 __all__ = ["DelayOperand", "DelaySystem", "as_delay_system", "connect_delay_systems"]
@@ -375,10 +375,7 @@ def connect_delay_systems(
         starts += range(column, column + m)
         late_in += range(column + m, column + m + q)
         row, column = row + p + q, column + m + q
-    whole = np.zeros((column, row))
-    whole[np.ix_(starts, ends)] = feed
-    plain = [replace(part.system, inputs=(), outputs=(), states=()) for part in parts]
-    closed = close_with_gain(append(*plain), whole)
+    closed = connect_inside([part.system for part in parts], starts, ends, feed)
     q = len(late_in)
     left = np.zeros((len(out) + q, row))
     left[: len(out), ends] = out

@@ -82,7 +82,9 @@ class HinfDesign:
     controller : LtiSystem
         From y to u, of the order of the plant.
     gamma : float
-        The closed loop's norm, computed from the closed loop.
+        The closed loop's norm, computed from the closed loop; its upper bound `norm.upper` where
+        rounding may have changed the norm by more than 1 % (`norm.doubt` says so), as where the
+        norm is next to nothing beside the plant's entries.
     closed_loop : LtiSystem
         From w to z.
     norm : HinfNorm
@@ -134,7 +136,9 @@ def hinf_synthesis(
         Relative width at which the bisection of γ ends.
     back_off : float
         By how much the γ of the controller is larger than the least one; it is enlarged where the
-        controller does not pass the check of its closed loop.
+        controller does not pass the check of its closed loop. Where a regularisation is chosen here
+        (`HinfDesign.added`), it only says from which γ on the search goes on: it has no effect
+        below what that search reaches.
     regularisation : float or None
         Weight that is put on every control, and size of the noise that is put on every measurement,
         for the synthesis only: makes problems solvable in which D12 or D21 lacks full rank, for a γ
@@ -204,8 +208,16 @@ def _solve_given(
         return _attach_lower_bound(made, problem.proved)
     added = Regularisation.even(regularisation, k, q, plant.order)
     # the Riccati equations are solved for the balanced states; the controller is the same
-    problem = GammaProblem(balance_states(units.scale_added(added).add_to(plant))[0], k, q)
-    made = _search_gamma(plant, problem, tolerance, back_off, slicot)
+    posed = balance_states(units.scale_added(added).add_to(plant))[0]
+    try:
+        made = _search_gamma(plant, GammaProblem(posed, k, q), tolerance, back_off, slicot)
+    except SingularProblemError as error:
+        what, _, _ = str(error).partition(";")
+        raise SingularProblemError(
+            f"with the regularisation given, {regularisation:g}: {what}; in the units of this "
+            "plant it is too small, or weights on controls and noise on measurements are not what "
+            "is missing: give a larger one, or none, and one is chosen for these units"
+        ) from error
     return replace(_attach_lower_bound(made, 0.0), added=added)
 
 
@@ -461,4 +473,5 @@ def _verify_design(plant: LtiSystem, controller: LtiSystem, solvable: float) -> 
     norm = hinf_norm(loop)
     if not np.isfinite(norm.upper):
         raise SynthesisFailedError("the closed loop's entries do not determine its norm")
-    return HinfDesign(controller, norm.value, loop, norm, 0.0, solvable)
+    gamma = norm.upper if norm.doubt else norm.value
+    return HinfDesign(controller, gamma, loop, norm, 0.0, solvable)

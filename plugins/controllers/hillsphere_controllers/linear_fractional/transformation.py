@@ -29,7 +29,7 @@ from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.linear_fractional.uncertainties import Uncertainty
 from hillsphere_controllers.mu.blocks import Block, BlockStructure
-from hillsphere_controllers.systems.algebra import append, close_with_gain, gain, upper_lft
+from hillsphere_controllers.systems.algebra import append, connect_inside, gain, upper_lft
 from hillsphere_controllers.systems.conversion import as_lti
 
 __all__ = ["Lft", "Operand", "connect_lfts", "constant", "inverse"]
@@ -521,11 +521,8 @@ def connect_lfts(parts: Sequence[Lft], feed: Array, into: Array, out: Array) -> 
         outputs.extend(range(row, row + p))
         inputs.extend(range(column, column + m))
         row, column = row + p, column + m
-    plain = [LtiSystem(s.a, s.b, s.c, s.d, s.dt_s) for s in (part.system for part in parts)]
-    whole = np.zeros((column, row))
-    whole[np.ix_(inputs, outputs)] = feed
     # close the connections first; Δ stays outside as inputs and outputs
-    made = close_with_gain(append(*plain), whole)
+    made = connect_inside([part.system for part in parts], inputs, outputs, feed)
     # then bring the copies of each uncertainty together
     first = [i for name in known for i in columns[name]]
     last = [i for name in known for i in rows[name]]

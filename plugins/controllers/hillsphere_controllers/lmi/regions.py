@@ -30,11 +30,11 @@ class LmiRegion:
 
     Parameters
     ----------
-    l, m : ndarray, shape (k, k)
+    level, m : ndarray, shape (k, k)
         L, symmetric, and M.
     """
 
-    l: Array  # noqa: E741
+    level: Array
     m: Array
 
 

@@ -129,7 +129,7 @@ def region_inequalities(region: PoleRegion, a: Any, x: Any) -> list[Any]:
     made = []
     for one in regions(region):
         moved = cp.kron(one.m, a)
-        made.append(cp.kron(one.l, x) + moved + moved.T << 0)
+        made.append(cp.kron(one.level, x) + moved + moved.T << 0)
     return made
 
 

@@ -450,8 +450,10 @@ class _Cover:
         )  # fmt: skip
         omega = sorted(self.bounds)
         upper = self.beta if intervals or np.isinf(self.beta) else self.peak
+        # where Δ has no effect, µ is zero and the bound is rounding
+        is_known = np.isfinite(upper) and self.peak > 0.0
         return CertifiedPeak(
             upper, self.peak, back(self.where), self.bounds[self.where].scalings, intervals,
             np.array([back(w) for w in omega]), np.array([self.bounds[w].value for w in omega]),
-            upper / self.peak - 1.0 if self.gap > self.asked and np.isfinite(upper) else 0.0,
+            upper / self.peak - 1.0 if self.gap > self.asked and is_known else 0.0,
         )  # fmt: skip

@@ -92,16 +92,16 @@ def performance_margin(
     lower = 1.0 / bound if bound > 0.0 else np.inf
     if np.isinf(lower):
         return PerformanceMargin(lower, np.inf, np.nan, {})
-    # where Δ can make the loop unstable, the gain has no bound
-    most = robust_stability(system, uncertainty, gap=gap, complex_shares=()).margin[1]
-    tried, reached = lower, None
-    sizes = [lower * f for f in _FACTORS if lower * f < most]
-    for t in [*sizes, *([most] if np.isfinite(most) else [])]:
-        if t <= 0.0:
-            continue
+    # where a Δ takes the loop to the border of stability, the gain has no bound
+    border = robust_stability(system, uncertainty, gap=gap, complex_shares=())
+    most, tried = border.margin[1], lower
+    reached: tuple[float, float, dict[str, float]] | None = None
+    if border.worst is not None:
+        reached = most, border.frequency_rad_s, border.worst.values
+    for t in (lower * f for f in _FACTORS if 0.0 < lower * f < most):
         worst = worst_case_gain(system, uncertainty, size=t, gap=gap, divide=False)
         if worst.lower >= level:
-            reached = t, worst
+            reached = t, worst.frequency_rad_s, worst.values
             break
         tried = t
     if reached is None:
@@ -112,9 +112,7 @@ def performance_margin(
             break
         worst = worst_case_gain(system, uncertainty, size=t, gap=gap, divide=False)
         if worst.lower >= level:
-            reached = t, worst
+            reached = t, worst.frequency_rad_s, worst.values
         else:
             tried = t
-    return PerformanceMargin(
-        lower, reached[0], reached[1].frequency_rad_s, reached[1].values, undecided
-    )
+    return PerformanceMargin(lower, *reached, undecided)

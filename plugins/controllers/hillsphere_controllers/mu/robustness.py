@@ -27,6 +27,7 @@ from hillsphere_controllers.mu.lower_bound import (
     lower_bound_near,
     lower_bound_of_block,
 )
+from hillsphere_controllers.mu.restrictions import improve_by_restrictions
 from hillsphere_controllers.mu.upper_bound import upper_bounds
 from hillsphere_controllers.mu.worst_case import WorstCase, worst_case
 
@@ -40,6 +41,10 @@ Complex = NDArray[np.complex128]
 _PEAKS = 4
 """Frequencies of the largest upper bounds at which a lower bound is searched. The highest peak of µ
 can lie at another frequency than that of its upper bound, where the two differ."""
+_COARSE = 0.05
+"""Gap of the bounds of a restriction, which only say where its lower bound is to be searched."""
+_SEARCHED = (0.05,)
+"""Complex share with which the places of purely real restrictions are found."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +177,13 @@ def robust_stability(
             f"{system.shape[1]}"
         )
     own = LtiSystem(system.a, system.b[:, :m], system.c[:p], system.d[:p, :m], system.dt_s)
-    return _robustness(own, uncertainty, gap, complex_shares, seed)
+    certified, low, beside = _bounds(own, uncertainty, gap, complex_shares, seed)
+
+    def search(part: LtiSystem, structure: BlockStructure) -> LowerBound:
+        return _bounds(part, structure, max(gap, _COARSE), _SEARCHED, seed)[1]
+
+    low = improve_by_restrictions(own, uncertainty, low, certified.upper, gap, search)
+    return _robustness(own, uncertainty, certified, low, beside)
 
 
 def robust_performance(
@@ -215,23 +226,18 @@ def robust_performance(
         As of `robust_stability`.
     """
     whole = performance_structure(system, uncertainty)
-    robustness = _robustness(system, whole, gap, (), seed)
-    image = continuous_image(system, whole)
-    low = None
-    if robustness.worst is not None:
-        at = image_frequency(robustness.frequency_rad_s, system.dt_s)
-        low = LowerBound(robustness.lower, robustness.worst.delta, robustness.worst.singular, at)
-    order = np.argsort(-robustness.certified.bounds)[:_PEAKS]
-    places = [*robustness.certified.looked_at_rad_s[order].tolist(), robustness.frequency_rad_s]
-    places = [image_frequency(w, system.dt_s) for w in places if not np.isnan(w)]
-    more = bound_by_gain(
-        image, whole, [0.0, *places, np.inf], low, robustness.upper, starts=starts, seed=seed
+    certified, low, _ = _bounds(system, whole, gap, (), seed)
+
+    def search(part: LtiSystem, structure: BlockStructure) -> LowerBound:
+        at_gap = max(gap, _COARSE)
+        bound, below, _ = _bounds(part, structure, at_gap, (), seed)
+        return _raise_by_gain(part, structure, bound, below, seed)
+
+    low = _raise_by_gain(system, whole, certified, low, seed, starts)
+    low = improve_by_restrictions(
+        system, whole, low, certified.upper, gap, search, kept=len(whole.blocks) - 1
     )
-    if more is None:
-        return robustness
-    at = discrete_frequency(more.frequency_rad_s, system.dt_s)
-    worst = worst_case(system, whole, more.delta, at)
-    return replace(robustness, lower=more.value, frequency_rad_s=at, worst=worst)
+    return _robustness(system, whole, certified, low)
 
 
 def mu_bounds_on_grid(
@@ -317,13 +323,14 @@ def complexify(
     return made, BlockStructure([*structure.blocks, *parts])
 
 
-def _robustness(
+def _bounds(
     system: LtiSystem,
     structure: BlockStructure,
     gap: float,
     shares: Sequence[float],
     seed: int,
-) -> Robustness:
+) -> tuple[CertifiedPeak, LowerBound, tuple[Complexified, ...]]:
+    """Return the certified bound, a lower one, and the bounds of purely real Δ made complex."""
     certified = certified_peak(system, structure, gap=gap)
     beside = []
     more: list[float] = []
@@ -337,14 +344,45 @@ def _robustness(
             beside.append(Complexified(share, bound.upper, below.value))
             more += [bound.frequency_rad_s, below.frequency_rad_s]
     low = _best_lower_bound(system, structure, certified, more, seed)
-    if low.value == 0.0:
-        return Robustness(
-            certified.upper, 0.0, certified.frequency_rad_s, certified, None, tuple(beside)
-        )
-    worst = worst_case(system, structure, low.delta, low.frequency_rad_s)
-    return Robustness(
-        certified.upper, low.value, low.frequency_rad_s, certified, worst, tuple(beside)
+    return certified, low, tuple(beside)
+
+
+def _raise_by_gain(
+    system: LtiSystem,
+    structure: BlockStructure,
+    certified: CertifiedPeak,
+    low: LowerBound,
+    seed: int,
+    starts: Sequence[Mapping[str, float]] = (),
+) -> LowerBound:
+    """Return the lower bound of robust performance, raised by the gain under bounded Δ."""
+    image = continuous_image(system, structure)
+    order = np.argsort(-certified.bounds)[:_PEAKS]
+    places = [*certified.looked_at_rad_s[order].tolist(), low.frequency_rad_s]
+    places = [image_frequency(w, system.dt_s) for w in places if not np.isnan(w)]
+    known = None
+    if low.value > 0.0:
+        known = replace(low, frequency_rad_s=image_frequency(low.frequency_rad_s, system.dt_s))
+    more = bound_by_gain(
+        image, structure, [0.0, *places, np.inf], known, certified.upper, starts=starts, seed=seed
     )
+    if more is None:
+        return low
+    return replace(more, frequency_rad_s=discrete_frequency(more.frequency_rad_s, system.dt_s))
+
+
+def _robustness(
+    system: LtiSystem,
+    structure: BlockStructure,
+    certified: CertifiedPeak,
+    low: LowerBound,
+    beside: tuple[Complexified, ...] = (),
+) -> Robustness:
+    """Return both bounds, with the perturbation of the lower one as a system."""
+    if low.value == 0.0:
+        return Robustness(certified.upper, 0.0, certified.frequency_rad_s, certified, None, beside)
+    worst = worst_case(system, structure, low.delta, low.frequency_rad_s)
+    return Robustness(certified.upper, low.value, low.frequency_rad_s, certified, worst, beside)
 
 
 def _best_lower_bound(

@@ -18,6 +18,10 @@ __all__ = ["SAME", "best_verified", "explain_failure"]
 
 SAME = 1e-4
 """Minima whose γ differ by less, relative, are taken for the same."""
+_ON_AXIS = 1e-6
+"""Real part of the rightmost poles, relative to the plant's rate, that counts as zero: a double
+pole on the axis is found to the root of rounding, 1e-8, and the descent to it ends a little
+before."""
 
 
 def best_verified(
@@ -102,6 +106,14 @@ def explain_failure(results: Sequence[SearchResult]) -> Exception:
             "structure more parameters, or use more starts"
         )
     best = min(results, key=lambda f: f.abscissa)
+    if abs(best.abscissa) <= _ON_AXIS:
+        return NotStabilisableError(
+            f"no controller of this structure that stabilises all plants was found from "
+            f"{len(results)} starts; the best has its rightmost poles on the imaginary axis, as "
+            "far as rounding tells. That is no proof, but where all starts end there, the gains of "
+            "the structure as a rule move these poles to the axis only (as PI control does those "
+            "of a double integrator): give the structure another action or more states"
+        )
     return NotStabilisableError(
         f"no controller of this structure that stabilises all plants was found from {len(results)} "
         f"starts; the best has poles with a real part of {best.abscissa:.3g} times the plant's "

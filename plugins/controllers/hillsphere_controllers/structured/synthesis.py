@@ -44,7 +44,6 @@ from hillsphere_controllers.structured.verdict import Verdict, make_verdict
 from hillsphere_controllers.structured.verification import (
     Verified,
     full_order,
-    regularised_full_order,
 )
 
 __all__ = ["StructuredDesign", "synthesise"]
@@ -247,7 +246,7 @@ def synthesise(
     least = 0.0 if full is None else full.bound
     routed = full
     if routed is None and amount > 0.0 and not confined:
-        routed = regularised_full_order(many, structure)
+        routed = full_order(many, structure, regularised=True)
     problem = Problem(
         many, structure, region, largest_gain, controller_stable, bandwidth_rad_s,
         near=confined, target=target, full=routed,

@@ -22,7 +22,7 @@ from hillsphere_controllers.structured.structure import Structure
 from hillsphere_controllers.systems.algebra import lower_lft
 
 __all__ = [
-    "FullOrder", "Verified", "full_order", "lower_bound", "regularised_full_order",
+    "FullOrder", "Verified", "full_order", "lower_bound",
     "verify_controller",
 ]  # fmt: skip
 
@@ -169,35 +169,10 @@ def lower_bound(plants: Sequence[DesignPlant], structure: Structure) -> float:
     return 0.0 if design is None else design.bound
 
 
-def full_order(plants: Sequence[DesignPlant], structure: Structure) -> FullOrder | None:
-    """Return the full-order design with the largest lower bound of γ.
-
-    It is None if the Riccati equations apply to no plant.
-
-    Parameters
-    ----------
-    plants : sequence of DesignPlant
-        Plants and channels of the design.
-    structure : Structure
-        Of the controller, for its numbers of controls and measurements.
-
-    Returns
-    -------
-    FullOrder or None
-        The design, with its bound.
-
-    Raises
-    ------
-    NotStabilisableError
-        If no controller stabilises one of the plants.
-    """
-    return _hardest(plants, structure, 0.0)
-
-
-def regularised_full_order(plants: Sequence[DesignPlant], structure: Structure) -> FullOrder | None:
-    """Return a controller of full order of plants to which the Riccati equations do not apply.
-
-    Its synthesis is regularised. It is a good controller of the plant as it is.
+def full_order(
+    plants: Sequence[DesignPlant], structure: Structure, *, regularised: bool = False
+) -> FullOrder | None:
+    """Return a full-order design of the plant and channel that is hardest by itself.
 
     Parameters
     ----------
@@ -205,18 +180,22 @@ def regularised_full_order(plants: Sequence[DesignPlant], structure: Structure) 
         Plants and channels of the design.
     structure : Structure
         Of the controller, for its numbers of controls and measurements.
+    regularised : bool
+        Whether the synthesis may be regularised, where the Riccati equations do not apply: the
+        controller is a good one of the plant as it is, and has no bound as a rule.
 
     Returns
     -------
     FullOrder or None
-        The design, for the plant and channel whose γ is largest.
+        That of the largest lower bound of γ; of the largest γ if regularised. None if the Riccati
+        equations apply to no plant.
 
     Raises
     ------
     NotStabilisableError
         If no controller stabilises one of the plants.
     """
-    return _hardest(plants, structure, None)
+    return _hardest(plants, structure, None if regularised else 0.0)
 
 
 def _hardest(

@@ -11,6 +11,7 @@ which is well posed if I − F D is invertible.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,8 +22,8 @@ from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem, real_matrix
 
 __all__ = [
-    "append", "close_with_gain", "feedback", "gain", "lower_lft", "parallel", "series", "star",
-    "upper_lft",
+    "append", "close_with_gain", "connect_inside", "feedback", "gain", "lower_lft", "parallel",
+    "series", "star", "upper_lft",
 ]  # fmt: skip
 
 _SINGULAR, _NEAR = 1e-12, 1e-6
@@ -129,6 +130,36 @@ def close_with_gain(system: LtiSystem, matrix: Array) -> LtiSystem:
         c=system.c + system.d @ into,
         d=system.d @ through,
     )
+
+
+def connect_inside(
+    systems: Sequence[LtiSystem], inputs: Sequence[int], outputs: Sequence[int], matrix: Array
+) -> LtiSystem:
+    """Close some signals of systems by a constant matrix; all signals stay, without names.
+
+    Parameters
+    ----------
+    systems : sequence of LtiSystem
+        With all their inputs and outputs one after the other.
+    inputs, outputs : sequence of int
+        Those between which the matrix is, k inputs and r outputs.
+    matrix : ndarray, shape (k, r)
+        F: these inputs become F times these outputs, plus what enters from outside.
+
+    Returns
+    -------
+    LtiSystem
+        Of all inputs and outputs.
+
+    Raises
+    ------
+    InputError
+        If sampling periods differ or the loop is not well posed.
+    """
+    whole = append(*(replace(one, inputs=(), outputs=(), states=()) for one in systems))
+    feed = np.zeros(whole.shape[::-1])
+    feed[np.ix_(inputs, outputs)] = matrix
+    return close_with_gain(whole, feed)
 
 
 def series(*systems: LtiSystem) -> LtiSystem:

@@ -74,13 +74,14 @@ def shelving_weight(
                 f"{omega} rad/s is not below half the sampling rate, {np.pi / dt_s:.6g} rad/s"
             )
         omega = 2.0 / dt_s * np.tan(0.5 * omega * dt_s)
-    l, h, g = (float(x) ** (1.0 / order) for x in (low, high, gain))  # noqa: E741
+    # gains of one section: at zero, at infinite and at the given frequency
+    start, end, middle = (float(x) ** (1.0 / order) for x in (low, high, gain))
     # (g − h)(g + h) keeps the digits of g² − h²
-    p = omega * np.sqrt((g - h) * (g + h) / ((l - g) * (l + g)))
-    size = np.sqrt(p * abs(l - h))
+    p = omega * np.sqrt((middle - end) * (middle + end) / ((start - middle) * (start + middle)))
+    size = np.sqrt(p * abs(start - end))
     section = LtiSystem(
-        np.array([[-p]]), np.array([[size]]), np.array([[np.copysign(size, l - h)]]),
-        np.array([[h]]),
+        np.array([[-p]]), np.array([[size]]), np.array([[np.copysign(size, start - end)]]),
+        np.array([[end]]),
     )  # fmt: skip
     made = series(*[section] * order)
     return made if dt_s is None else discrete(made, dt_s)

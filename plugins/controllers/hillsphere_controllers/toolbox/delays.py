@@ -15,6 +15,7 @@ from hillsphere_controllers.delays.algebra import approximate_delays, delay, wit
 from hillsphere_controllers.delays.algebra import connect as connect_late
 from hillsphere_controllers.delays.algebra import with_names as name_late
 from hillsphere_controllers.delays.cover import pade_cover
+from hillsphere_controllers.delays.margin import DelayMargin, delay_margin
 from hillsphere_controllers.delays.stability import judge_stability
 from hillsphere_controllers.delays.system import DelaySystem
 from hillsphere_controllers.linear_fractional.transformation import Lft
@@ -24,8 +25,8 @@ from hillsphere_controllers.systems.interconnection import connect as connect_ce
 from hillsphere_controllers.systems.interconnection import with_names as name_certain
 
 __all__ = [
-    "DelaySystem", "connect", "delay", "freqresp", "isstable", "pade", "padecover", "with_delays",
-    "with_names",
+    "DelayMargin", "DelaySystem", "connect", "delay", "delaymargin", "freqresp", "isstable", "pade",
+    "padecover", "with_delays", "with_names",
 ]  # fmt: skip
 
 
@@ -54,6 +55,31 @@ def isstable(G: LtiSystem | DelaySystem) -> bool:
     if made.stable is None:
         raise ConvergenceError(f"whether the system is stable is undecided: {made.reason}")
     return made.stable
+
+
+def delaymargin(
+    L: LtiSystem | DelaySystem, longest_s: float, *, tolerance: float = 1e-3
+) -> DelayMargin:
+    """Return bounds of the extra delay that a loop closed by negative feedback tolerates.
+
+    Parameters
+    ----------
+    L : LtiSystem, DelaySystem or system of python-control
+        The loop, as many outputs as inputs; every channel gets the extra delay at once.
+    longest_s, tolerance
+        As of `hillsphere_controllers.delays.margin.delay_margin`.
+
+    Returns
+    -------
+    DelayMargin
+        Proved bounds; `hillsphere_controllers.margins` has the delay of each channel alone.
+
+    Raises
+    ------
+    InputError
+        As that function.
+    """
+    return delay_margin(L, longest_s, tolerance=tolerance)
 
 
 def freqresp(G: LtiSystem | DelaySystem, omega_rad_s: Array) -> NDArray[np.complex128]:
@@ -103,12 +129,18 @@ def pade(G: DelaySystem | float, order: int = 1) -> LtiSystem:
     return approximate_delays(G, order) if isinstance(G, DelaySystem) else pade_delay(G, order)
 
 
-def padecover(G: DelaySystem, order: int = 1, *, weight_order: int = 2) -> Lft:
+def padecover(
+    G: DelaySystem,
+    order: int = 1,
+    *,
+    weight_order: int | None = None,
+    spread_s: float | Sequence[float] = 0.0,
+) -> Lft:
     """Return an uncertain system without delays that contains the system with delays.
 
     Parameters
     ----------
-    G, order, weight_order
+    G, order, weight_order, spread_s
         As of `hillsphere_controllers.delays.cover.pade_cover`.
 
     Returns
@@ -121,7 +153,7 @@ def padecover(G: DelaySystem, order: int = 1, *, weight_order: int = 2) -> Lft:
     InputError
         As that function.
     """
-    return pade_cover(G, order, weight_order=weight_order)
+    return pade_cover(G, order, weight_order=weight_order, spread_s=spread_s)
 
 
 @overload

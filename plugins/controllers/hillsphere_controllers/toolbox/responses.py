@@ -17,6 +17,7 @@ from hillsphere.show.drawing import Drawing, draw
 from hillsphere_controllers.analysis.h2_norm import h2_norm
 from hillsphere_controllers.analysis.hinf_norm import HinfNorm, hinf_norm
 from hillsphere_controllers.analysis.margins import LoopMargins, loop_margins
+from hillsphere_controllers.delays.loop_margins import loop_margins as margins_with_delays
 from hillsphere_controllers.delays.norms import h2_norm as h2_norm_with_delays
 from hillsphere_controllers.delays.norms import hinf_norm as hinf_norm_with_delays
 from hillsphere_controllers.delays.system import DelaySystem
@@ -349,13 +350,13 @@ def sigma(G: LtiSystem | DelaySystem, omega_rad_s: Array | None = None) -> Singu
     return SingularValues(omega, values)
 
 
-def margins(L: LtiSystem) -> Margins:
+def margins(L: LtiSystem | DelaySystem) -> Margins:
     """Return gain, phase and delay margins of a loop closed by negative feedback.
 
     Parameters
     ----------
-    L : LtiSystem or system of python-control
-        The loop, as many outputs as inputs.
+    L : LtiSystem, DelaySystem or system of python-control
+        The loop, as many outputs as inputs; with delays in continuous time, without direct terms.
 
     Returns
     -------
@@ -364,17 +365,12 @@ def margins(L: LtiSystem) -> Margins:
 
     Raises
     ------
-    InputError
-        As `hillsphere_controllers.analysis.margins.loop_margins`, or if the loop has delays.
+    InputError, ConvergenceError
+        As `hillsphere_controllers.analysis.margins.loop_margins`, and
+        `hillsphere_controllers.delays.loop_margins.loop_margins` with delays.
     """
-    if isinstance(L, DelaySystem):
-        raise InputError(
-            "the margins of a loop with delays are not computed; delay_margin of "
-            "hillsphere_controllers.delays.margin gives the extra delay, and hinfnorm of "
-            "feedback(np.eye(p), L) the distance from instability"
-        )
-    loop = as_lti(L, "the loop L")
-    found = loop_margins(loop)
+    loop = L if isinstance(L, DelaySystem) else as_lti(L, "the loop L")
+    found = margins_with_delays(loop) if isinstance(loop, DelaySystem) else loop_margins(loop)
     return Margins(all(one.stable for one in found), found, bode(loop))
 
 

@@ -55,4 +55,4 @@ def _text(value: object) -> str:
         return ", ".join(_text(one) for one in value) or "none"
     if type(value).__module__.partition(".")[0] == "control":
         return f"<{type(value).__name__} of python-control: {value.nstates} states>"  # type: ignore[attr-defined]
-    return repr(value)
+    return str(value)

@@ -42,6 +42,10 @@ __all__ = [
     "musyn", "robgain", "robstab", "wcgain",
 ]  # fmt: skip
 
+_EXCESS = 1.1
+"""Multiple of the gap asked for up to which bounds are as near as was asked: the certificate is the
+gap above the largest bound found, and the search from the other side ends a little before that."""
+
 Blocks = BlockStructure | Sequence[Sequence[int]] | NDArray[np.integer[Any]]
 
 
@@ -143,8 +147,9 @@ class RobustMargin(Readable):
         Names of the complex and dynamic uncertainties: that one has values of them too, which are
         matrices at the frequency and are not listed.
     undecided_gap : float
-        Relative distance of the certified bound of µ from the largest found at a frequency, if a
-        gap as small as was asked for needs too many intervals of frequency; else zero.
+        What is left between the bounds: `upper_bound` over `lower_bound`, less one, if that is more
+        than the `gap` asked for and a tenth of it; else zero. Infinite if nothing was found that is
+        not tolerated.
     """
 
     lower_bound: float
@@ -182,7 +187,7 @@ def robstab(usys: Lft, *, gap: float = 0.01) -> RobustMargin:
     values = made.worst.values if made.worst is not None else {}
     return RobustMargin(
         *made.margin, made.frequency_rad_s, _worst_values(usys, values), _without_value(usys),
-        made.undecided_gap,
+        _remaining_gap(*made.margin, gap),
     )  # fmt: skip
 
 
@@ -214,7 +219,7 @@ def robgain(usys: Lft, gamma: float, *, gap: float = 0.01) -> RobustMargin:
     made = performance_margin(least.system, least.structure, gamma, gap=gap)
     return RobustMargin(
         made.lower, made.upper, made.frequency_rad_s, _worst_values(usys, made.values),
-        _without_value(usys), made.undecided_gap,
+        _without_value(usys), _remaining_gap(made.lower, made.upper, gap),
     )  # fmt: skip
 
 
@@ -236,6 +241,13 @@ def _worst_values(usys: Lft, values: dict[str, float]) -> dict[str, float]:
     real = [one.name for one in usys.uncertainties if one.kind == "real"]
     known = {name: values.get(name, 0.0) for name in real} if values else {}
     return physical_values(usys.uncertainties, known)
+
+
+def _remaining_gap(lower: float, upper: float, gap: float) -> float:
+    """Return how far two bounds are apart, relatively; zero if that is about the gap asked for."""
+    if upper <= lower * (1.0 + _EXCESS * gap):
+        return 0.0
+    return upper / lower - 1.0 if lower > 0.0 else np.inf
 
 
 def _without_value(usys: Lft) -> tuple[str, ...]:
@@ -260,7 +272,7 @@ class GainBounds(Readable):
     without_value : tuple of str
         Names of the complex and dynamic uncertainties, whose values are not listed.
     undecided_gap : float
-        As of `RobustMargin`, of the bound of the gain.
+        As of `RobustMargin`, of the bounds of the gain.
     """
 
     lower_bound: float
@@ -297,7 +309,7 @@ def wcgain(usys: Lft, *, size: float = 1.0, gap: float = 0.01) -> GainBounds:
     made = worst_case_gain(least.system, least.structure, size=size, gap=gap)
     return GainBounds(
         made.lower, made.upper, made.frequency_rad_s, _worst_values(usys, made.values),
-        _without_value(usys), made.certified.undecided_gap,
+        _without_value(usys), _remaining_gap(made.lower, made.upper, gap),
     )  # fmt: skip
 
 

@@ -32,18 +32,24 @@ class HinfSynthesis(Readable, Generic[System]):
     CL : System
         The closed loop from w to z.
     gamma : float
-        Its H∞ norm, computed from the closed loop.
+        Its H∞ norm, computed from the closed loop; its upper bound where `doubt` says something.
     lower_bound : float
         No controller of any order reaches a γ below this.
+    upper : float
+        A level that the gain of CL exceeds nowhere, rounding included.
     added : Regularisation or None
         Weights and noise that were added for the synthesis alone; None if there are none.
+    doubt : str
+        Where rounding may have changed the norm by more than 1 %, in words; else empty.
     """
 
     K: System
     CL: System
     gamma: float
     lower_bound: float
+    upper: float
     added: Regularisation | None = None
+    doubt: str = ""
 
 
 def hinfsyn(
@@ -82,7 +88,7 @@ def hinfsyn(
     )  # fmt: skip
     return HinfSynthesis(
         like(design.controller, P), like(design.closed_loop, P), design.gamma, design.least,
-        design.added,
+        design.norm.upper, design.added, design.norm.doubt,
     )  # fmt: skip
 
 
@@ -146,21 +152,26 @@ class MixedSensitivity(Readable, Generic[System]):
         u = K e with the error e = r − y.
     CL : System
         The weighted closed loop [W₁ S; W₂ K S; W₃ T].
-    gamma : float
-        Its H∞ norm.
+    gamma, lower_bound, upper : float
+        Its H∞ norm and its bounds, as of `HinfSynthesis`.
     S, KS, T : System
         Sensitivity, K S and complementary sensitivity, without weights.
     added : Regularisation or None
+        As of `HinfSynthesis`.
+    doubt : str
         As of `HinfSynthesis`.
     """
 
     K: System
     CL: System
     gamma: float
+    lower_bound: float
+    upper: float
     S: System
     KS: System
     T: System
     added: Regularisation | None = None
+    doubt: str = ""
 
 
 def mixsyn(
@@ -207,10 +218,11 @@ def mixsyn(
         as_lti(G, "the plant G"), *weights, disturbance=disturbance, back_off=back_off,
         regularisation=regularisation,
     )  # fmt: skip
+    full = design.design
     return MixedSensitivity(
-        like(design.controller, G), like(design.design.closed_loop, G), design.gamma,
-        like(design.sensitivity, G), like(design.control, G), like(design.complementary, G),
-        design.design.added,
+        like(design.controller, G), like(full.closed_loop, G), design.gamma, full.least,
+        full.norm.upper, like(design.sensitivity, G), like(design.control, G),
+        like(design.complementary, G), full.added, full.norm.doubt,
     )  # fmt: skip
 
 

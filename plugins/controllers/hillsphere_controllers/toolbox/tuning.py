@@ -18,6 +18,7 @@ from hillsphere_controllers.structured.search import STATIONARY
 from hillsphere_controllers.structured.single_loop import Pid, TransferFunction
 from hillsphere_controllers.structured.structure import Structure, free_state_space, static
 from hillsphere_controllers.structured.synthesis import StructuredDesign, synthesise
+from hillsphere_controllers.structured.verdict import Verdict
 from hillsphere_controllers.systems.algebra import lower_lft
 from hillsphere_controllers.systems.conversion import as_lti, like
 from hillsphere_controllers.toolbox.results import Readable, System
@@ -247,8 +248,9 @@ class FixedStructure(Readable, Generic[System]):
         Why it did not; empty if it did.
     pid : PidGains or None
         Gains, if the structure is that of `tunablePID`.
-    verdict : str
-        Which routes of the search arrived at this γ, and its gap to controllers of full order.
+    verdict : Verdict or None
+        Which routes of the search arrived at this γ, and its gap to controllers of full order: in
+        words when printed, and see `hillsphere_controllers.structured.verdict.Verdict`.
     """
 
     K: System
@@ -258,7 +260,7 @@ class FixedStructure(Readable, Generic[System]):
     converged: bool
     reason: str = ""
     pid: PidGains | None = None
-    verdict: str = ""
+    verdict: Verdict | None = None
 
 
 def hinfstruct(
@@ -299,7 +301,7 @@ def hinfstruct(
         like(design.controller, *given),
         tuple(like(lower_lft(plant, design.controller), *given) for plant in plants),
         design.gamma, design.lower_bound, design.converged, _reason(design),
-        _pid_gains(K, design, plants), str(design.verdict),
+        _pid_gains(K, design, plants), design.verdict,
     )  # fmt: skip
 
 
@@ -323,8 +325,9 @@ class Tuned(Readable, Generic[System]):
         Each goal with what was asked and what is reached, the soft ones first.
     pid : PidGains or None
         Gains, if the structure is that of `tunablePID`.
-    verdict : str
-        Which routes of the search arrived at this γ, and its gap to controllers of full order.
+    verdict : Verdict or None
+        Which routes of the search arrived at this γ, and its gap to controllers of full order: in
+        words when printed, and see `hillsphere_controllers.structured.verdict.Verdict`.
     """
 
     K: System
@@ -335,7 +338,7 @@ class Tuned(Readable, Generic[System]):
     reason: str = ""
     goals: tuple[GoalValue, ...] = ()
     pid: PidGains | None = None
-    verdict: str = ""
+    verdict: Verdict | None = None
 
     def __repr__(self) -> str:
         """Return the fields, one in a line, and each goal in a line of its own."""
@@ -413,7 +416,7 @@ def systune(
             ),
             *(_region_value(one, plants, design.controller) for one in regions),
         ),
-        _pid_gains(K, design, plants), str(design.verdict),
+        _pid_gains(K, design, plants), design.verdict,
     )  # fmt: skip
 
 

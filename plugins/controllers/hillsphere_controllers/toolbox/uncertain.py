@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 from typing import Any, overload
 
 import numpy as np
@@ -13,7 +15,7 @@ from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.delays.algebra import append as append_late
 from hillsphere_controllers.delays.algebra import feedback as late_feedback
-from hillsphere_controllers.delays.system import DelaySystem
+from hillsphere_controllers.delays.system import DelaySystem, as_delay_system
 from hillsphere_controllers.linear_fractional.algebra import (
     diagonal,
     dynamics,
@@ -33,7 +35,10 @@ from hillsphere_controllers.systems.algebra import gain, star
 from hillsphere_controllers.systems.conversion import as_lti, like
 from hillsphere_controllers.toolbox.results import Readable
 
-__all__ = ["PlantCover", "append", "feedback", "lft", "ucover", "ultidyn", "ureal", "uss"]
+__all__ = [
+    "PlantCover", "append", "feedback", "lft", "parallel", "series", "ucover", "ultidyn", "ureal",
+    "uss",
+]  # fmt: skip
 
 
 def ureal(
@@ -66,18 +71,41 @@ def ureal(
     Raises
     ------
     InputError
-        If more than one of the three is given, or the nominal value is not between the bounds.
+        If more than one of the three is given, one is no number or pair of numbers, or the nominal
+        value is not between the bounds.
     """
     if sum(one is not None for one in (range, plusminus, percentage)) > 1:
         raise InputError(f"{name}: give range, plusminus or percentage, not several of them")
     if range is not None:
-        low, high = range
-    else:
-        scale = 1.0 if percentage is None else abs(nominal) / 100.0
-        away = (plusminus or 1.0) if percentage is None else percentage
-        down, up = away if isinstance(away, tuple) else (-away, away)
-        low, high = nominal + scale * down, nominal + scale * up
-    return parameter(real_parameter(name, low, high, nominal))
+        low, high = _pair(name, "range", range)
+        if not low < nominal < high:
+            raise InputError(
+                f"{name}: range=(lower, upper) must contain the nominal value {nominal} between "
+                f"its ends, got {range!r}"
+            )
+        return parameter(real_parameter(name, low, high, nominal))
+    what = "plusminus" if percentage is None else "percentage"
+    given = percentage if percentage is not None else 1.0 if plusminus is None else plusminus
+    down, up = _pair(name, what, given)
+    if not down < 0.0 < up:
+        raise InputError(
+            f"{name}: {what} must be a number > 0, or a change below and one above zero, (-5, 10), "
+            f"got {given!r}"
+        )
+    if percentage is not None and nominal == 0.0:
+        raise InputError(f"{name}: a percentage of the nominal value 0 is 0; give plusminus")
+    scale = 1.0 if percentage is None else abs(nominal) / 100.0
+    return parameter(real_parameter(name, nominal + scale * down, nominal + scale * up, nominal))
+
+
+def _pair(name: str, what: str, given: float | Sequence[float]) -> tuple[float, float]:
+    """Return two finite numbers, of one number those of both signs."""
+    made = np.asarray(given)
+    is_number = made.dtype.kind in "iuf" and bool(np.isfinite(made).all())
+    if not is_number or made.shape not in ((), (2,)) or (what == "range" and made.ndim == 0):
+        number = "" if what == "range" else "a number or "
+        raise InputError(f"{name}: {what} must be {number}two finite numbers, got {given!r}")
+    return (-float(made), float(made)) if made.ndim == 0 else (float(made[0]), float(made[1]))
 
 
 def ultidyn(name: str, iosize: tuple[int, int] = (1, 1), *, bound: float = 1.0) -> Lft:
@@ -139,7 +167,7 @@ def lft(A: Lft, B: Lft | LtiSystem, nu: int | None = None, ny: int | None = None
 def lft(A: LtiSystem, B: Lft, nu: int | None = None, ny: int | None = None) -> Lft: ...
 @overload
 def lft(A: LtiSystem, B: LtiSystem, nu: int | None = None, ny: int | None = None) -> LtiSystem: ...
-def lft(A: Any, B: Any, nu: int | None = None, ny: int | None = None) -> Any:
+def lft(A: Any, B: Any = None, nu: int | None = None, ny: int | None = None) -> Any:
     """Return the linear fractional transformation of two systems, certain or uncertain.
 
     Parameters
@@ -159,9 +187,11 @@ def lft(A: Any, B: Any, nu: int | None = None, ny: int | None = None) -> Any:
     Raises
     ------
     InputError
-        If neither fits into the other, only one of the numbers is given, or the loop is not well
-        posed.
+        If there is one system only, neither fits into the other, only one of the numbers is given,
+        or the loop is not well posed.
     """
+    if B is None:
+        raise InputError("lft takes two systems: lft(P, K), or lft(Delta, M)")
     if (nu is None) != (ny is None):
         raise InputError("give both nu and ny, or none of them")
     a, b = (s if isinstance(s, Lft) else as_lti(s) for s in (A, B))
@@ -268,6 +298,100 @@ def append(*systems: Any) -> Any:
     if len(certain) < len(parts):
         return diagonal(*parts)
     return like(append_systems(*certain), *systems)
+
+
+@overload
+def series(first: Lft, /, *more: Lft | LtiSystem | Array | float) -> Lft: ...
+@overload
+def series(
+    first: LtiSystem | Array | float, second: Lft, /, *more: Lft | LtiSystem | Array | float
+) -> Lft: ...
+@overload
+def series(
+    first: DelaySystem, /, *more: DelaySystem | LtiSystem | Array | float
+) -> DelaySystem: ...
+@overload
+def series(
+    first: LtiSystem | Array | float,
+    second: DelaySystem,
+    /,
+    *more: DelaySystem | LtiSystem | Array | float,
+) -> DelaySystem: ...
+@overload
+def series(*systems: LtiSystem | Array | float) -> LtiSystem: ...
+def series(*systems: Any) -> Any:
+    """Return systems one after the other, the first one first.
+
+    Gₖ … G₂ G₁ of certain or uncertain systems, or of systems with delays.
+
+    Parameters
+    ----------
+    *systems : LtiSystem, DelaySystem, system of python-control, ndarray, float or Lft
+        One or more, the first one first.
+
+    Returns
+    -------
+    Lft, DelaySystem, LtiSystem or control.StateSpace
+        As of `append`.
+
+    Raises
+    ------
+    InputError
+        If there is none, they do not fit, or one is uncertain and one has delays.
+    """
+    return _combine(systems, lambda before, after: after @ before)
+
+
+@overload
+def parallel(first: Lft, /, *more: Lft | LtiSystem | Array | float) -> Lft: ...
+@overload
+def parallel(
+    first: LtiSystem | Array | float, second: Lft, /, *more: Lft | LtiSystem | Array | float
+) -> Lft: ...
+@overload
+def parallel(
+    first: DelaySystem, /, *more: DelaySystem | LtiSystem | Array | float
+) -> DelaySystem: ...
+@overload
+def parallel(
+    first: LtiSystem | Array | float,
+    second: DelaySystem,
+    /,
+    *more: DelaySystem | LtiSystem | Array | float,
+) -> DelaySystem: ...
+@overload
+def parallel(*systems: LtiSystem | Array | float) -> LtiSystem: ...
+def parallel(*systems: Any) -> Any:
+    """Return the sum of systems, certain, uncertain or with delays.
+
+    Parameters
+    ----------
+    *systems : LtiSystem, DelaySystem, system of python-control, ndarray, float or Lft
+        One or more, of the same inputs and outputs.
+
+    Returns
+    -------
+    Lft, DelaySystem, LtiSystem or control.StateSpace
+        As of `append`.
+
+    Raises
+    ------
+    InputError
+        If there is none, they do not fit, or one is uncertain and one has delays.
+    """
+    return _combine(systems, add)
+
+
+def _combine(
+    systems: Sequence[Any], operation: Callable[[Any, Any], Any]
+) -> Lft | LtiSystem | DelaySystem:
+    """Return systems of whatever kind combined by an operation, from the first one on."""
+    if not systems:
+        raise InputError("at least one system is needed")
+    late, are_uncertain = _have_delays(*systems), any(isinstance(one, Lft) for one in systems)
+    turn = as_delay_system if late else constant if are_uncertain else as_lti
+    made = reduce(operation, [turn(one) for one in systems])
+    return like(made, *systems) if isinstance(made, LtiSystem) else made
 
 
 def _have_delays(*systems: object) -> bool:

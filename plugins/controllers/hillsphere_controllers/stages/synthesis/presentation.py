@@ -211,7 +211,8 @@ def _verdict(product: Synthesis) -> list[str]:
     if (unsure := np.isfinite(judged.hinf) & ~(judged.hinf_error <= _UNSURE)).any():
         said.append(
             f"Rounding may change the H∞ norm of {int(unsure.sum())} closed loops by more than "
-            f"{100.0 * _UNSURE:g} %: scale the models' states, or remove very slow and fast modes."
+            f"{100.0 * _UNSURE:g} %: scale the models' states, or remove very slow and fast modes. "
+            "Of a synthesis of full order γ is then the upper bound."
         )
     if product.search is not None:
         search = product.search
