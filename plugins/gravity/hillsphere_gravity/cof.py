@@ -68,7 +68,7 @@ def read_cof(path: str | Path) -> CoefficientTable:
         raise lines.fault("no line END: the file is torn, or no .cof file", line=0)
     if head is None:
         raise lines.fault("no line POTFIELD: is this a .cof file?", line=0)
-    lines.check_degrees(rows, head[2])
+    lines.check_degrees((row.n for row in rows), head[2])
     return CoefficientTable(
         name=Path(path).stem,
         gm_m3_s2=head[0],

@@ -184,20 +184,20 @@ def _table(spec: HarmonicsSpec) -> CoefficientTable:
 def _read_file(spec: HarmonicsSpec, file: str) -> CoefficientTable:
     format_ = file_format_of(spec)
     if format_ == "icgem":
-        return read_icgem(file, spec.epoch)
+        return read_icgem(file, spec.epoch, spec.max_degree)
     if format_ == "shadr":
-        return read_shadr(file)
+        return read_shadr(file, spec.max_degree)
     if format_ == "cof":
         return read_cof(file)
     if spec.gm_m3_s2 is None or spec.reference_radius_m is None:
         key = "gm_m3_s2" if spec.gm_m3_s2 is None else "reference_radius_m"
         raise InputError(f"{file} does not state {key}; give it beside file")
-    rows = read_coefficient_rows(file)
+    rows, degree = read_coefficient_rows(file, spec.max_degree)
     return CoefficientTable(
         name="",
         gm_m3_s2=spec.gm_m3_s2,
         reference_radius_m=spec.reference_radius_m,
-        max_degree=max(row.n for row in rows),
+        max_degree=degree,
         normalisation=None,
         tide_system=None,
         rows=rows,

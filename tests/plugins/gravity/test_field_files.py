@@ -150,7 +150,8 @@ def test_tables_with_a_header(name: str, normalisation: str | None) -> None:
 
 
 def test_rows_without_a_head() -> None:
-    rows = read_coefficient_rows(DATA / "rows.txt")
+    rows, degree = read_coefficient_rows(DATA / "rows.txt")
+    assert degree == 2
     assert rows == (C20._replace(sigma_c=1e-12), C22._replace(sigma_c=1e-12, sigma_s=2e-12))
 
 
