@@ -151,10 +151,10 @@ class Mesh:
         with np.errstate(divide="ignore", invalid="ignore"):
             flat = ~(np.linalg.norm(self._products, axis=0) > _FLAT * longest**2)
         if flat.any():
-            more = int(flat.sum()) - 1
+            more = f" (as are {flat.sum() - 1} more)" if flat.sum() > 1 else ""
             raise InputError(
-                f"face {int(np.argmax(flat)) + 1} is degenerate{f' and {more} more' if more else ''}"
-                ": two of its corners coincide or all three lie on a line; remove it"
+                f"face {int(np.argmax(flat)) + 1} is degenerate{more}: two of its corners coincide "
+                "or all three lie on a line; remove it"
             )
 
     def _check_edges(self) -> None:
@@ -168,7 +168,10 @@ class Mesh:
             i, j = (sides[at] + 1).tolist()
             one, other = (owner[order[doubled[0] : doubled[0] + 2]] + 1).tolist()
             if set(self.faces[one - 1].tolist()) == set(self.faces[other - 1].tolist()):
-                raise InputError(f"faces {one} and {other} have the same corners; remove one")
+                raise InputError(
+                    f"faces {one} and {other} have the same corners, in the same direction; "
+                    "remove one"
+                )
             raise InputError(
                 f"two faces traverse the edge from vertex {i} to vertex {j} in the same "
                 "direction: neighbours are oriented differently, or more than two faces meet "
