@@ -14,7 +14,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "dependencies.md"
-EXTRAS = ("", "notebook", "web", "dask", "spice", "slicot")
+EXTRAS = ("", "notebook", "web", "dask", "mesh", "spice", "slicot")
 """Without an extra, and the extras that a user chooses."""
 _LICENCES = {
     "annotated-types": "MIT", "contourpy": "BSD-3-Clause", "cycler": "BSD-3-Clause",

@@ -23,6 +23,8 @@ _BYTE_ORDER_MARK = "ï»¿"
 """The mark of UTF-8, which editors of Windows write, as it reads in Latin-1."""
 _BLOCK = 1 << 22
 """Characters of text that are handled at once: 4 MB, small beside any file whose size matters."""
+_COMPRESSED = {"\x1f\x8b": "gzip", "PK\x03\x04": "zip", "BZh": "bzip2", "\xfd7zXZ": "xz"}
+"""First characters of compressed files, as they read in Latin-1."""
 _MOST_SHOWN = 300
 """Longest part of a line in a message, in characters; a damaged file may be one long line."""
 
@@ -98,6 +100,9 @@ class LineReader:
         except OSError as error:
             reason = error.strerror or type(error).__name__
             raise InputError(f"{path}: cannot be read: {reason}") from error
+        for beginning, program in _COMPRESSED.items():
+            if text.startswith(beginning):
+                raise InputError(f"{path}: it is compressed by {program}; unpack it first")
         self._text = text
         self._at = 0
 
