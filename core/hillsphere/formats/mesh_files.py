@@ -120,8 +120,8 @@ def _count_facets(path: Path, content: bytes) -> int:
         return stated
     if not content.lstrip()[:5].lower() == b"solid" or b"\0" in content:
         raise InputError(
-            f"{path}: no STL file: a text begins with 'solid', and a binary file of {stated} facets "
-            f"has {_HEADER + _FACET * stated} bytes, not {len(content)}"
+            f"{path}: no STL file: a text begins with 'solid', and a binary file of {stated} "
+            f"facets has {_HEADER + _FACET * stated} bytes, not {len(content)}"
         )
     facets = corners = 0
     for number, line in enumerate(content.replace(b"\r\n", b"\n").split(b"\n"), start=1):

@@ -106,7 +106,7 @@ def test_extent_volume_and_density_of_a_mesh(
     """A cube of 2 km: a wrong unit shows in the volume, or with GM in the density."""
     path = tmp_path / "cube.obj"
     path.write_text(CUBE)
-    words = ["gravity", str(path), "--at", "0,0,20", "--density-g-cm3", "2"]
+    words = ["gravity", str(path), "--at", "0,0,20", "--density-g-cm3", "2", "--length-unit", "km"]
     assert run([*words, "--json"]) == 0
     shown = json.loads(capsys.readouterr().out)
     assert shown["faces"] == 12

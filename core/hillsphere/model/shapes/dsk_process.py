@@ -14,6 +14,9 @@ import numpy as np
 
 __all__ = ["main", "read_segment"]
 
+_MOST_SHOWN = 9
+"""Segments that a message lists."""
+
 
 def main() -> None:
     """Answer the request on stdin."""
@@ -56,9 +59,10 @@ def read_segment(file: str, segment: int | None) -> tuple[dict[str, Any], Any, A
                 break
         choice = 1 if segment is None else segment
         if segment is None and len(segments) > 1:
+            described = [spice.dskgd(handle, one) for one in segments[:_MOST_SHOWN]]
             bodies = ", ".join(
-                f"{k}: body {spice.dskgd(handle, s).center}, surface {spice.dskgd(handle, s).surfce}"
-                for k, s in enumerate(segments[:9], start=1)
+                f"{k}: body {one.center}, surface {one.surfce}"
+                for k, one in enumerate(described, start=1)
             )
             text = f"it has {len(segments)} segments ({bodies}); choose one by the key segment"
             return {"fault": text}, none, none
