@@ -33,8 +33,8 @@ def read_cof(path: str | Path) -> CoefficientTable:
     path : str or Path
         The file: comment lines, which begin with ``C``, ``#`` or ``%``; one line ``POTFIELD``
         with degree, order, an integer, GM (m³/s²), reference radius (m) and a number of which GMAT
-        does not say the meaning, and which must be 1; lines ``RECOEF`` with degree, order, C and S, which may be left out where
-        the order is 0; ``END``.
+        does not say the meaning, and which must be 1; lines ``RECOEF`` with degree, order, C and
+        S, which may be left out where the order is 0; ``END``.
 
     Returns
     -------
