@@ -16,8 +16,10 @@ from hillsphere.errors import InputError
 from hillsphere.formats import bulk, obj, plates
 from hillsphere.formats.mesh_files import read_mesh_file
 from hillsphere.formats.plates import read_shape
+from hillsphere.mission import load_mission
 from hillsphere.model.shapes.merging import merge_vertices
 from hillsphere.model.shapes.mesh import Mesh
+from hillsphere.runs.mission_check import check_mission
 
 DATA = Path(__file__).parents[1] / "data" / "shapes"
 STL = {"merge_vertices": True}
@@ -262,3 +264,46 @@ def test_dsk_files(dsk: tuple[Path, Path], tmp_path: Path) -> None:
     for path, fault in ((cut, "damaged|cannot be read"), (no_dsk, "no DSK file")):
         with pytest.raises(InputError, match=f"{path.name}.*{fault}"):
             create("shape", "polyhedron", file=str(path))
+
+
+def test_a_mission_tells_of_its_shapes_and_gravity(tmp_path: Path) -> None:
+    """The density of the mission's body of 4 km³ follows from its GM: 2000 · 6.6743e-11 · 4e9."""
+    path = tmp_path / "small.toml"
+    path.write_text(
+        f"""format = 1
+name = "small"
+title = "Small"
+seed = 5
+[shape.body]
+type = "polyhedron"
+file = "{DATA / "octahedron.stl"}"
+length_unit = "km"
+merge_vertices = true
+[gravity.body]
+type = "polyhedron"
+shape = "body"
+gm_m3_s2 = 533.944
+[body.moon]
+type = "moon"
+name = "phobos"
+primary_gm_km3_s2 = 42828.37
+semi_major_axis_km = 9377
+[plant.hill]
+type = "hill"
+body = "moon"
+gravity = "body"
+[stage.one]
+type = "equilibria"
+plant = "hill"
+""",
+        "utf-8",
+    )
+    mission = load_mission(path, allow_path=True)
+    assert check_mission(mission).descriptions == {
+        "shape.body": (
+            "8 triangles, extent 4 × 3 × 2 km, volume 4 km³",
+            "18 vertices were merged with others at the same place; 0 faces collapsed and were "
+            "left out",
+        ),
+        "gravity.body": ("GM 5.33944e-07 km³/s², density 2 g/cm³",),
+    }

@@ -101,6 +101,11 @@ class Polyhedron:
         self.gm_m3_s2 = self._per_unit * self._parameter.value * volume
         self._surface = MeshSurface(self.mesh)
 
+    def describe(self) -> tuple[str, ...]:
+        """Return GM and density in words."""
+        density = self.gm_m3_s2 / (CODATA_2018_G * self.mesh.volume_m3)
+        return (f"GM {self.gm_m3_s2 / 1e9:.6g} km³/s², density {density / 1e3:.4g} g/cm³",)
+
     def parameters(self) -> tuple[Parameter, ...]:
         """Return ``density`` or ``gm``."""
         return (self._parameter,)
