@@ -71,6 +71,8 @@ def test_damaged_messages_give_the_same(monkeypatch: pytest.MonkeyPatch) -> None
         STATES + more.replace("1 2", "nan 2"), STATES + more.replace("01-01", "02-30"),
         STATES + more.replace("01-01", "001"), STATES.replace("7002.7", "7_002.7"),
     )]  # fmt: skip
+    # outside UTC no minute has a second 60
+    texts.append(HEAD.format(scale="TDB") + leap)
     whole = [_read(text) for text in texts]
     monkeypatch.setattr(oem_reading, "parse_states", lambda *_arguments: None)
     lines = [_read(text) for text in texts]
