@@ -1,9 +1,9 @@
 """Large files: time and memory of the readers, beside other programs that read them.
 
-Each file is generated in a temporary directory and read in a process of its own; the memory is the
-largest that this process ever held, less what it holds after its imports. A reader of another
-program is measured where it is installed: trimesh here, or ccsds-ndm by a Python whose path is in
-``HILLSPHERE_NDM_PYTHON``.
+Each file is generated in a temporary directory and read in a process of its own. The memory is the
+largest that this process ever held (Linux), less what it holds after its imports. A reader of
+another program is measured where it is installed: trimesh here, or ccsds-ndm by a Python whose path
+is in ``HILLSPHERE_NDM_PYTHON``.
 """
 
 from __future__ import annotations
@@ -39,14 +39,17 @@ READERS = {
 }  # fmt: skip
 """Name → imports and call. The TDM of a million rows is measured with the reader of TDM."""
 _PROGRAM = """
-import json, resource, sys, time
+import json, re, sys, time
 path = sys.argv[1]
 {imports}
-before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+def largest():  # of this program; getrusage also counts what its parent held at its start
+    with open("/proc/self/status") as status:
+        return int(re.search(r"VmHWM:\\s+(\\d+) kB", status.read())[1])
+before = largest()
 begin = time.process_time()
 content = {call}
 seconds = time.process_time() - begin
-peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+peak = largest()
 print(json.dumps([seconds, (peak - before) * 1024.0]))
 """
 
