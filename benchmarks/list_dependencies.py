@@ -14,8 +14,13 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "dependencies.md"
-EXTRAS = ("", "notebook", "web", "dask", "spice", "slicot")
+EXTRAS = ("", "notebook", "web", "dask", "mesh", "spice", "slicot")
 """Without an extra, and the extras that a user chooses."""
+_REASONS = {
+    "mesh": "Reads shapes as STL and PLY, text and binary, whose variants are many. It needs numpy "
+    "only; of its further functions none is used.",
+}
+"""Why an extra is worth its weight, where its name does not say it."""
 _LICENCES = {
     "annotated-types": "MIT", "contourpy": "BSD-3-Clause", "cycler": "BSD-3-Clause",
     "kiwisolver": "BSD-3-Clause", "matplotlib": "PSF-based", "scipy": "BSD-3-Clause",
@@ -79,5 +84,6 @@ if __name__ == "__main__":
         title = f"With `hillsphere[{extra}]` besides" if extra else "Always"
         if installed:
             table = ["| package | licence | MB |", "| --- | --- | --- |", *installed]
-            lines.append("\n".join([f"## {title}", "", *table, ""]))
+            reason = [_REASONS[extra], ""] if extra in _REASONS else []
+            lines.append("\n".join([f"## {title}", "", *reason, *table, ""]))
     PAGE.write_text("\n".join(lines), "utf-8")

@@ -18,6 +18,7 @@ import numpy as np
 from hillsphere import create
 from hillsphere.base.orientation import OrientationTable
 from hillsphere.base.paths import missions_directory
+from hillsphere.formats.mesh_files import read_mesh_file
 from hillsphere.formats.obj import read_obj
 from hillsphere.formats.oem import OemSegment, read_oem, write_oem
 from hillsphere.formats.plates import read_plates, read_shape
@@ -81,6 +82,10 @@ DATA = missions_directory() / "data"
 
 def _copy(name: str) -> Callable[[Path], object]:
     return lambda path: path.write_bytes((DATA / name).read_bytes())
+
+
+def _shape(name: str) -> Callable[[Path], object]:
+    return lambda path: path.write_bytes((_FILES / "shapes" / name).read_bytes())
 
 
 def _text(text: str) -> Callable[[Path], object]:
@@ -332,6 +337,12 @@ READERS = (
            lambda path: create("gravity", "harmonics", file=str(path)),
            ("hillsphere_gravity.harmonics",)),
     Reader("obj", "mesh.obj", _text(OCTAHEDRON), read_obj, (FORMATS + "obj",)),
+    Reader("stl", "mesh.stl", _shape("octahedron.stl"), read_mesh_file, (FORMATS + "mesh_files",)),
+    Reader("stl_binary", "mesh.stl", _shape("binary.stl"), read_mesh_file,
+           (FORMATS + "mesh_files",), True),
+    Reader("ply", "mesh.ply", _shape("octahedron.ply"), read_mesh_file, (FORMATS + "mesh_files",)),
+    Reader("ply_binary", "mesh.ply", _shape("little.ply"), read_mesh_file,
+           (FORMATS + "mesh_files",), True),
     Reader("plates", "mesh.plt", _text(PLATES), read_plates, (FORMATS + "plates",)),
     Reader("shape", "mesh.tab", _text(PLATES), read_shape, (FORMATS + "plates",)),
     Reader("cof", "field.cof", _text(COF), read_cof, ("hillsphere_gravity.cof",)),
@@ -408,6 +419,9 @@ NO_READERS = {
     "hillsphere.cli.running": RUN_DIRECTORY,
     "hillsphere.cli.streams": "/dev/null",
     "hillsphere.symbolic.compile_cache": "own entries, owner checked; test_compile_cache.py",
+    "hillsphere.formats.bulk": "parses rows for the readers, each of which stands in the table",
+    "hillsphere.model.shapes.dsk": "starts the process that reads DSK files; test_mesh_files.py",
+    "hillsphere.model.shapes.dsk_process": "CSPICE, may end its process; test_mesh_files.py",
     "hillsphere.cli.doctor": "the system's list of mounts",
     "hillsphere.runs.earlier_run": RUN_DIRECTORY,
     "hillsphere.runs.pipeline": RUN_DIRECTORY,

@@ -129,7 +129,9 @@ def test_list_of_dependencies_is_whole(project: dict[str, Any]) -> None:
         re.MULTILINE,
     )
     extras = project["project"]["optional-dependencies"]
-    chosen = [text for extra in ("notebook", "web", "dask", "spice") for text in extras[extra]]
+    chosen = [
+        text for extra in ("notebook", "web", "dask", "mesh", "spice") for text in extras[extra]
+    ]
     needed = {re.match(r"[\w-]+", t)[0] for t in [*project["project"]["dependencies"], *chosen]}  # type: ignore[index]
     listed = dict(rows)
     assert needed <= listed.keys(), "run benchmarks/list_dependencies.py in a whole environment"

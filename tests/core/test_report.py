@@ -99,6 +99,12 @@ def page(*stages: StageResult, **changes: Any) -> tuple[str, Page]:
     return text, Page(text)
 
 
+def test_shapes_and_gravity_are_described() -> None:
+    _, found = page(descriptions={"shape.eros": ("8 triangles", "volume <4 km³")})
+    assert "shape.eros: 8 triangles; volume <4 km³" in found.text
+    assert "Shapes and gravity" not in page()[1].text
+
+
 def test_page_asks_for_nothing_outside_itself() -> None:
     stage = StageResult("one", "make", figures={"f": shown(), "c": shown(CHART)})
     text, found = page(stage)

@@ -223,8 +223,8 @@ PROGRAM = """
 import os, sys
 seen = []
 sys.addaudithook(lambda event, given: seen.append((event, given)))
-from hillsphere.model.spice import _with_library
-os.environ.update(_with_library())
+from hillsphere.model.spice import spice_environment
+os.environ.update(spice_environment('a test'))
 import spiceypy
 here = os.getcwd()
 print([str(given[0]) for event, given in seen if event == "ctypes.dlopen" and given[0]

@@ -19,7 +19,12 @@ from hillsphere.base.ranges import GM_M3_S2
 from hillsphere.engine.dynamics.bounds import Bound
 from hillsphere.engine.dynamics.compiled import ArrayFunction
 from hillsphere.engine.dynamics.intervals import EVERYTHING
-from hillsphere.interfaces.gravity import ArrayGravityModel, BoundedGravity, GravityModel
+from hillsphere.interfaces.gravity import (
+    ArrayGravityModel,
+    BoundedGravity,
+    GravityModel,
+    SeriesGravity,
+)
 from hillsphere.interfaces.quantities import Parameter
 from hillsphere.symbolic.expressions import (
     Expr,
@@ -50,6 +55,10 @@ __all__ = [
 AnyGravityModel: TypeAlias = GravityModel | ArrayGravityModel
 """A gravity model that is an expression, or one that is evaluated on arrays."""
 
+_OTHER_BODY = 100.0
+"""Ratio of a body's largest semi-axis to the reference radius of its gravity from which one of them
+is in a wrong unit: reference radii are within a few times the radius of the body, a wrong unit
+makes 1000."""
 _PLAIN = cast(Vec3, variables("gravity:x", "gravity:y", "gravity:z"))
 _COMPACT_FROM = {"potential": 2700, "acceleration": 2700, "gradient": 300}
 """Number of model parameters above which an evaluator is compiled in compact mode.
@@ -76,7 +85,9 @@ def is_array_model(model: AnyGravityModel) -> bool:
     return isinstance(model, ArrayGravityModel)
 
 
-def whole_gravity(model: AnyGravityModel) -> AnyGravityModel:
+def whole_gravity(
+    model: AnyGravityModel, semi_axes_m: Sequence[float] | None = None
+) -> AnyGravityModel:
     """Check that a model can be the whole gravity of a plant, and return it.
 
     A part of a sum may have zero or negative mass: a void, or a series with C00 = 0 that corrects
@@ -87,6 +98,8 @@ def whole_gravity(model: AnyGravityModel) -> AnyGravityModel:
     ----------
     model : GravityModel or ArrayGravityModel
         The model.
+    semi_axes_m : sequence of float, optional
+        Semi-axes of the body's surface, m, if they are given apart from the model.
 
     Returns
     -------
@@ -97,7 +110,8 @@ def whole_gravity(model: AnyGravityModel) -> AnyGravityModel:
     ------
     InputError
         If its gravitational parameter is outside the range of bodies
-        (`hillsphere.base.ranges.GM_M3_S2`).
+        (`hillsphere.base.ranges.GM_M3_S2`), or the surface is `_OTHER_BODY` times as large or as
+        small as the reference sphere of a series.
     """
     gm, (least, most) = model.gm_m3_s2, (GM_M3_S2["ge"], GM_M3_S2["le"])
     if not least <= gm <= most:
@@ -106,6 +120,16 @@ def whole_gravity(model: AnyGravityModel) -> AnyGravityModel:
             f"be from {least:g} to {most:g} m³/s². Give it a mass: a series of harmonics needs "
             "C00 > 0 (1 if it is not listed), a sum at least one part that has one"
         )
+    radius = model.series_radius_m if isinstance(model, SeriesGravity) else None
+    if radius is not None and semi_axes_m is not None:
+        ratio = max(semi_axes_m) / radius
+        if not 1.0 / _OTHER_BODY < ratio < _OTHER_BODY:
+            unit = "km instead of m" if ratio < 1.0 else "m instead of km"
+            raise InputError(
+                f"gravity: the reference radius of the series is {radius / 1e3:.4g} km, but the "
+                f"surface of the body reaches to {max(semi_axes_m) / 1e3:.4g} km; its lengths are "
+                f"likely in {unit}: check the length_unit of the shape, or the semi_axes"
+            )
     return model
 
 

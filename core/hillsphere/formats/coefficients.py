@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterable, Iterator
 from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
@@ -16,9 +16,15 @@ __all__ = ["Coefficient", "CoefficientTable", "LineReader"]
 
 # Each character can belong to one part only: of a long row of digits nothing is tried twice.
 _REAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?", re.ASCII)
-_INTEGER = re.compile(r"[0-9]{1,6}")
+_INTEGER = re.compile(r"[0-9]{1,8}")
+_COMMENT = re.compile(r"#.*")
+_EMPTY_COLUMN = re.compile(r"^[ \t]*,|,[ \t]*,", re.MULTILINE)
 _BYTE_ORDER_MARK = "ï»¿"
 """The mark of UTF-8, which editors of Windows write, as it reads in Latin-1."""
+_BLOCK = 1 << 22
+"""Characters of text that are handled at once: 4 MB, small beside any file whose size matters."""
+_COMPRESSED = {"\x1f\x8b": "gzip", "PK\x03\x04": "zip", "BZh": "bzip2", "\xfd7zXZ": "xz"}
+"""First characters of compressed files, as they read in Latin-1."""
 _MOST_SHOWN = 300
 """Longest part of a line in a message, in characters; a damaged file may be one long line."""
 
@@ -94,11 +100,45 @@ class LineReader:
         except OSError as error:
             reason = error.strerror or type(error).__name__
             raise InputError(f"{path}: cannot be read: {reason}") from error
-        self._lines = text.split("\n")
+        for beginning, program in _COMPRESSED.items():
+            if text.startswith(beginning):
+                raise InputError(f"{path}: it is compressed by {program}; unpack it first")
+        self._text = text
+        self._at = 0
 
     def __iter__(self) -> Iterator[str]:
-        for self.number, line in enumerate(self._lines, start=1):  # noqa: B020
+        self._at = self.number = 0
+        while self._at <= len(self._text):
+            end = self._text.find("\n", self._at)
+            line = self._text[self._at : end if end >= 0 else None]
+            # The text is not split as a whole: a list of lines takes three times its memory.
+            self._at = end + 1 if end >= 0 else len(self._text) + 1
+            self.number += 1
             yield line
+
+    def blocks(self) -> Iterator[str]:
+        """Yield what follows the present line in parts of whole lines, which stays the present."""
+        at = self._at
+        while at < len(self._text):
+            end = self._text.rfind("\n", at, at + _BLOCK) + 1
+            end = end or self._text.find("\n", at + _BLOCK) + 1 or len(self._text)
+            end = len(self._text) if at + _BLOCK >= len(self._text) else end
+            yield self._text[at:end]
+            at = end
+
+    def rows(self, bare: bool = False) -> Iterator[str]:
+        """Yield the lines that follow the present one, without comments, commas and blank lines.
+
+        Before a comma must stand a word: where a column is empty, the comma is left, which no
+        parser of numbers takes. In a `bare` table neither ``#`` nor comma has a meaning.
+        """
+        for block in self.blocks():
+            text = _COMMENT.sub("", block) if "#" in block and not bare else block
+            if "," in text and not bare and not _EMPTY_COLUMN.search(text):
+                text = text.replace(",", " ")
+            for line in text.split("\n"):
+                if line and not line.isspace():
+                    yield line
 
     def fault(self, text: str, line: int | None = None) -> InputError:
         """Return an error with file and line number, by default of the present line; 0 for none."""
@@ -151,9 +191,9 @@ class LineReader:
             raise self.fault(f"S of order 0 multiplies sin 0 and must be 0, got {words[3]}")
         return row
 
-    def check_degrees(self, rows: list[Coefficient], max_degree: int) -> None:
+    def check_degrees(self, degrees: Iterable[int], max_degree: int) -> None:
         """Refuse a table in which a whole degree from 2 up is missing: a torn or wrong file."""
-        degrees = {row.n for row in rows}
+        degrees = set(degrees)
         if missing := [n for n in range(2, max_degree + 1) if n not in degrees]:
             more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
             raise self.fault(

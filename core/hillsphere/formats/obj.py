@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,10 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.base.arrays import Array, Integers
+from hillsphere.formats.bulk import parse_table
 from hillsphere.formats.coefficients import LineReader
 
 __all__ = ["read_obj"]
 
+_COMMENT = re.compile(r"#.*")
+_TEXTURE = re.compile(r"(?<=\d)/\S*")
+"""Texture and normal of a corner, which are not used."""
 _IGNORED = ("vn", "vt", "vp", "o", "g", "s", "usemtl", "mtllib")
 """Keywords that are ignored, since they do not affect the shape."""
 
@@ -45,6 +50,8 @@ def read_obj(path: str | Path, may_count_from_0: bool = False) -> tuple[Array, I
         corners or refers to a missing vertex. The message names file and line.
     """
     lines = LineReader(Path(path))
+    if (parsed := _parse_triangles(lines)) is not None:
+        return parsed
     vertices: list[tuple[float, ...]] = []
     faces: list[tuple[int, ...]] = []
     places: list[int] = []
@@ -84,6 +91,48 @@ def read_obj(path: str | Path, may_count_from_0: bool = False) -> tuple[Array, I
                 places[int(np.argmax(beyond))],
             )
     return np.array(vertices), numbers
+
+
+def _parse_triangles(lines: LineReader) -> tuple[Array, Integers] | None:
+    """Return vertices and faces of a sound file of triangles that are counted from 1, else None."""
+    vertices: list[Array] = []
+    faces: list[Integers] = []
+    known = 0
+    for block in lines.blocks():
+        text = _COMMENT.sub("", block) if "#" in block else block
+        text = _TEXTURE.sub("", text) if "/" in text else text
+        rows = [row for row in (line.lstrip() for line in text.split("\n")) if row]
+        corners = [row for row in rows if row.startswith("v ")]
+        triangles = [row for row in rows if row.startswith("f ")]
+        if len(corners) + len(triangles) < len(rows) and not all(
+            row.split(maxsplit=1)[0] in (*_IGNORED, "v", "f") for row in rows
+        ):
+            return None
+        if any(row[:2] in ("v\t", "f\t") for row in rows):
+            return None
+        # Each face may name the vertices that precede it.
+        preceding: Integers | int = known + len(corners)
+        if corners and triangles:
+            is_corner = np.array([row.startswith("v ") for row in rows])
+            is_triangle = np.array([row.startswith("f ") for row in rows])
+            preceding = (known + np.cumsum(is_corner))[is_triangle]
+        if corners:
+            part = parse_table(corners, np.dtype("f8"), columns=(1, 2, 3))
+            if part is None:
+                return None
+            vertices.append(np.asarray(part, dtype=float).reshape(-1, 3))
+        if triangles:
+            part = parse_table((row[1:] for row in triangles), np.dtype("i8"))
+            if part is None or part.size != 3 * len(triangles):
+                return None
+            numbers: Integers = np.asarray(part, dtype=np.int64).reshape(-1, 3)
+            if numbers.min() < 1 or (numbers.max(axis=1) > preceding).any():
+                return None
+            faces.append(numbers - 1)
+        known += len(corners)
+    if not faces:
+        return None
+    return np.concatenate(vertices), np.concatenate(faces)
 
 
 def _face(lines: LineReader, words: Sequence[str], known: int, may_be_0: bool) -> tuple[int, ...]:

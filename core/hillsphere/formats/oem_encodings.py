@@ -17,7 +17,16 @@ from hillsphere.base.problems import did_you_mean
 from hillsphere.formats.ccsds_entries import Entry
 from hillsphere.formats.ccsds_xml import walk_xml
 
-__all__ = ["ACCELERATION", "COVARIANCE", "STATE", "Block", "Message", "SegmentBlocks", "take_apart"]
+__all__ = [
+    "ACCELERATION",
+    "COVARIANCE",
+    "STATE",
+    "Block",
+    "Message",
+    "SegmentBlocks",
+    "read_state_line",
+    "take_apart",
+]
 
 STATE = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
 """Components of a state, in km and km/s."""
@@ -61,12 +70,17 @@ class Block:
 
 @dataclass
 class SegmentBlocks:
-    """One segment: its metadata, states and covariances."""
+    """One segment: its metadata, states and covariances.
+
+    States of a text after the first are lines, which `read_state_line` takes apart.
+    """
 
     place: str
     metadata: Block
     states: list[Block] = field(default_factory=list)
     covariances: list[Block] = field(default_factory=list)
+    lines: list[str] = field(default_factory=list)
+    numbers: list[int] = field(default_factory=list)
     comments: list[str] = field(default_factory=list)
     other_comments: bool = False
 
@@ -103,13 +117,19 @@ class _KvnMessage:
         self._began = ""
         self._message: Message | None = None
         self._comments_above = False
+        self._with_states: SegmentBlocks | None = None
 
     def read(self, text: str) -> Message:
         """Return the blocks of a text."""
         number = 1
         for number, raw in enumerate(_LINE_ENDS.split(text.removeprefix("\ufeff")), 1):
             if line := raw.strip():
-                self._line(f"{self._where}:{number}", line)
+                segment = self._with_states
+                if segment is not None and line[0] in "0123456789" and "=" not in line:
+                    segment.lines.append(line)
+                    segment.numbers.append(number)
+                else:
+                    self._line(f"{self._where}:{number}", line)
         place = f"{self._where}:{number}"
         if self._message is None:
             raise InputError(
@@ -166,6 +186,7 @@ class _KvnMessage:
             raise InputError(
                 f"{place}: {mark} cannot stand in the {self._block}; expected {expected}"
             )  # fmt: skip
+        self._with_states = None
         if mark == "META_START":
             if self._block == "header":
                 message.header.end = place
@@ -219,17 +240,8 @@ class _KvnMessage:
                 f"{place}: expected a time and 6 or 9 numbers, got the keyword {match[1][:40]!r}"
                 f"{hint}"
             )
-        parts = line.split()
-        if len(parts) not in (7, 10):
-            hint = did_you_mean(line, _MARKS, otherwise="") if len(parts) == 1 else ""
-            hint = hint if "mean" in hint else ""
-            raise InputError(
-                f"{place}: expected a time and 6 or 9 numbers ({', '.join(STATE)} and perhaps "
-                f"{', '.join(ACCELERATION)}), got {len(parts)} words{hint}"
-            )
-        keys = ("EPOCH", *STATE, *ACCELERATION)[: len(parts)]
-        entries = [Entry(place, key, part) for key, part in zip(keys, parts, strict=True)]
-        segment.states.append(Block(place, place, entries))
+        segment.states.append(read_state_line(place, line))
+        self._with_states = segment
 
     def _row(self, segment: SegmentBlocks, place: str, line: str) -> None:
         if not self._rows:
@@ -254,6 +266,22 @@ class _KvnMessage:
                 f"{place}: the covariance that begins at {block.place} has {number} rows; "
                 "expected 6"
             )
+
+
+def read_state_line(place: str, line: str) -> Block:
+    """Return the entries of a line of a time and 6 or 9 numbers, else raise `InputError`."""
+    parts = line.split()
+    if len(parts) not in (7, 10):
+        hint = did_you_mean(line, _MARKS, otherwise="") if len(parts) == 1 else ""
+        hint = hint if "mean" in hint else ""
+        raise InputError(
+            f"{place}: expected a time and 6 or 9 numbers ({', '.join(STATE)} and perhaps "
+            f"{', '.join(ACCELERATION)}), got {len(parts)} words{hint}"
+        )
+    keys = ("EPOCH", *STATE, *ACCELERATION)[: len(parts)]
+    return Block(
+        place, place, [Entry(place, key, part) for key, part in zip(keys, parts, strict=True)]
+    )
 
 
 def _rows_of(block: Block) -> int:

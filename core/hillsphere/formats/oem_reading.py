@@ -27,6 +27,7 @@ from hillsphere.formats.oem_encodings import (
     Block,
     Message,
     SegmentBlocks,
+    read_state_line,
 )
 from hillsphere.formats.oem_segments import (
     COVARIANCE_FRAMES,
@@ -39,6 +40,7 @@ from hillsphere.formats.oem_segments import (
     least_eigenvalue,
     states_needed,
 )
+from hillsphere.formats.oem_states import parse_states
 
 __all__ = ["HEADER", "METADATA", "UNITS", "VERSIONS", "segments_of"]
 
@@ -141,16 +143,15 @@ class _Reading:
 
     def segment(self, blocks: SegmentBlocks, unheld: Sequence[str]) -> OemSegment:
         """Return the segment."""
-        t_s, rows = self._states(blocks.states)
+        t_s, rows, decimals = self._states(blocks)
         covariances = self._covariances(blocks.covariances)
         method, degree = self._interpolation(t_s.size)
         extras = list(unheld)
         if blocks.other_comments or len(blocks.comments) > 1:
             extras.insert(0, "comments")
-        printed = [entry.value for block in (*blocks.states, *blocks.covariances)
-                   for entry in block.entries[:1]]  # fmt: skip
+        printed = [entry.value for block in blocks.covariances for entry in block.entries[:1]]
         printed += [entry.value for key, entry in self.meta.items() if key.endswith("_TIME")]
-        digits = max(map(_decimals, printed))
+        digits = max(decimals, *map(_decimals, printed))
         if digits > 9:
             extras.append("digits of the times below 1 ns")
         meta, span = self.meta, self.span
@@ -178,8 +179,29 @@ class _Reading:
             time_digits=min(max(digits, 6), 9),
         )
 
-    def _states(self, blocks: Sequence[Block]) -> tuple[Array, Array]:
-        """Return times (K,) and components (6 or 9, K)."""
+    def _states(self, segment: SegmentBlocks) -> tuple[Array, Array, int]:
+        """Return times (K,), components (6 or 9, K) and the decimals of the times."""
+        blocks = segment.states
+        if segment.lines:
+            width = len(blocks[0].entries) - 1
+            t_s, rows, decimals = self._read_states(blocks)
+            parsed = parse_states(segment.lines, width, self.scale, self.base)
+            if parsed is not None:
+                t_s = np.concatenate([t_s, parsed[0]])
+                within = self.span["START_TIME"] <= t_s[0] and t_s[-1] <= self.span["STOP_TIME"]
+                if within and (np.diff(t_s) > 0.0).all():
+                    return t_s, np.hstack([rows, parsed[1]]), max(decimals, parsed[2])
+            # What is wrong, or of another form, is found line by line.
+            where = segment.metadata.place.rpartition(":")[0]
+            blocks = blocks + [
+                read_state_line(f"{where}:{number}", line)
+                for number, line in zip(segment.numbers, segment.lines, strict=True)
+            ]
+        return self._read_states(blocks)
+
+    def _read_states(self, blocks: Sequence[Block]) -> tuple[Array, Array, int]:
+        """Return times, components and decimals of states that are taken apart."""
+        decimals = 0
         times: list[float] = []
         rows: list[list[float]] = []
         width = len(blocks[0].entries)
@@ -198,8 +220,9 @@ class _Reading:
                     f"segment ({blocks[0].place}), got {len(entries) - 1}"
                 )
             times.append(self._instant(entries["EPOCH"], times, "state"))
+            decimals = max(decimals, _decimals(entries["EPOCH"].value))
             rows.append([_number(entry, 3) for key, entry in entries.items() if key != "EPOCH"])
-        return np.array(times), np.array(rows).T
+        return np.array(times), np.array(rows).T, decimals
 
     def _instant(self, entry: Entry, before: Sequence[float], what: str) -> float:
         """Return a time that follows those before it, within the span of the segment."""

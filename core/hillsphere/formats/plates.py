@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.base.arrays import Array, Integers
+from hillsphere.formats.bulk import parse_table
 from hillsphere.formats.coefficients import LineReader
 from hillsphere.formats.obj import read_obj
 
@@ -15,8 +18,8 @@ __all__ = ["read_plate_files", "read_plates", "read_shape"]
 
 _Rows = list[tuple[int, list[str]]]
 """Lines of numbers: number of the line, words."""
-_MOST = 999_999
-"""Most vertices, and plates, of a file: its numbers have six digits."""
+_MOST = 99_999_999
+"""Most vertices, and plates, of a file: more do not fit into a file of `MAX_TEXT_BYTES`."""
 
 
 def read_shape(path: str | Path) -> tuple[Array, Integers]:
@@ -76,6 +79,8 @@ def read_plates(path: str | Path) -> tuple[Array, Integers]:
         refers to a missing vertex.
     """
     lines = LineReader(Path(path))
+    if (parsed := _parse_plates(lines)) is not None:
+        return parsed
     rows = _rows(lines)
     if not rows or len(rows[0][1]) > 2:
         raise lines.fault(
@@ -120,8 +125,71 @@ def read_plate_files(vertices: str | Path, plates: str | Path) -> tuple[Array, I
         See `read_plates`.
     """
     first, second = LineReader(Path(vertices)), LineReader(Path(plates))
-    coordinates = _vertices(first, _read_counted(first, "vertices"))
-    return coordinates, _plates(second, _read_counted(second, "plates"), len(coordinates))
+    coordinates = _parse_counted(first, "f8")
+    if coordinates is None:
+        coordinates = _vertices(first, _read_counted(first, "vertices"))
+    numbers = _parse_counted(second, "i8")
+    faces = None if numbers is None else _count_from_0(numbers, len(coordinates))
+    if faces is None:
+        faces = _plates(second, _read_counted(second, "plates"), len(coordinates))
+    return coordinates, faces
+
+
+def _parse_plates(lines: LineReader) -> tuple[Array, Integers] | None:
+    """Return vertices and plates of a sound file, else None."""
+    rows = lines.rows()
+    counts = next(rows, "").split()
+    if not (0 < len(counts) <= 2 and all(word.isdecimal() for word in counts)):
+        return None
+    vertices = _parse_part(rows, int(counts[0]), "f8")
+    if vertices is None:
+        return None
+    if len(counts) == 1:
+        counts += next(rows, "").split()
+        if not (len(counts) == 2 and counts[1].isdecimal()):
+            return None
+    plates = _parse_part(rows, int(counts[1]), "i8")
+    if plates is None or next(rows, None) is not None:
+        return None
+    faces = _count_from_0(plates, len(vertices))
+    return None if faces is None else (vertices, faces)
+
+
+def _parse_counted(lines: LineReader, type_: str) -> Array | None:
+    """Return the rows of a sound file of one kind, after a count in its first line, else None."""
+    rows = lines.rows()
+    first = next(rows, "")
+    words = first.split()
+    if len(words) == 1 and words[0].isdecimal():
+        part = _parse_part(rows, int(words[0]), type_)
+        return part if next(rows, None) is None else None
+    return _parse_part(chain([first], rows), None, type_) if words else None
+
+
+def _parse_part(rows: Iterator[str], count: int | None, type_: str) -> Array | None:
+    """Return the last three columns of the next rows, whose numbers before them must fit."""
+    first = next(rows, "")
+    width = len(first.split())
+    if width not in (3, 4) or (count is not None and not 0 < count <= _MOST):
+        return None
+    fields = [("number", "i8")] * (width - 3) + [(name, type_) for name in "xyz"]
+    more = rows if count is None else islice(rows, count - 1)
+    table = parse_table(chain([first], more), np.dtype(fields))
+    if table is None or (count is not None and len(table) != count):
+        return None
+    if width == 4:
+        start = int(table["number"][0])
+        if start not in (0, 1) or (np.diff(table["number"]) != 1).any():
+            return None
+    return np.stack([table[name] for name in "xyz"], axis=1)
+
+
+def _count_from_0(numbers: Array, known: int) -> Integers | None:
+    """Return the vertices of plates counted from 0; None if one does not exist."""
+    base = 0 if (numbers == 0).any() else 1
+    if numbers.min() < base or numbers.max() > known - 1 + base:
+        return None
+    return np.asarray(numbers - base, dtype=np.int64)
 
 
 def _rows(lines: LineReader) -> _Rows:

@@ -37,7 +37,7 @@ def read_shape_harmonics(path: str | Path) -> tuple[Coefficient, ...]:
         words = line.partition("#")[0].replace(",", " ").split()
         if words:
             rows.append(lines.coefficient(words, _MOST))
-    lines.check_degrees(rows, max((row.n for row in rows), default=0))
+    lines.check_degrees((row.n for row in rows), max((row.n for row in rows), default=0))
     if not any(row.n == 0 and row.c > 0.0 for row in rows):
         raise lines.fault("no row '0 0 C 0' with the mean radius C > 0", line=0)
     return tuple(rows)

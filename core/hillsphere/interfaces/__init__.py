@@ -39,7 +39,7 @@ from hillsphere.interfaces.plant import (
 from hillsphere.interfaces.quantities import Parameter, Scales, Variable
 from hillsphere.interfaces.sensing import Channel, Scene, Sensor, StationSensor
 from hillsphere.interfaces.stages import CaseStage, Context, NeedsCheck, Stage
-from hillsphere.interfaces.surface import ArraySurface, Enclosed, SlopedSurface, Surface
+from hillsphere.interfaces.surface import ArraySurface, Described, Enclosed, SlopedSurface, Surface
 from hillsphere.interfaces.tracking import State, Tracker
 
 __all__ = [
@@ -55,6 +55,7 @@ __all__ = [
     "ConservedQuantity",
     "ConsiderModel",
     "Context",
+    "Described",
     "Dispersion",
     "Enclosed",
     "EstimationModel",

@@ -10,7 +10,16 @@ from hillsphere.base.contracts import Contract
 if TYPE_CHECKING:
     from hillsphere.symbolic.expressions import Expr, Vec3
 
-__all__ = ["ArraySurface", "Enclosed", "SlopedSurface", "Surface"]
+__all__ = ["ArraySurface", "Described", "Enclosed", "SlopedSurface", "Surface"]
+
+
+@runtime_checkable
+class Described(Contract, Protocol):
+    """A shape or gravity model that tells by what a wrong file or unit is noticed."""
+
+    def describe(self) -> tuple[str, ...]:
+        """Return sentences for the report, such as extent, volume and density."""
+        ...
 
 
 @runtime_checkable

@@ -26,7 +26,7 @@ from hillsphere.model.spice_kernel import checked_kernel
 if TYPE_CHECKING:
     from hillsphere.model.ephemeris_specs import SpiceOrbitSpec
 
-__all__ = ["SpiceOrbit"]
+__all__ = ["SpiceOrbit", "spice_environment"]
 
 _LIMIT_S = 60.0
 """Time limit for the start of SPICE, which takes 1 s; a machine under load may be fifty times
@@ -114,7 +114,7 @@ class SpiceOrbit:
 
     def _asked(self, t: Array) -> tuple[dict[str, Any], Array]:
         """Read states in a separate process; return its answer and the states, km and km/s."""
-        environment = _with_library()
+        environment = spice_environment("a body of type 'spice'")
         with checked_kernel(self.kernel) as (kernel, held):
             asked = {"kernel": kernel, "target": self.target, "centre": self.centre}
             limit_s = _LIMIT_S + _LIMIT_PER_TIME_S * t.size
@@ -142,12 +142,22 @@ class SpiceOrbit:
             return json.loads(line), np.frombuffer(states, dtype=float)
 
 
-def _with_library() -> dict[str, str]:
-    """Return the environment of a process that uses spiceypy; `InputError` without spiceypy."""
+def spice_environment(what: str) -> dict[str, str]:
+    """Return the environment of a process that uses spiceypy.
+
+    Parameters
+    ----------
+    what : str
+        What needs it, for the message.
+
+    Raises
+    ------
+    InputError
+        If spiceypy is not installed, or has no CSPICE library.
+    """
     if importlib.util.find_spec("spiceypy") is None:
         raise InputError(
-            "a body of type 'spice' needs spiceypy, which is not installed: "
-            "pip install 'hillsphere[spice]'"
+            f"{what} needs spiceypy, which is not installed: pip install 'hillsphere[spice]'"
         )
     library = os.environ.get("CSPICE_SHARED_LIB") or _library()
     return {**os.environ, "CSPICE_SHARED_LIB": library}

@@ -10,6 +10,7 @@ from typing import Any
 
 from hillsphere.base.errors import HillsphereError, InputError, PluginError
 from hillsphere.base.problems import Key, MissionError, Problem, did_you_mean
+from hillsphere.interfaces.surface import Described
 from hillsphere.mission.links import Node, topological
 from hillsphere.mission.load import Mission, load_mission
 from hillsphere.plugins.registry import OUTCOME_KINDS
@@ -64,6 +65,14 @@ class Assembly:
                 if other_kind != "stage":
                     self._one(other_kind, other)
         return self._made[kind, name]
+
+    def descriptions(self) -> dict[str, tuple[str, ...]]:
+        """Return what the shapes and gravity models made so far tell of themselves, by table."""
+        return {
+            f"{kind}.{name}": component.describe()
+            for (kind, name), component in self._made.items()
+            if kind in ("shape", "gravity") and isinstance(component, Described)
+        }
 
     def bound(self, kind: str, name: str) -> Spec:
         """Return the Spec of a table with its references bound to their components."""

@@ -37,12 +37,15 @@ class CheckedMission:
         Stage → its component.
     judges : mapping
         (kind, name) → component, of every requirement and claim.
+    descriptions : mapping
+        ``"kind.name"`` → what a shape or gravity model tells of itself.
     """
 
     order: tuple[str, ...]
     classes: Mapping[str, type]
     stages: Mapping[str, Any]
     judges: Mapping[tuple[str, str], Any]
+    descriptions: Mapping[str, tuple[str, ...]]
 
 
 def check_mission(mission: Mission) -> CheckedMission:
@@ -85,7 +88,8 @@ def check_mission(mission: Mission) -> CheckedMission:
     problems.update(dict.fromkeys(_unused_dispersions(mission, assembly, stages)))
     if problems:
         raise MissionError(problems)
-    return CheckedMission(order, classes, stages, {key: made[key] for key in judged})
+    judges = {key: made[key] for key in judged}
+    return CheckedMission(order, classes, stages, judges, assembly.descriptions())
 
 
 def _unmet_keys(mission: Mission, stages: Mapping[str, Any]) -> list[Problem]:

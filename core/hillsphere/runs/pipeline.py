@@ -225,6 +225,7 @@ class _Run:
         cache_directory()
         self.cache = StageCache() if use_cache else None
         self.record = RunRecord.begun(mission)
+        self.record.descriptions = checked.descriptions
         if earlier is not None:
             earlier.continue_in(self.record)
         self.local = local_facts(

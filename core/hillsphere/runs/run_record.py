@@ -93,6 +93,7 @@ class RunRecord:
     stages: dict[str, StageRecord] = field(default_factory=dict)
     sources: Mapping[str, str] = field(default_factory=dict)
     resumed: Sequence[datetime] = ()
+    descriptions: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     finished: datetime | None = None
     judgements: Judgements = field(default_factory=Judgements)
 
@@ -257,6 +258,7 @@ class RunRecord:
                 versions={
                     "python": environment()["python"], **package_versions(), **self._plugins()
                 },
+                descriptions=self.descriptions,
             )
         )  # fmt: skip
 

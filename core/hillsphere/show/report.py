@@ -362,8 +362,13 @@ def _appendix(report: Report) -> str:
         if report.mission_text
         else ""
     )
+    models = "".join(
+        f"<li>{escape(name)}: {escape('; '.join(sentences))}</li>"
+        for name, sentences in report.descriptions.items()
+    )
+    models = f"<h3>Shapes and gravity</h3><ul>{models}</ul>" if models else ""
     body = (
-        "<h3>To get these results again</h3>"
+        f"{models}<h3>To get these results again</h3>"
         f"<pre tabindex=0>{escape(report.command)}</pre>{mission}"
         "<h3>Time</h3><div class=wide tabindex=0 role=region aria-label=\"Time\"><table><thead><tr>"
         "<th scope=col class=text>stage</th><th scope=col class=text>type</th>"

@@ -106,6 +106,8 @@ class Report:
         The mission file; ``""`` if the mission was made in Python.
     versions : mapping
         Name to version.
+    descriptions : mapping
+        Table of a shape or gravity model to sentences about it.
     """
 
     mission: str
@@ -122,3 +124,4 @@ class Report:
     command: str
     mission_text: str
     versions: Mapping[str, str]
+    descriptions: Mapping[str, Sequence[str]] = field(default_factory=dict)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from hillsphere.formats.bulk import parse_series
 from hillsphere.formats.coefficients import Coefficient, LineReader
 
 __all__ = ["read_coefficient_rows", "split_columns"]
@@ -22,7 +23,9 @@ def split_columns(line: str) -> list[str]:
     return [word for part in line.rstrip(" ,\t").split(",") for word in (part.split() or [""])]
 
 
-def read_coefficient_rows(path: str | Path) -> tuple[Coefficient, ...]:
+def read_coefficient_rows(
+    path: str | Path, kept_degree: int | None = None
+) -> tuple[tuple[Coefficient, ...], int]:
     """Read rows of degree, order, C, S and perhaps their two standard deviations.
 
     Parameters
@@ -30,11 +33,15 @@ def read_coefficient_rows(path: str | Path) -> tuple[Coefficient, ...]:
     path : str or Path
         The file. Columns are separated by blanks or commas; all rows have the same number. What
         follows a ``#`` is comment.
+    kept_degree : int, optional
+        Rows of higher degree are checked and left out, which saves memory.
 
     Returns
     -------
-    tuple of Coefficient
+    rows : tuple of Coefficient
         In the order of the file.
+    max_degree : int
+        Highest degree of the file.
 
     Raises
     ------
@@ -42,6 +49,9 @@ def read_coefficient_rows(path: str | Path) -> tuple[Coefficient, ...]:
         Names file and line: a malformed or doubled row, a missing degree, no row at all.
     """
     lines = LineReader(Path(path))
+    if (bulk := parse_series(lines, widths=(4, 6), kept_degree=kept_degree)) is not None:
+        lines.check_degrees(bulk.degrees, max(bulk.degrees))
+        return bulk.rows, max(bulk.degrees)
     rows: list[Coefficient] = []
     columns = 0
     for line in lines:
@@ -55,5 +65,6 @@ def read_coefficient_rows(path: str | Path) -> tuple[Coefficient, ...]:
         rows.append(lines.coefficient(words, _MOST))
     if not rows:
         raise lines.fault("no row of degree, order, C and S", line=0)
-    lines.check_degrees(rows, max(row.n for row in rows))
-    return tuple(rows)
+    degree = max(row.n for row in rows)
+    lines.check_degrees((row.n for row in rows), degree)
+    return tuple(row for row in rows if kept_degree is None or row.n <= kept_degree), degree

@@ -18,8 +18,8 @@ __all__ = ["app"]
 
 app = typer.Typer(add_completion=False, rich_markup_mode=None)
 
-_SUFFIXES = (".gfc", ".shadr", ".sha", ".tab", ".cof", ".obj", ".plt")
-_MESHES = (".obj", ".plt")
+_MESHES = (".obj", ".plt", ".stl", ".ply", ".bds", ".dsk")
+_SUFFIXES = (".gfc", ".shadr", ".sha", ".tab", ".cof", *_MESHES)
 _COLUMNS = ("latitude (°)", "longitude (°)", "radius (km)", "U (m²/s²)", "|g| (m/s²)",
             "g_x (m/s²)", "g_y (m/s²)", "g_z (m/s²)")  # fmt: skip
 
@@ -30,8 +30,8 @@ def gravity(
         Path,
         typer.Argument(
             metavar="FILE",
-            help="Field (.gfc, .shadr, .sha, .tab, .cof), or mesh of triangles (.obj, or a plate "
-            "model .plt).",
+            help="Field (.gfc, .shadr, .sha, .tab, .cof), or mesh of triangles (.obj, .stl, .ply, "
+            "a plate model .plt, SPICE's .bds or .dsk).",
         ),
     ],
     at: Annotated[
@@ -68,8 +68,21 @@ def gravity(
         ),
     ] = None,
     length_unit: Annotated[
-        str, typer.Option(metavar="m|km", help="Unit of the vertices (meshes).")
-    ] = "km",
+        str | None,
+        typer.Option(
+            metavar="m|km", help="Unit of the vertices (meshes), which only SPICE's files state."
+        ),
+    ] = None,
+    segment: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="Segment of a file of SPICE, from 1.")
+    ] = None,
+    merge_vertices: Annotated[
+        bool,
+        typer.Option("--merge-vertices", help="Make one of vertices at the same place (meshes)."),
+    ] = False,
+    merge_tolerance_m: Annotated[
+        float, typer.Option(metavar="M", min=0.0, help="Distance of vertices that are merged, m.")
+    ] = 0.0,
     json: Annotated[bool, typer.Option("--json", help="Write JSON to stdout.")] = False,
 ) -> None:
     """Show potential and acceleration of a gravity file at given places.
@@ -81,8 +94,12 @@ def gravity(
     mesh = {"gm_km3_s2": gm_km3_s2, "density_g_cm3": density_g_cm3}
     if (suffix := file.suffix.lower()) not in _SUFFIXES:
         raise InputError(f"{file}: the suffix must be one of {', '.join(_SUFFIXES)}")
+    told: tuple[str, ...] = ()
+    keys: dict[str, Any]
     if suffix in _MESHES:
-        model = _mesh_model(file, length_unit, mesh)
+        keys = {"length_unit": length_unit, "segment": segment}
+        keys |= {"merge_vertices": merge_vertices, "merge_tolerance_m": merge_tolerance_m}
+        model, told = _mesh_model(file, keys, mesh)
     else:
         keys = {"max_degree": max_degree, "tide_system": tide_system,
                 "normalisation": normalisation, "epoch": epoch}  # fmt: skip
@@ -100,6 +117,8 @@ def gravity(
             f"{number(body['volume_m3'] / 1e9)} km³, density "
             f"{number(body['density_kg_m3'])} kg/m³\n"
         )
+        for sentence in told[1:]:
+            write(f"{sentence}\n")
     write_table([list(map(number, _cells(row))) for row in rows], header=_COLUMNS)
     radius_m = getattr(model, "reference_radius_m", None)
     inside = sum(radius_m is not None and row["radius_m"] < radius_m for row in rows)
@@ -140,14 +159,19 @@ def _series_model(file: Path, given: dict[str, Any], mesh: dict[str, float | Non
     return create("gravity", "harmonics", **keys)
 
 
-def _mesh_model(file: Path, length_unit: str, mesh: dict[str, float | None]) -> Any:
+def _mesh_model(
+    file: Path, keys: dict[str, Any], mesh: dict[str, float | None]
+) -> tuple[Any, tuple[str, ...]]:
     from hillsphere import create
 
     given = {key: value for key, value in mesh.items() if value is not None}
     if len(given) != 1:
         raise InputError(f"{file}: a mesh needs either --gm-km3-s2 or --density-g-cm3")
-    shape = create("shape", "polyhedron", file=str(file), length_unit=length_unit)
-    return create("gravity", "polyhedron", shape=shape, **given)
+    if keys["length_unit"] is None and file.suffix.lower() not in (".bds", ".dsk"):
+        raise InputError(f"{file}: give --length-unit m or km; the file does not state its unit")
+    stated = {key: value for key, value in keys.items() if value is not None}
+    shape: Any = create("shape", "polyhedron", file=str(file), **stated)
+    return create("gravity", "polyhedron", shape=shape, **given), shape.describe()
 
 
 def _describe_body(model: Any) -> dict[str, Any]:

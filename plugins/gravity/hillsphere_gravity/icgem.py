@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 from hillsphere.base.errors import InputError
+from hillsphere.formats.bulk import parse_series
 from hillsphere.formats.coefficients import Coefficient, CoefficientTable, LineReader
 from hillsphere_gravity.icgem_terms import (
     TIME_VARIABLE,
@@ -41,7 +42,9 @@ _MOST_KEYS_SHOWN = 8
 """Unknown keys that a message lists: as many as fit into two lines."""
 
 
-def read_icgem(path: str | Path, epoch: str | None = None) -> CoefficientTable:
+def read_icgem(
+    path: str | Path, epoch: str | None = None, kept_degree: int | None = None
+) -> CoefficientTable:
     """Read a gravity field.
 
     Parameters
@@ -51,6 +54,8 @@ def read_icgem(path: str | Path, epoch: str | None = None) -> CoefficientTable:
     epoch : str, optional
         Date and time, ``"2020-01-01T00:00:00"``, at which time-variable terms (``gfct``, ``trnd``
         or ``dot``, ``acos``, ``asin``) are evaluated, see `evaluate_terms`.
+    kept_degree : int, optional
+        Rows of higher degree are checked and left out, which saves memory.
 
     Returns
     -------
@@ -83,7 +88,13 @@ def read_icgem(path: str | Path, epoch: str | None = None) -> CoefficientTable:
     errors = head.choice("errors", tuple(_ERROR_COLUMNS))
     sigmas = None if errors is None else _ERROR_COLUMNS[errors]
 
+    widths = (4, 6, 8) if sigmas is None else (4 + sigmas,)
+    bulk = parse_series(
+        lines, widths=widths, keyword="gfc", max_degree=max_degree, kept_degree=kept_degree
+    )
     rows: list[Coefficient] = []
+    if bulk is not None:
+        rows, sigmas, text = list(bulk.rows), bulk.columns - 4, iter(())
     terms: list[Term] = []
     for line in text:
         words = line.split()
@@ -115,7 +126,9 @@ def read_icgem(path: str | Path, epoch: str | None = None) -> CoefficientTable:
             raise lines.fault("no time-variable term; leave the key epoch out", line=0)
         static = frozenset((row.n, row.m) for row in rows)
         rows.extend(evaluate_terms(lines, terms, epoch_jd, static))
-    lines.check_degrees(rows, max_degree)
+    lines.check_degrees(bulk.degrees if bulk else (row.n for row in rows), max_degree)
+    if kept_degree is not None:
+        rows = [row for row in rows if row.n <= kept_degree]
     return CoefficientTable(
         name=head.words.get("modelname") or Path(path).stem,
         gm_m3_s2=gm,

@@ -1,8 +1,18 @@
 """Time-variable coefficients of ICGEM files, evaluated at an epoch [1]_.
 
+The columns of version 2.0 are those of EIGEN-6S4: ``t0[yyyymmdd.xxxx] t1[yyyymmdd.xxxx] period[y]``
+after the standard deviations, the period last. The interval includes t0 and not t1. Its rows
+``acos`` and ``asin`` may have another interval than the ``gfct`` that holds at the epoch; their
+phase then counts from their own t0, as Orekit counts it [2]_. pyshtools counts all from the t0 of
+the ``gfct`` [3]_, which differs for such models only.
+
 References
 ----------
-.. [1] International Centre for Global Earth Models, The ICGEM-format, versions 1.0 and 2.0.
+.. [1] Barthelmes, F., Förste, C., The ICGEM-format, GFZ Potsdam, 2011; International Centre for
+   Global Earth Models, version 2.0.
+.. [2] Orekit, org.orekit.forces.gravity.potential.TimeDependentHarmonic, since 11.1: each cosine
+   and sine has its reference date; that of the trend is taken where a row has none (version 1.0).
+.. [3] pyshtools, shio.read_icgem_gfc: intervals t0 ≤ t < t1, one reference epoch per coefficient.
 """
 
 from __future__ import annotations

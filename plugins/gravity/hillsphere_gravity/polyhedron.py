@@ -27,9 +27,9 @@ cache."""
 _FAR = 1000.0
 """Distance, in radii of the body, beyond which its second moments replace the sums: these have lost
 six digits there."""
-_PLAUSIBLE_KG_M3 = (50.0, 30_000.0)
-"""Densities that a body may have: comets reach down to a few hundred, iron up to 8000. A length
-unit that is wrong by a factor of 1000 changes the density by 1e9 and is refused."""
+_PLAUSIBLE_KG_M3 = (100.0, 9000.0)
+"""Densities that a body may have: comets and the lightest moons of Saturn have 200 to 600 kg/m³,
+iron 7900. A length unit that is wrong by a factor of 1000 changes the density by 1e9."""
 
 
 class Polyhedron:
@@ -94,11 +94,17 @@ class Polyhedron:
             least, most = _PLAUSIBLE_KG_M3
             if not least <= density <= most:
                 raise InputError(
-                    f"GM and the volume of {volume:.4g} m³ give a density of {density:.3g} kg/m³; "
-                    "check gm and the length_unit of the shape"
+                    f"GM and the volume of {volume:.4g} m³ give a density of {density:.3g} kg/m³, "
+                    f"which no body has; {_suggest_unit(density)}check gm and the length_unit of "
+                    "the shape"
                 )
         self.gm_m3_s2 = self._per_unit * self._parameter.value * volume
         self._surface = MeshSurface(self.mesh)
+
+    def describe(self) -> tuple[str, ...]:
+        """Return GM and density in words."""
+        density = self.gm_m3_s2 / (CODATA_2018_G * self.mesh.volume_m3)
+        return (f"GM {self.gm_m3_s2 / 1e9:.6g} km³/s², density {density / 1e3:.4g} g/cm³",)
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return ``density`` or ``gm``."""
@@ -262,6 +268,19 @@ def _over(normals: Array, to: Array) -> Array:
 def _products(a: Array, b: Array) -> Array:
     """Return the dyads of columns (3, E) as columns, (9, E)."""
     return np.asarray((a[:, None, :] * b[None, :, :]).reshape(9, -1))
+
+
+def _suggest_unit(density: float) -> str:
+    """Return which unit is likely wrong, by the density that results; nothing is changed by it."""
+    least, most = _PLAUSIBLE_KG_M3
+    # volume goes with the cube of the length, and so does GM between m³/s² and km³/s²
+    for factor, unit, given in ((1e-9, "km", "m"), (1e9, "m", "km")):
+        if least <= density * factor <= most:
+            return (
+                f"vertices in {unit} instead of {given} (or GM in {given}³/s² instead of "
+                f"{unit}³/s²) would give {density * factor:.3g} kg/m³; "
+            )
+    return ""
 
 
 def _mesh(spec: PolyhedronSpec) -> Mesh:

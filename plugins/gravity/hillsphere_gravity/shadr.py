@@ -11,6 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
+from hillsphere.formats.bulk import SeriesRows, parse_series
 from hillsphere.formats.coefficients import Coefficient, CoefficientTable, LineReader
 from hillsphere_gravity.coefficient_rows import split_columns
 
@@ -26,7 +27,7 @@ degree, the reference longitude and latitude 0."""
 _NORMALISATIONS: dict[int, Literal["full", "none"]] = {0: "none", 1: "full"}
 
 
-def read_shadr(path: str | Path) -> CoefficientTable:
+def read_shadr(path: str | Path, kept_degree: int | None = None) -> CoefficientTable:
     """Read a gravity field.
 
     Parameters
@@ -35,6 +36,8 @@ def read_shadr(path: str | Path) -> CoefficientTable:
         The table file (without its detached label): one header row of eight columns, or fewer
         where the last ones are left out, then rows of degree, order, C, S and perhaps their
         standard deviations, separated by commas or blanks. Radius in km, GM in km³/s².
+    kept_degree : int, optional
+        Rows of higher degree are checked and left out, which saves memory.
 
     Returns
     -------
@@ -55,6 +58,7 @@ def read_shadr(path: str | Path) -> CoefficientTable:
     radius_km = gm_km3_s2 = uncertainty = 0.0
     max_degree = max_order = 0
     normalisation: Literal["full", "none"] | None = None
+    bulk: SeriesRows | None = None
     for line in lines:
         if not line.strip():
             continue
@@ -96,9 +100,16 @@ def read_shadr(path: str | Path) -> CoefficientTable:
                 raise lines.fault(
                     f"reference {name} must be 0, got {word}; turn the model with a sum"
                 )
+        bulk = parse_series(
+            lines, widths=(4, 6), max_degree=max_degree, max_order=max_order,
+            kept_degree=kept_degree,
+        )  # fmt: skip
+        if bulk is not None:
+            break
     if not header:
         raise lines.fault("the file is empty", line=0)
-    lines.check_degrees(rows, max_degree)
+    lines.check_degrees(bulk.degrees if bulk else (row.n for row in rows), max_degree)
+    kept = bulk.rows if bulk else rows
     return CoefficientTable(
         name=Path(path).stem,
         gm_m3_s2=gm_km3_s2 * 1e9,
@@ -106,6 +117,6 @@ def read_shadr(path: str | Path) -> CoefficientTable:
         max_degree=max_degree,
         normalisation=normalisation,
         tide_system=None,
-        rows=tuple(rows),
+        rows=tuple(row for row in kept if kept_degree is None or row.n <= kept_degree),
         passed_over=(f"uncertainty of GM ({header[2]} km³/s²)",) if uncertainty else (),
     )

@@ -119,7 +119,7 @@ class MoonCentred(ABC):
         self, spec: MoonCentredSpec, meridian_rad: float, mean_motion_rad_s: float
     ) -> None:
         body = moon_of(spec.body)
-        self._model: AnyGravityModel = whole_gravity(spec.gravity.get())
+        self._model: AnyGravityModel = whole_gravity(spec.gravity.get(), body.semi_axes_m)
         self._semi_axes_m: tuple[float, float, float] | None = body.semi_axes_m
         self._shape = body.shape
         if body.shape is None and body.semi_axes_m is None:

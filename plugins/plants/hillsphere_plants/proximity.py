@@ -114,7 +114,7 @@ class Proximity:
                 f"proximity: body {body.name!r} has no rotation_rate; give it one "
                 "(rotation_rate_deg_d), as a body of type 'asteroid' has"
             )
-        self._model: AnyGravityModel = whole_gravity(spec.gravity.get())
+        self._model: AnyGravityModel = whole_gravity(spec.gravity.get(), body.semi_axes_m)
         self.spec = spec
         self.body: OrbitingBody = body
         self.body_name: str = body.name

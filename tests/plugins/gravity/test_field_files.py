@@ -150,7 +150,8 @@ def test_tables_with_a_header(name: str, normalisation: str | None) -> None:
 
 
 def test_rows_without_a_head() -> None:
-    rows = read_coefficient_rows(DATA / "rows.txt")
+    rows, degree = read_coefficient_rows(DATA / "rows.txt")
+    assert degree == 2
     assert rows == (C20._replace(sigma_c=1e-12), C22._replace(sigma_c=1e-12, sigma_s=2e-12))
 
 
@@ -179,7 +180,7 @@ def test_cof_with_columns_that_touch() -> None:
         (read_coefficient_rows, "bad-rows-none.txt", ": no row of degree, order, C and S"),
         (read_cof, "bad-no-end.cof", ": no line END"),
         (read_cof, "bad-no-head.cof", ":1: RECOEF before POTFIELD"),
-        (read_cof, "bad-factor.cof", ":3: the factor must be 1, got 2.0E+00"),
+        (read_cof, "bad-factor.cof", ":3: the number after the radius must be 1, got 2.0E+00"),
         (read_cof, "bad-keyword.cof", ":5: expected POTFIELD or RECOEF"),
         (read_cof, "bad-order.cof", ":5: order 2 is beyond the 1 of POTFIELD"),
     ],
@@ -227,13 +228,27 @@ def test_the_mission_states_the_epoch() -> None:
             create("gravity", "harmonics", file=path, **keys)
 
 
+def test_columns_of_a_cof_file_without_blanks(tmp_path: Path) -> None:
+    """C stands in columns 18 to 38 and S in 39 to 59, as GMAT reads them."""
+    path = tmp_path / "tight.cof"
+    path.write_text(
+        "POTFIELD  2  2  3 4.0E+14 6.0E+06 1.0E+00\n"
+        "RECOEF    2  0   -0.48416954845647E-03\n"
+        "RECOEF    2  2    .24392607486563E-005-.14002663975880E-005\n"
+        "END\n"
+    )
+    first, second = read_cof(path).rows
+    assert (first.c, first.s) == (-0.48416954845647e-3, 0.0)
+    assert (second.c, second.s) == (0.24392607486563e-5, -0.14002663975880e-5)
+
+
 NUMERIC = st.from_regex(rb"[0-9 .,+DE\n-]{0,8}", fullmatch=True)
 SEEDS = (
     ("time-1.gfc", lambda path: read_icgem(path, "2014-01-01").rows),
     ("time-2.gfc", lambda path: read_icgem(path, "2014-01-01").rows),
     ("errors-both.gfc", lambda path: read_icgem(path).rows),
     ("blanks.tab", lambda path: read_shadr(path).rows),
-    ("rows.txt", read_coefficient_rows),
+    ("rows.txt", lambda path: read_coefficient_rows(path)[0]),
     ("small.cof", lambda path: read_cof(path).rows),
 )
 

@@ -63,7 +63,10 @@ def test_table_names_units_and_the_reference_sphere(capsys: pytest.CaptureFixtur
 def test_field_of_a_mesh(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     mesh = tmp_path / "cube.obj"
     mesh.write_text(CUBE)
-    assert run(["gravity", str(mesh), "--at", "0,0,1e3", "--density-g-cm3", "2", "--json"]) == 0
+    words = ["gravity", str(mesh), "--at", "0,0,1e3", "--density-g-cm3", "2", "--json"]
+    assert run(words) == 2  # a unit is never chosen in silence
+    assert "give --length-unit m or km" in capsys.readouterr().err
+    assert run([*words, "--length-unit", "km"]) == 0
     shown = json.loads(capsys.readouterr().out)
     # a cube of 2 km with 2 g/cm³
     assert shown["gm_m3_s2"] == pytest.approx(6.67430e-11 * 2000.0 * 8e9)
@@ -106,7 +109,7 @@ def test_extent_volume_and_density_of_a_mesh(
     """A cube of 2 km: a wrong unit shows in the volume, or with GM in the density."""
     path = tmp_path / "cube.obj"
     path.write_text(CUBE)
-    words = ["gravity", str(path), "--at", "0,0,20", "--density-g-cm3", "2"]
+    words = ["gravity", str(path), "--at", "0,0,20", "--density-g-cm3", "2", "--length-unit", "km"]
     assert run([*words, "--json"]) == 0
     shown = json.loads(capsys.readouterr().out)
     assert shown["faces"] == 12

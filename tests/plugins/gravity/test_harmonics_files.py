@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hillsphere.errors import InputError
-from hillsphere.formats.coefficients import Coefficient
+from hillsphere.formats.coefficients import Coefficient, CoefficientTable
 from hillsphere_gravity.icgem import read_icgem
 from hillsphere_gravity.shadr import read_shadr
 
@@ -208,7 +209,10 @@ def test_unreadable(tmp_path: Path, read: object) -> None:
 )
 @given(data=st.data())
 def test_damaged_files_give_a_table_or_one_error(tmp_path: Path, data: st.DataObject) -> None:
-    text, read = data.draw(st.sampled_from([(ICGEM, read_icgem), (SHADR, read_shadr)]))
+    readers: list[tuple[str, Callable[[Path], CoefficientTable]]] = [
+        (ICGEM, read_icgem), (SHADR, read_shadr),
+    ]  # fmt: skip
+    text, read = data.draw(st.sampled_from(readers))
     start = data.draw(st.integers(0, len(text)))
     stop = data.draw(st.integers(start, min(len(text), start + 40)))
     patch = data.draw(st.text(st.characters(max_codepoint=255), max_size=12))

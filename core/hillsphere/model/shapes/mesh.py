@@ -115,6 +115,21 @@ class Mesh:
         return bool((self.heights > 0.0).all())
 
     @cached_property
+    def component_volumes_m3(self) -> Array:
+        """Volumes of the closed surfaces that have no edge in common, m³, the largest first.
+
+        That of a cavity, whose faces look into it, is negative.
+        """
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        _, faces = self.edges
+        count = len(self.faces)
+        links = coo_array((np.ones(len(faces), dtype=bool), faces.T), shape=(count, count))
+        _, labels = connected_components(links, directed=False)
+        return np.asarray(np.sort(np.bincount(labels, weights=self._pyramids))[::-1])
+
+    @cached_property
     def _products(self) -> Array:
         a, b, c = self.corners
         return np.cross(b - a, c - a, axis=0)
@@ -136,24 +151,37 @@ class Mesh:
         with np.errstate(divide="ignore", invalid="ignore"):
             flat = ~(np.linalg.norm(self._products, axis=0) > _FLAT * longest**2)
         if flat.any():
+            more = f" (as are {flat.sum() - 1} more)" if flat.sum() > 1 else ""
             raise InputError(
-                f"face {int(np.argmax(flat)) + 1} is degenerate: two of its corners coincide or "
-                "all three lie on a line; remove it"
+                f"face {int(np.argmax(flat)) + 1} is degenerate{more}: two of its corners coincide "
+                "or all three lie on a line; remove it"
             )
 
     def _check_edges(self) -> None:
-        sides, _ = self._sides()
-        edges, counts = np.unique(sides, axis=0, return_counts=True)
-        if (counts > 1).any():
-            i, j = (edges[np.argmax(counts > 1)] + 1).tolist()
+        sides, owner = self._sides()
+        many = len(self.vertices)
+        keys = sides[:, 0] * many + sides[:, 1]
+        order = np.argsort(keys, kind="stable")
+        doubled = np.flatnonzero(keys[order][1:] == keys[order][:-1])
+        if doubled.size:
+            at = order[doubled[0]]
+            i, j = (sides[at] + 1).tolist()
+            one, other = (owner[order[doubled[0] : doubled[0] + 2]] + 1).tolist()
+            if set(self.faces[one - 1].tolist()) == set(self.faces[other - 1].tolist()):
+                raise InputError(
+                    f"faces {one} and {other} have the same corners, in the same direction; "
+                    "remove one"
+                )
             raise InputError(
                 f"two faces traverse the edge from vertex {i} to vertex {j} in the same "
                 "direction: neighbours are oriented differently, or more than two faces meet "
                 "there; orient all anticlockwise as seen from outside"
             )
-        pairs = {*map(tuple, edges.tolist())}
-        if open_ := [(i, j) for i, j in pairs if (j, i) not in pairs]:
-            i, j = min(open_)
+        keys = keys[order]
+        turned = sides[:, 1] * many + sides[:, 0]
+        open_ = keys[~np.isin(keys, turned)]
+        if open_.size:
+            i, j = divmod(int(open_[0]), many)
             raise InputError(
                 f"the mesh is not closed: {len(open_)} edges belong to one face only, first that "
                 f"between vertices {i + 1} and {j + 1}; close the holes, merge vertices that "

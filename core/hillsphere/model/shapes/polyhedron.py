@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from functools import cached_property
+from pathlib import PurePath
 
 import numpy as np
 
 from hillsphere.base.arrays import Array, Integers
 from hillsphere.base.errors import InputError
+from hillsphere.formats.mesh_files import MESH_SUFFIXES, read_mesh_file
 from hillsphere.formats.plates import read_plate_files, read_shape
+from hillsphere.model.shapes.dsk import read_dsk
+from hillsphere.model.shapes.merging import merge_vertices
 from hillsphere.model.shapes.mesh import Mesh
 from hillsphere.model.shapes.mesh_distance import surface_distances
 from hillsphere.model.shapes.rays import RayTable
 from hillsphere.model.shapes.solid_angles import solid_angles, vertex_distances
-from hillsphere.model.shapes.specs import METRES, PolyhedronShapeSpec
+from hillsphere.model.shapes.specs import DSK_SUFFIXES, METRES, PolyhedronShapeSpec
 
 __all__ = ["MeshSurface", "PolyhedronShape"]
 
@@ -148,18 +152,63 @@ class PolyhedronShape(MeshSurface):
     ------
     InputError
         If the file is malformed, or the mesh is not closed or not oriented outward (`Mesh`).
+
+    Attributes
+    ----------
+    merged_vertices, collapsed_faces : int
+        How many vertices were made one with others, and faces left out since two of their corners
+        became one.
     """
 
     def __init__(self, spec: PolyhedronShapeSpec) -> None:
-        if spec.file is not None:
-            vertices, faces = read_shape(spec.file)
-        elif spec.vertices_file is not None and spec.plates_file is not None:
-            vertices, faces = read_plate_files(spec.vertices_file, spec.plates_file)
-        else:
-            vertices = np.array(spec.vertices, dtype=float).reshape(-1, 3)
-            faces = np.array(spec.faces, dtype=np.int64).reshape(-1, 3) - 1
+        unit = METRES[spec.length_unit or "km"]
+        vertices, faces = _read(spec)
+        source = spec.file or spec.plates_file or "vertices and faces"
+        self.merged_vertices = self.collapsed_faces = 0
         try:
-            super().__init__(Mesh(METRES[spec.length_unit] * vertices, faces))
+            if spec.merge_vertices:
+                vertices, faces, self.merged_vertices, self.collapsed_faces = merge_vertices(
+                    vertices, faces, spec.merge_tolerance_m / unit
+                )
+            super().__init__(Mesh(unit * vertices, faces))
         except InputError as error:
-            source = spec.file or spec.plates_file or "vertices and faces"
             raise InputError(f"{source}: {error}") from error
+
+    def describe(self) -> tuple[str, ...]:
+        """Return by what a wrong file or unit is noticed, in sentences."""
+        low, high = self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)
+        extent = " × ".join(f"{length / 1e3:.4g}" for length in high - low)
+        volumes = self.mesh.component_volumes_m3
+        sentences = [
+            f"{len(self.mesh.faces)} triangles, extent {extent} km, volume "
+            f"{self.mesh.volume_m3 / 1e9:.4g} km³"
+        ]
+        if self.merged_vertices or self.collapsed_faces:
+            sentences.append(
+                f"{self.merged_vertices} vertices were merged with others at the same place; "
+                f"{self.collapsed_faces} faces collapsed and were left out"
+            )
+        if len(volumes) > 1:
+            cavities = int((volumes < 0.0).sum())
+            sentences.append(f"{len(volumes)} separate surfaces, {cavities} of them cavities")
+        return tuple(sentences)
+
+
+def _read(spec: PolyhedronShapeSpec) -> tuple[Array, Integers]:
+    """Return vertices, in the unit of the source, and faces."""
+    if spec.file is None:
+        if spec.vertices_file is not None and spec.plates_file is not None:
+            return read_plate_files(spec.vertices_file, spec.plates_file)
+        vertices = np.array(spec.vertices, dtype=float).reshape(-1, 3)
+        return vertices, np.array(spec.faces, dtype=np.int64).reshape(-1, 3) - 1
+    suffix = PurePath(spec.file).suffix.lower()
+    if suffix in DSK_SUFFIXES:
+        return read_dsk(spec.file, spec.segment)
+    if suffix in MESH_SUFFIXES:
+        if suffix == ".stl" and not spec.merge_vertices:
+            raise InputError(
+                f"{spec.file}: an STL file lists the corners of each face anew, so that its faces "
+                "have no edge in common; give merge_vertices = true"
+            )
+        return read_mesh_file(spec.file)
+    return read_shape(spec.file)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import PurePath
 from typing import Literal, Self
 
 from pydantic import model_validator
@@ -9,6 +10,7 @@ from pydantic import model_validator
 from hillsphere.spec.base import DataPath, Spec, Vector3, data_path, option, quantity, rule
 
 __all__ = [
+    "DSK_SUFFIXES",
     "METRES",
     "EllipsoidShapeSpec",
     "GridShapeSpec",
@@ -19,6 +21,8 @@ __all__ = [
 
 LengthUnit = Literal["m", "km"]
 METRES = {"m": 1.0, "km": 1000.0}
+DSK_SUFFIXES = (".bds", ".dsk")
+"""Suffixes of shape files of SPICE."""
 
 
 def _one_source(file: str | None, given: bool, key: str) -> None:
@@ -106,23 +110,53 @@ class PolyhedronShapeSpec(Spec):
         },
     )  # fmt: skip
 
-    length_unit: LengthUnit = option("unit of the vertices")
+    length_unit: LengthUnit | None = option(
+        "unit of the vertices; required, as no format but SPICE's DSK (always km) states it",
+        default=None,
+    )
     vertices: tuple[Vector3, ...] = option("corners, in the body-fixed frame", default=())
     faces: tuple[tuple[int, int, int], ...] = option(
         "triangles: numbers of three vertices, counted from 1, anticlockwise as seen from outside",
         default=(),
     )
     file: DataPath | None = data_path(
-        "instead of vertices and faces: file with both, Wavefront OBJ (rows v and f) or a plate "
-        "model (counts, vertices, plates)",
+        "instead of vertices and faces: file with both, Wavefront OBJ (rows v and f), a plate "
+        "model (counts, vertices, plates), .stl or .ply (extra 'mesh'), SPICE's .bds or .dsk "
+        "(extra 'spice')",
         default=None,
     )
+    segment: int | None = option(
+        "which segment of a DSK file that has several, counted from 1", default=None, ge=1
+    )
+    merge_vertices: bool = option(
+        "whether vertices at the same place are made one; required for .stl, which lists the "
+        "corners of each face anew",
+        default=False,
+    )
+    merge_tolerance_m: float = quantity(
+        "length", "largest distance of two vertices that are made one; 0: equal ones", default=0.0,
+        ge=0, le=1e6,
+    )  # fmt: skip
     vertices_file: DataPath | None = data_path(
         "instead of file: table of the vertices alone, beside plates_file", default=None
     )
     plates_file: DataPath | None = data_path(
         "table of the plates, of which each names three rows of vertices_file", default=None
     )
+
+    @model_validator(mode="after")
+    def _unit(self) -> Self:
+        suffix = PurePath(self.file).suffix.lower() if self.file else ""
+        if suffix in DSK_SUFFIXES:
+            if self.length_unit not in (None, "km"):
+                raise rule("length_unit", "the vertices of a DSK file are in km; leave it out")
+        elif self.length_unit is None:
+            raise rule("length_unit", "give the unit of the vertices, m or km")
+        if self.segment is not None and suffix not in DSK_SUFFIXES:
+            raise rule("segment", "goes with a DSK file (.bds, .dsk); remove it")
+        if self.merge_tolerance_m > 0.0 and not self.merge_vertices:
+            raise rule("merge_tolerance_m", "goes with merge_vertices = true")
+        return self
 
     @model_validator(mode="after")
     def _source(self) -> Self:
