@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 from xml.parsers import expat
 
 from hillsphere.base.errors import InputError
 
-__all__ = ["XmlElement", "read_tree", "walk_xml"]
+__all__ = ["XmlElement", "XmlPart", "read_tree", "split_children", "walk_xml"]
 
 
 def walk_xml(
@@ -41,8 +42,20 @@ def walk_xml(
     InputError
         If the text is not well-formed or has a DOCTYPE; the message names the line.
     """
+    _walk(text, where, lambda place, _, name, attributes: start(place, name, attributes),
+          lambda _, name, inner: end(name, inner))  # fmt: skip
+
+
+def _walk(
+    text: str,
+    where: str,
+    start: Callable[[str, int, str, dict[str, str]], object],
+    end: Callable[[int, str, str], object],
+) -> None:
+    """Walk as `walk_xml` does; the handlers also get the index of the tag in the text in UTF-8."""
     body = text.lstrip("\ufeff \t\r\n")
     above = text[: len(text) - len(body)].count("\n")
+    skipped = len(text[: len(text) - len(body)].encode("utf-8", "surrogatepass"))
     parser = expat.ParserCreate("utf-8")
     within: list[list[str]] = [[]]
 
@@ -51,10 +64,11 @@ def walk_xml(
 
     def at_start(name: str, attributes: dict[str, str]) -> None:
         within.append([])
-        start(place(), name.rpartition(":")[2], attributes)
+        start(place(), parser.CurrentByteIndex + skipped, name.rpartition(":")[2], attributes)
 
     def at_end(name: str) -> None:
-        end(name.rpartition(":")[2], "".join(within.pop()).strip())
+        inner = "".join(within.pop()).strip()
+        end(parser.CurrentByteIndex + skipped, name.rpartition(":")[2], inner)
 
     def refuse(*_: object) -> None:
         # Entities could make a small file huge; no message of these standards needs them.
@@ -106,3 +120,53 @@ def read_tree(text: str, where: str) -> XmlElement:
 
     walk_xml(text, where, start, end)
     return above.children[0]  # a well-formed text has exactly one
+
+
+class XmlPart(NamedTuple):
+    """An element with its place, its name, and a text that holds it alone, on the same lines."""
+
+    place: str
+    name: str
+    text: str
+
+
+def split_children(text: str, where: str) -> tuple[str, list[XmlPart]]:
+    """Return the name of the outermost element, and the elements directly within it.
+
+    Parameters
+    ----------
+    text : str
+        The whole text.
+    where : str
+        Name of the file, used in places and error messages.
+
+    Raises
+    ------
+    InputError
+        As for `walk_xml`.
+    """
+    data = text.encode("utf-8", "surrogatepass")
+    names: list[str] = []
+    began: list[tuple[str, int]] = []
+    root = ""
+    parts: list[XmlPart] = []
+
+    def start(place: str, index: int, name: str, _: dict[str, str]) -> None:
+        nonlocal root
+        root = root or name
+        if len(names) == 1:
+            began.append((place, index))
+        names.append(name)
+
+    def end(index: int, name: str, _: str) -> None:
+        names.pop()
+        if len(names) == 1:
+            place, first = began[-1]
+            # an empty element <x/> has one tag, an end tag has no attributes
+            stop = data.index(b">", index) + 1 if index > first else first
+            piece = data[first:stop].decode("utf-8", "surrogatepass") or f"<{name}/>"
+            lines = "\n" * (int(place.rpartition(":")[2]) - 1)
+            parts.append(XmlPart(place, name, lines + piece))
+
+    _walk(text, where, start, end)
+    return root, parts

@@ -16,12 +16,13 @@ import numpy as np
 from hillsphere.base.arrays import Array
 from hillsphere.base.errors import InputError
 from hillsphere.base.time import Epoch
-from hillsphere.formats.ccsds_entries import Entry, order_entries
+from hillsphere.formats.ccsds_entries import Entry, Leniency, order_entries
 from hillsphere.formats.ccsds_values import (
     TRIANGLE,
     check_text,
     check_word,
     read_epoch,
+    read_frame,
     read_number,
     read_time_system,
     read_triangle,
@@ -40,7 +41,6 @@ from hillsphere.formats.oem_segments import (
     OemCovariance,
     OemSegment,
     is_covariance_frame,
-    is_frame,
     states_needed,
 )
 
@@ -74,8 +74,15 @@ def needs_epoch(frame: str) -> bool:
     return _NEEDS_EPOCH.fullmatch(frame) is not None
 
 
-def segments_of(message: Message) -> list[OemSegment]:
+def segments_of(message: Message, leniency: Leniency) -> list[OemSegment]:
     """Return the segments of a message.
+
+    Parameters
+    ----------
+    message : Message
+        Its blocks.
+    leniency : Leniency
+        What to do about harmless departures in header and metadata.
 
     Raises
     ------
@@ -89,15 +96,17 @@ def segments_of(message: Message) -> list[OemSegment]:
             f"expected {', '.join(VERSIONS)}"
         )
     header = order_entries(
-        message.header.entries, HEADER, HEADER[1:3], "the header", message.header.end
-    )
+        message.header.entries, HEADER, HEADER[1:3], "the header", message.header.end, leniency,
+        HEADER[1:3],
+    )  # fmt: skip
     for entry in header.values():
         check_text(entry)
-    read_epoch(header["CREATION_DATE"], "UTC")
+    if "CREATION_DATE" in header:
+        read_epoch(header["CREATION_DATE"], "UTC")
     unheld: list[str] = [key for key in ("CLASSIFICATION", "MESSAGE_ID") if key in header]
     if message.comments:
         unheld.insert(0, "comments")
-    return [_Reading.of(blocks).segment(blocks, unheld) for blocks in message.segments]
+    return [_Reading.of(blocks, leniency).segment(blocks, unheld) for blocks in message.segments]
 
 
 @dataclass(frozen=True)
@@ -110,12 +119,15 @@ class _Reading:
     span: Mapping[str, float]
 
     @classmethod
-    def of(cls, blocks: SegmentBlocks) -> _Reading:
+    def of(cls, blocks: SegmentBlocks, leniency: Leniency) -> _Reading:
         metadata = blocks.metadata
-        meta = order_entries(metadata.entries, METADATA, _MANDATORY, "the metadata", metadata.end)
+        meta = order_entries(
+            metadata.entries, METADATA, _MANDATORY, "the metadata", metadata.end, leniency
+        )
         for entry in meta.values():
             check_text(entry)
-        check_word(meta["REF_FRAME"], is_frame, FRAMES, "reference frame")
+        name = read_frame(meta["REF_FRAME"], leniency)
+        meta["REF_FRAME"] = meta["REF_FRAME"]._replace(value=name)
         scale = read_time_system(meta["TIME_SYSTEM"])
         frame, frame_epoch = meta["REF_FRAME"], meta.get("REF_FRAME_EPOCH")
         if frame_epoch is None and needs_epoch(frame.value.upper()):

@@ -18,7 +18,9 @@ from hillsphere.formats.ccsds_entries import Entry, Leniency
 from hillsphere.formats.ccsds_xml import XmlElement, read_tree
 from hillsphere.formats.oem_encodings import COVARIANCE, STATE, Block
 
-__all__ = ["BLOCKS", "USER_DEFINED", "OpmBlocks", "take_apart", "xml_parts"]
+__all__ = [
+    "BLOCKS", "USER_DEFINED", "OpmBlocks", "children_of", "entry_of", "take_apart", "xml_parts",
+]  # fmt: skip
 
 USER_DEFINED = "USER_DEFINED_"
 """Beginning of the keywords whose meaning the parties of an exchange agree upon."""
@@ -135,22 +137,22 @@ def _of_kvn(text: str, where: str, leniency: Leniency) -> OpmBlocks:
 
 def _of_xml(text: str, where: str, leniency: Leniency) -> OpmBlocks:
     (message,) = xml_parts(read_tree(text, where), "opm", "an orbit parameter message", 1)
-    parts = _children(message, ("header", "body"), ("header", "body"), leniency)
+    parts = children_of(message, ("header", "body"), ("header", "body"), leniency)
     body = parts["body"][0]
-    segment = _children(body, ("segment",), ("segment",), leniency)["segment"][0]
-    inner = _children(segment, ("metadata", "data"), ("metadata", "data"), leniency)
+    segment = children_of(body, ("segment",), ("segment",), leniency)["segment"][0]
+    inner = children_of(segment, ("metadata", "data"), ("metadata", "data"), leniency)
     result = OpmBlocks(
         Entry(message.place, "CCSDS_OPM_VERS", message.attributes.get("version", "")),
         end=message.place,
     )
-    data = _children(
+    data = children_of(
         inner["data"][0], tuple(BLOCKS)[2:], ("stateVector",), leniency, ("maneuverParameters",)
     )
     for name, elements in {**parts, **inner, **data}.items():
         if name in BLOCKS:
             result.blocks[name] = [_leaves(element) for element in elements]
     for container in (message, body, segment, inner["data"][0]):
-        remarks = [_entry(one) for one in container.children if one.name == "COMMENT"]
+        remarks = [entry_of(one) for one in container.children if one.name == "COMMENT"]
         result.blocks["metadata"][0].entries += remarks
     return result
 
@@ -195,14 +197,29 @@ def xml_parts(root: XmlElement, name: str, what: str, most: int) -> list[XmlElem
     return parts
 
 
-def _children(
+def children_of(
     element: XmlElement,
     names: tuple[str, ...],
     required: tuple[str, ...],
     leniency: Leniency,
     many: tuple[str, ...] = (),
 ) -> dict[str, list[XmlElement]]:
-    """Return the children of an element by name, if they are those it may have, in order."""
+    """Return the children of an element by name, if they are those it may have, in order.
+
+    Parameters
+    ----------
+    element : XmlElement
+        The element; comments in it are passed over.
+    names, required, many : tuple of str
+        Names of children in order, those that must be there, and those that may be repeated.
+    leniency : Leniency
+        Whether another order is tolerated.
+
+    Raises
+    ------
+    InputError
+        If a child is unknown, missing or repeated, or the element holds text.
+    """
     _check_no_text(element)
     parts: dict[str, list[XmlElement]] = {}
     last = ""
@@ -228,10 +245,11 @@ def _children(
 
 def _leaves(element: XmlElement) -> Block:
     _check_no_text(element)
-    return Block(element.place, element.place, [_entry(child) for child in element.children])
+    return Block(element.place, element.place, [entry_of(child) for child in element.children])
 
 
-def _entry(element: XmlElement) -> Entry:
+def entry_of(element: XmlElement) -> Entry:
+    """Return the keyword, value and unit of an element; `InputError` if it holds elements."""
     if element.children:
         raise InputError(
             f"{element.place}: {element.name[:60]!r} must hold a value, not further elements"
