@@ -8,27 +8,22 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import TypeAlias
 from xml.parsers import expat
 
 from hillsphere.base.errors import InputError
 
-__all__ = ["XmlElement", "XmlPart", "read_tree", "split_children", "walk_xml"]
+__all__ = ["XmlWalk", "walk_xml"]
+
+Start: TypeAlias = Callable[[str, str, dict[str, str]], object]
+End: TypeAlias = Callable[[str, str], object]
 
 
-def walk_xml(
-    text: str,
-    where: str,
-    start: Callable[[str, str, dict[str, str]], object],
-    end: Callable[[str, str], object],
-) -> None:
-    """Walk over the elements of a text, whatever encoding it declares.
+class XmlWalk:
+    """Walk over the elements of a text while it arrives.
 
     Parameters
     ----------
-    text : str
-        The decoded text, perhaps with a byte order mark and empty lines above it.
     where : str
         Name of the file, used in places and error messages.
     start : callable
@@ -36,137 +31,73 @@ def walk_xml(
     end : callable
         Called at each end tag with its name and the text directly within the element, stripped.
         Prefixes of names, which schemas may give, are left out.
+    above : int
+        Number of lines above the text.
+    """
+
+    def __init__(self, where: str, start: Start, end: End, above: int = 0) -> None:
+        self._where, self._above = where, above
+        self._parser = parser = expat.ParserCreate("utf-8")
+        within: list[list[str]] = [[]]
+
+        def at_start(name: str, attributes: dict[str, str]) -> None:
+            within.append([])
+            start(self.place, name.rpartition(":")[2], attributes)
+
+        def at_end(name: str) -> None:
+            end(name.rpartition(":")[2], "".join(within.pop()).strip())
+
+        def refuse(*_: object) -> None:
+            # Entities could make a small file huge; no message of these standards needs them.
+            raise InputError(f"{self.place}: a message must not contain a DOCTYPE; remove it")
+
+        parser.StartElementHandler = at_start
+        parser.EndElementHandler = at_end
+        parser.CharacterDataHandler = lambda piece: within[-1].append(piece)
+        parser.StartDoctypeDeclHandler = refuse
+
+    @property
+    def place(self) -> str:
+        """Where the walk is, as ``"file:line"``."""
+        return f"{self._where}:{self._parser.CurrentLineNumber + self._above}"
+
+    @property
+    def index(self) -> int:
+        """Where the walk is, in bytes of UTF-8 from the beginning of the text."""
+        return self._parser.CurrentByteIndex
+
+    def feed(self, text: str, is_last: bool = False) -> None:
+        """Walk on over a piece of the text.
+
+        Raises
+        ------
+        InputError
+            If the text is not well-formed or has a DOCTYPE; the message names the line.
+        """
+        try:
+            self._parser.Parse(text.encode("utf-8", "surrogatepass"), is_last)
+        except expat.ExpatError as error:
+            raise InputError(
+                f"{self._where}:{error.lineno + self._above}: not well-formed XML: "
+                f"{expat.errors.messages[error.code]}"
+            ) from error
+
+
+def walk_xml(text: str, where: str, start: Start, end: End) -> None:
+    """Walk over the elements of a text, whatever encoding it declares.
+
+    Parameters
+    ----------
+    text : str
+        The decoded text, perhaps with a byte order mark and empty lines above it.
+    where, start, end
+        As for `XmlWalk`.
 
     Raises
     ------
     InputError
         If the text is not well-formed or has a DOCTYPE; the message names the line.
     """
-    _walk(text, where, lambda place, _, name, attributes: start(place, name, attributes),
-          lambda _, name, inner: end(name, inner))  # fmt: skip
-
-
-def _walk(
-    text: str,
-    where: str,
-    start: Callable[[str, int, str, dict[str, str]], object],
-    end: Callable[[int, str, str], object],
-) -> None:
-    """Walk as `walk_xml` does; the handlers also get the index of the tag in the text in UTF-8."""
     body = text.lstrip("\ufeff \t\r\n")
     above = text[: len(text) - len(body)].count("\n")
-    skipped = len(text[: len(text) - len(body)].encode("utf-8", "surrogatepass"))
-    parser = expat.ParserCreate("utf-8")
-    within: list[list[str]] = [[]]
-
-    def place() -> str:
-        return f"{where}:{parser.CurrentLineNumber + above}"
-
-    def at_start(name: str, attributes: dict[str, str]) -> None:
-        within.append([])
-        start(place(), parser.CurrentByteIndex + skipped, name.rpartition(":")[2], attributes)
-
-    def at_end(name: str) -> None:
-        inner = "".join(within.pop()).strip()
-        end(parser.CurrentByteIndex + skipped, name.rpartition(":")[2], inner)
-
-    def refuse(*_: object) -> None:
-        # Entities could make a small file huge; no message of these standards needs them.
-        raise InputError(f"{place()}: an orbit message must not contain a DOCTYPE; remove it")
-
-    parser.StartElementHandler = at_start
-    parser.EndElementHandler = at_end
-    parser.CharacterDataHandler = lambda piece: within[-1].append(piece)
-    parser.StartDoctypeDeclHandler = refuse
-    try:
-        parser.Parse(body.encode("utf-8", "surrogatepass"), True)
-    except expat.ExpatError as error:
-        raise InputError(
-            f"{where}:{error.lineno + above}: not well-formed XML: "
-            f"{expat.errors.messages[error.code]}"
-        ) from error
-
-
-@dataclass
-class XmlElement:
-    """An element of XML, with its place (``"file:line"``), its text and what it holds."""
-
-    place: str
-    name: str
-    unit: str = ""
-    attributes: dict[str, str] = field(default_factory=dict)
-    text: str = ""
-    children: list[XmlElement] = field(default_factory=list)
-
-
-def read_tree(text: str, where: str) -> XmlElement:
-    """Return the outermost element of a text, and within it all others.
-
-    Raises
-    ------
-    InputError
-        As for `walk_xml`.
-    """
-    above = XmlElement(f"{where}:1", "")
-    within = [above]
-
-    def start(place: str, name: str, attributes: dict[str, str]) -> None:
-        element = XmlElement(place, name, attributes.get("units", ""), attributes)
-        within[-1].children.append(element)
-        within.append(element)
-
-    def end(_: str, text: str) -> None:
-        within.pop().text = text
-
-    walk_xml(text, where, start, end)
-    return above.children[0]  # a well-formed text has exactly one
-
-
-class XmlPart(NamedTuple):
-    """An element with its place, its name, and a text that holds it alone, on the same lines."""
-
-    place: str
-    name: str
-    text: str
-
-
-def split_children(text: str, where: str) -> tuple[str, list[XmlPart]]:
-    """Return the name of the outermost element, and the elements directly within it.
-
-    Parameters
-    ----------
-    text : str
-        The whole text.
-    where : str
-        Name of the file, used in places and error messages.
-
-    Raises
-    ------
-    InputError
-        As for `walk_xml`.
-    """
-    data = text.encode("utf-8", "surrogatepass")
-    names: list[str] = []
-    began: list[tuple[str, int]] = []
-    root = ""
-    parts: list[XmlPart] = []
-
-    def start(place: str, index: int, name: str, _: dict[str, str]) -> None:
-        nonlocal root
-        root = root or name
-        if len(names) == 1:
-            began.append((place, index))
-        names.append(name)
-
-    def end(index: int, name: str, _: str) -> None:
-        names.pop()
-        if len(names) == 1:
-            place, first = began[-1]
-            # an empty element <x/> has one tag, an end tag has no attributes
-            stop = data.index(b">", index) + 1 if index > first else first
-            piece = data[first:stop].decode("utf-8", "surrogatepass") or f"<{name}/>"
-            lines = "\n" * (int(place.rpartition(":")[2]) - 1)
-            parts.append(XmlPart(place, name, lines + piece))
-
-    _walk(text, where, start, end)
-    return root, parts
+    XmlWalk(where, start, end, above).feed(body, True)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from hillsphere.base.errors import InputError
 from hillsphere.base.problems import did_you_mean
-from hillsphere.formats.ccsds_xml import split_children
+from hillsphere.formats.ccsds_tree import split_children
 
 __all__ = ["KINDS", "NdmPart", "parts_of_kind", "split_ndm"]
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from hillsphere.base.errors import InputError
 from hillsphere.base.problems import did_you_mean
 from hillsphere.formats.ccsds_entries import Entry, Leniency
-from hillsphere.formats.ccsds_xml import read_tree
+from hillsphere.formats.ccsds_tree import read_tree
 from hillsphere.formats.oem_encodings import Block
 from hillsphere.formats.opm_encodings import children_of, entry_of, xml_parts
 

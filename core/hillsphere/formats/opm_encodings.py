@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from hillsphere.base.errors import InputError
 from hillsphere.base.problems import did_you_mean
 from hillsphere.formats.ccsds_entries import Entry, Leniency
-from hillsphere.formats.ccsds_xml import XmlElement, read_tree
+from hillsphere.formats.ccsds_tree import XmlElement, read_tree
 from hillsphere.formats.oem_encodings import COVARIANCE, STATE, Block
 
 __all__ = [
