@@ -47,6 +47,11 @@ class Leniency:
         self.warnings: list[str] = []
         self._warn = warn
 
+    @classmethod
+    def collecting(cls, lenient: bool) -> Leniency:
+        """Return a reader's leniency that gives no Python warning: its result holds all."""
+        return cls(not lenient, warn=lambda message: None)
+
     def tolerate(self, message: str) -> None:
         """Record a departure, once, and tell of it.
 

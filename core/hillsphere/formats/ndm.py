@@ -41,12 +41,15 @@ class NdmMessage:
         What its reader returns: an `Opm`, a list of `OemSegment`, …; None if it has no reader.
     reason : str
         Why it was not read, else empty.
+    warnings : tuple of str
+        What a reader noticed and did not refuse.
     """
 
     kind: str
     place: str
     content: Any
     reason: str = ""
+    warnings: tuple[str, ...] = ()
 
 
 def read_ndm(
@@ -85,8 +88,13 @@ def read_ndm(
     messages = []
     for part in split_ndm(text, where):
         if read := known.get(part.kind):
-            content = read(part.text, where, lenient=lenient)
-            messages.append(NdmMessage(part.kind, part.place, content))
+            heard: list[str] = []
+            further = {"warn": heard.append} if part.kind == "tdm" else {}
+            content = read(part.text, where, lenient=lenient, **further)
+            for one in content if isinstance(content, list | tuple) else [content]:
+                heard += getattr(one, "warnings", ())
+            told = tuple(dict.fromkeys(heard))
+            messages.append(NdmMessage(part.kind, part.place, content, warnings=told))
         else:
             reason = f"messages of the kind {part.kind.upper()} are not read"
             messages.append(NdmMessage(part.kind, part.place, None, reason))

@@ -61,7 +61,7 @@ def read_ocm(text: str, where: str = "OCM", *, lenient: bool = False) -> Ocm:
         Naming the line and the keyword, if the message departs from the standard or uses a time
         system that `Epoch` does not have.
     """
-    leniency = Leniency(not lenient)
+    leniency = Leniency.collecting(lenient)
     return ocm_of_blocks(take_apart(text, where, leniency), leniency)
 
 

@@ -114,7 +114,7 @@ def read_oem(text: str, where: str = "OEM", *, lenient: bool = False) -> list[Oe
         Naming the line and the keyword, if the message departs from the standard or uses a time
         system that `Epoch` does not have.
     """
-    leniency = Leniency(not lenient)
+    leniency = Leniency.collecting(lenient)
     segments = [
         segment
         for part in parts_of_kind(text, where, "oem")

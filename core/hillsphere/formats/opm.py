@@ -47,7 +47,7 @@ def read_opm(text: str, where: str = "OPM", *, lenient: bool = False) -> Opm:
         Naming the line and the keyword, if the message departs from the standard or uses a time
         system that `Epoch` does not have.
     """
-    leniency = Leniency(not lenient)
+    leniency = Leniency.collecting(lenient)
     return opm_of_blocks(take_apart(text, where, leniency), leniency)
 
 

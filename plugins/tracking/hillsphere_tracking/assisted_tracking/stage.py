@@ -344,7 +344,10 @@ class AssistedTrackingStage:
             units=results.units,
             values=results.values[:, 0],
             lock_angle_rad=self.spec.lock_angle_rad,
-            warnings=doubts(self.orientation, self.orbit.epoch, span),
+            warnings=(
+                *getattr(self.orbit, "warnings", ()),
+                *doubts(self.orientation, self.orbit.epoch, span),
+            ),
         )
 
 

@@ -59,18 +59,37 @@ def passes(
     refraction: Annotated[
         bool, typer.Option("--refraction", help="Elevations are apparent (with refraction).")
     ] = False,
+    lenient: Annotated[
+        bool,
+        typer.Option(
+            "--lenient",
+            help="Harmless departures from the CCSDS standard are warnings.",
+        ),
+    ] = False,
+    checksum: Annotated[
+        str,
+        typer.Option(
+            metavar="refuse|warn|ignore", help="What a wrong checksum of a two-line element set is."
+        ),
+    ] = "refuse",
+    oldest: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DAYS", help="Age of elements from which a warning is given; default: 14."
+        ),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Write JSON to stdout.")] = False,
 ) -> None:
     """List the passes of a satellite over ground stations, as the stage 'passes' finds them."""
     from hillsphere import create
 
     stations = [_station(text, mission, mask) for text in station]
-    one: dict[str, Any] = {"file": str(elements)}
+    one: dict[str, Any] = {"file": str(elements), "lenient": lenient, "checksum": checksum}
     if satellite:
         one["name"] = satellite
     stage: Any = create(
         "stage", "passes", satellites=[one], stations=stations, duration_d=days, start=start,
-        refraction=refraction,
+        refraction=refraction, **({} if oldest is None else {"oldest_elements_d": oldest}),
     )  # fmt: skip
     product = stage.run(_Silent())
     rows = _rows(product, stage.start)

@@ -8,16 +8,26 @@ from pathlib import Path
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.base.geodetic import WGS84, Ellipsoid, Station
 from hillsphere.base.regular_files import read_text
 from hillsphere.errors import InputError
 from hillsphere.time import Epoch
 from hillsphere_tracking.mean_elements import ZonalField
 from hillsphere_tracking.passes.masks import BlindSector, HorizonMask
+from hillsphere_tracking.passes.specs import OLDEST_ELEMENTS_S
 from hillsphere_tracking.satellite_specs import MeanElementsSpec, SatelliteSpec, StationSpec
 from hillsphere_tracking.satellites import MeanElementsOrbit, Orbit, Sgp4Orbit, orbits_of
+from hillsphere_tracking.tle import Checksum
 
-__all__ = ["blind_sectors_of", "mask_of", "orbits_from", "orbits_of_file", "station_of"]
+__all__ = [
+    "blind_sectors_of",
+    "element_warnings",
+    "mask_of",
+    "orbits_from",
+    "orbits_of_file",
+    "station_of",
+]
 
 _LARGEST_FILE = 20_000_000
 """Bytes of a file of elements at most: the public catalogue of 30 000 objects takes 5 MB as
@@ -48,9 +58,12 @@ def orbits_from(specs: Sequence[SatelliteSpec]) -> tuple[Orbit, ...]:
         if spec.elements is not None:
             collected.append(_mean_elements_orbit(spec.label or spec.name, spec.elements))
         elif spec.file is not None:
-            collected += orbits_of_file(Path(spec.file), spec.name, spec.label)
+            collected += orbits_of_file(
+                Path(spec.file), spec.name, spec.label, lenient=spec.lenient,
+                checksum=spec.checksum,
+            )  # fmt: skip
         else:
-            orbits = orbits_of(spec.tle, "tle")
+            orbits = orbits_of(spec.tle, "tle", lenient=spec.lenient, checksum=spec.checksum)
             if len(orbits) != 1:
                 raise InputError(
                     f"tle: expected one element set, got {len(orbits)}; write one satellite per "
@@ -66,6 +79,36 @@ def orbits_from(specs: Sequence[SatelliteSpec]) -> tuple[Orbit, ...]:
             f"satellites: the name {twice[0]!r} occurs twice; give each satellite its own label"
         )
     return tuple(collected)
+
+
+def element_warnings(
+    orbits: Sequence[Orbit], start: Epoch, duration_s: float, oldest_s: float = OLDEST_ELEMENTS_S
+) -> list[str]:
+    """Return sentences about elements that are far from a span, and what readers tolerated.
+
+    Parameters
+    ----------
+    orbits : sequence of Orbit
+        The orbits.
+    start : Epoch
+        Beginning of the span.
+    duration_s : float
+        Its length.
+    oldest_s : float
+        Age from which a warning is given, before or after the epoch of the elements.
+    """
+    sentences = []
+    for orbit in orbits:
+        sentences += getattr(orbit, "warnings", ())
+        age = start.seconds_since(orbit.epoch)
+        farthest = max(abs(age), abs(age + duration_s))
+        if farthest > oldest_s:
+            sentences.append(
+                f"The elements of {orbit.name} are up to {farthest / DAY_S:.0f} days away from the "
+                f"span, more than {oldest_s / DAY_S:g}: times of its passes may be wrong by "
+                "seconds to minutes."
+            )
+    return sentences
 
 
 def station_of(spec: StationSpec, ellipsoid: Ellipsoid = WGS84) -> Station:
@@ -107,7 +150,14 @@ def _mean_elements_orbit(name: str, spec: MeanElementsSpec) -> MeanElementsOrbit
     return MeanElementsOrbit(name, epoch, elements, earth, short_period=spec.short_period)
 
 
-def orbits_of_file(path: Path, name: str = "", label: str = "") -> list[Sgp4Orbit]:
+def orbits_of_file(
+    path: Path,
+    name: str = "",
+    label: str = "",
+    *,
+    lenient: bool = False,
+    checksum: Checksum = "refuse",
+) -> list[Sgp4Orbit]:
     """Return the orbits of a file of element sets (TLE, or OMM in either form).
 
     Parameters
@@ -118,6 +168,8 @@ def orbits_of_file(path: Path, name: str = "", label: str = "") -> list[Sgp4Orbi
         Name or catalogue number of the satellite; by default all satellites.
     label : str
         New name of the satellite.
+    lenient, checksum
+        As for `orbits_of`.
 
     Raises
     ------
@@ -134,7 +186,7 @@ def orbits_of_file(path: Path, name: str = "", label: str = "") -> list[Sgp4Orbi
         raise InputError(f"{path.name}: cannot be read: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{path.name}: not a text file: {error}") from error
-    orbits = orbits_of(text, path.name)
+    orbits = orbits_of(text, path.name, lenient=lenient, checksum=checksum)
     if not name:
         if label and len(orbits) != 1:
             raise InputError(
