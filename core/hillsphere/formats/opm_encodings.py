@@ -95,7 +95,7 @@ def _of_kvn(text: str, where: str, leniency: Leniency) -> OpmBlocks:
                     f"{place}: not an orbit parameter message: expected CCSDS_OPM_VERS = 3.0, got "
                     f"{line[:40]!r}"
                 )
-            message = OpmBlocks(Entry(place, match[1], match[2]))
+            message = OpmBlocks(Entry(place, match[1], match[2]), end=place)
             continue
         if match is None:
             raise InputError(f"{place}: expected KEYWORD = value, got {line[:40]!r}")
@@ -124,12 +124,12 @@ def _of_kvn(text: str, where: str, leniency: Leniency) -> OpmBlocks:
         blocks[-1].entries += [*remarks, Entry(place, key, value, unit)]
         blocks[-1].end = place
         remarks, current, last = [], name, key
+        message.end = place
     place = f"{where}:{number}"
     if message is None:
         raise InputError(
             f"{place}: not an orbit parameter message: no CCSDS_OPM_VERS = 3.0 at its beginning"
         )
-    message.end = place
     if remarks:
         message.blocks.setdefault("header", [Block(place, place)])[-1].entries += remarks
     return message
