@@ -283,6 +283,15 @@ def test_the_parts_of_a_combined_message_are_read_by_kind() -> None:
         read_omms(text, "f")
 
 
+def test_parts_end_where_their_elements_end() -> None:
+    text = '<ndm><opm/><oem a="/>"></oem>\n<omm>/></omm><tdm><x/></tdm><ocm\n/></ndm>'
+    parts = split_ndm(text, "f")
+    assert [part.text.strip() for part in parts] == [
+        "<opm/>", '<oem a="/>"></oem>', "<omm>/></omm>", "<tdm><x/></tdm>", "<ocm\n/>",
+    ]  # fmt: skip
+    assert [part.place for part in parts] == ["f:1", "f:1", "f:2", "f:2", "f:2"]
+
+
 def test_concatenated_text_is_refused_at_the_second_message() -> None:
     text = (OEM / "plain.oem").read_text("utf-8")
     line = len(text.splitlines()) + 1

@@ -78,6 +78,7 @@ def split_children(text: str, where: str) -> tuple[str, list[XmlPart]]:
     data = body.encode("utf-8", "surrogatepass")
     names: list[str] = []
     began: list[tuple[str, int]] = []
+    inner: list[str] = []
     root = ""
     parts: list[XmlPart] = []
 
@@ -86,16 +87,20 @@ def split_children(text: str, where: str) -> tuple[str, list[XmlPart]]:
         root = root or name
         if len(names) == 1:
             began.append((place, walk.index))
+            inner.clear()
+        else:
+            inner.append(name)
         names.append(name)
 
-    def end(name: str, _: str) -> None:
+    def end(name: str, text: str) -> None:
         names.pop()
         if len(names) == 1:
-            place, first = began[-1]
-            # an empty element <x/> has one tag, an end tag has no attributes
-            stop = data.index(b">", walk.index) + 1 if walk.index > first else first
-            piece = data[first:stop].decode("utf-8", "surrogatepass") or f"<{name}/>"
+            (place, first), stop = began[-1], walk.index
+            # The walk stands before an end tag, which has no attributes, but behind a tag <x/>.
+            if inner or text or not data[first:stop].endswith(b"/>"):
+                stop = data.index(b">", stop) + 1
             lines = "\n" * (int(place.rpartition(":")[2]) - 1)
+            piece = data[first:stop].decode("utf-8", "surrogatepass")
             parts.append(XmlPart(place, name, lines + piece))
 
     walk = XmlWalk(where, start, end, above)

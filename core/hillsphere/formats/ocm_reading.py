@@ -213,10 +213,10 @@ class _Reading:
         times: list[float] = []
         words = []
         for place, row in block.rows:
-            time, *rest = row.split()
+            time, *rest = row.split() or [""]
             if len(rest) != width:
                 raise InputError(
-                    f"{place}: expected a time and {width} numbers ({what}), got {len(rest) + 1} "
+                    f"{place}: expected a time and {width} numbers ({what}), got {len(row.split())} "
                     "words"
                 )
             instant = self._time(Entry(place, "time", time))
