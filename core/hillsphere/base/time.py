@@ -127,6 +127,11 @@ class Epoch:
         here, there = self.to(scale), other.to(scale)
         return ((here.day - there.day) + (here.fraction - there.fraction)) * DAY_S
 
+    def after(self, t_s: float) -> Epoch:
+        """Return the instant some seconds after this one, in its scale; of UTC and UT1, in TAI."""
+        uniform = self.to("TAI") if self.scale in _UNEVEN else self
+        return Epoch(uniform.day, uniform.fraction + t_s / DAY_S, uniform.scale)
+
     def isot(self, offsets_s: Array, digits: int = 6) -> list[str]:
         """Return the calendar dates of instants after this epoch.
 

@@ -93,7 +93,8 @@ class SatelliteSpec(Spec):
         "two-line element set, with or without a title line", default="", max_length=400
     )
     file: DataPath | None = data_path(
-        "two-line element sets, or orbit mean-elements messages (CCSDS OMM, KVN or XML)",
+        "two-line element sets, orbit mean-elements messages (CCSDS OMM, KVN or XML), or an orbit "
+        "ephemeris message (CCSDS OEM)",
         default=None,
     )
     elements: MeanElementsSpec | None = option("mean elements", default=None)

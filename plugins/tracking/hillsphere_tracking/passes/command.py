@@ -28,7 +28,11 @@ _COLUMNS = ("station", "satellite", "rise (UTC)", "highest (UTC)", "set (UTC)", 
 @app.command()
 def passes(
     elements: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Elements of satellites: TLE or CCSDS OMM.")
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="Satellites: elements (TLE or CCSDS OMM), or an ephemeris (CCSDS OEM).",
+        ),
     ],
     station: Annotated[
         list[str],

@@ -34,6 +34,7 @@ from hillsphere_tracking.passes.products import SUN_IN_BEAM, PassList
 from hillsphere_tracking.passes.search import intersect_spans
 from hillsphere_tracking.passes.sources import (
     blind_sectors_of,
+    covering,
     element_warnings,
     mask_of,
     orbits_from,
@@ -94,7 +95,7 @@ class PassesStage:
             )
         self.ellipsoid, self.orientation = body.ellipsoid, body.orientation
         self.flights = None if spec.plant is None else PlantFlights(spec.plant.get())
-        self.orbits: tuple[Orbit, ...] = orbits_from(spec.satellites)
+        self.orbits: tuple[Orbit, ...] = orbits_from(spec.satellites, self.orientation)
         self.sites = tuple(
             _Site(station_of(s, self.ellipsoid), mask_of(s), blind_sectors_of(s),
                   s.beam_half_angle_rad, s.keyhole_elevation_rad)
@@ -107,6 +108,8 @@ class PassesStage:
             self.start = Epoch.parse(spec.start, "UTC") if spec.start else self.orbits[0].epoch
         except InputError as error:
             raise InputError(f"start: {error}") from error
+        if self.flights is None:
+            self.orbits = covering(self.orbits, self.start, spec.duration_s)
         self.air = Air(spec.pressure_hpa, spec.temperature_c) if spec.refraction else None
 
     def run(self, ctx: Context) -> PassList:
