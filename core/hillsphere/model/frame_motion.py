@@ -1,9 +1,9 @@
-"""Where the frame of a plant stands among the stars along a flight, and states turned by it.
+r"""Where the frame of a plant stands among the stars along a flight, and states turned by it.
 
 With the axes A of the frame (columns, ICRF), its angular velocity ω along its own axes, and a
 centre at c with the inertial velocity w along the axes, an inertial state about the centre is
 
-.. math:: r' = A (r - c), \\quad v' = A (v + \\omega\\times r - w) .
+.. math:: r' = A (r - c), \quad v' = A (v + \omega\times r - w) .
 """
 
 from __future__ import annotations

@@ -166,6 +166,7 @@ class ClosedLoopSpec(StageSpec):
         },
     )
     produces = "hillsphere_flight.products:ClosedLoopFlight"
+    provides = ("hillsphere.products:Flown",)
     course = ("plant", "needs.reference", "follow", "target", "duration_s", "samples")
     examples = (
         {
