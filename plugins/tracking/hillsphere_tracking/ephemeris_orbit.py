@@ -6,13 +6,12 @@ import re
 from collections.abc import Sequence
 from itertools import pairwise
 
-import erfa
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.base.constants import J2000_JD
 from hillsphere.base.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.errors import InputError, PropagationError
+from hillsphere.formats.ephemeris_files import eme2000_to_icrf
 from hillsphere.formats.oem import OemSegment, read_oem
 from hillsphere.formats.oem_interpolation import OemInterpolant, interpolant_of
 from hillsphere.interfaces import Array
@@ -130,8 +129,7 @@ class EphemerisOrbit:
             here = place == k
             x[:, here] = self._interpolants[k](np.interp(t[here], self._spans[k], self._own[k]))
         if self._axes == "EME2000":
-            bias = erfa.bp06(J2000_JD, 0.0)[0]  # GCRS to mean equator and equinox of J2000
-            x = np.concatenate([bias.T @ x[:3], bias.T @ x[3:]])
+            x = eme2000_to_icrf(x)
         elif self._axes == "ITRF":
             x = to_inertial("gcrs", x, self.epoch, t, self._orientation)
         return x
