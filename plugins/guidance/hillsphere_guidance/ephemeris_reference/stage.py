@@ -159,8 +159,8 @@ class EphemerisReferenceStage:
         x = common_axes(one.segment.ref_frame, one(t), motion.axes_name, where)
         if one.segment.center_name.lower() not in [name.lower() for name in motion.centres]:
             raise InputError(
-                f"{where}: CENTER_NAME: expected {' or '.join(map(str.upper, motion.centres))}, which the "
-                f"plant knows, got {one.segment.center_name}"
+                f"{where}: CENTER_NAME: expected {' or '.join(map(str.upper, motion.centres))}, "
+                f"which the plant knows, got {one.segment.center_name}"
             )
         states = np.empty((len(self.states), t.size))
         for name, value in values.items():
