@@ -406,10 +406,10 @@ class Trajectories:
 class Flown:
     """Base of products with flights, which may be held by other fields, for stages that write them.
 
-    A product that derives from it returns its flights by `trajectories`.
+    A product that derives from it returns its flights by `to_trajectories`.
     """
 
-    def trajectories(self) -> Trajectories:
+    def to_trajectories(self) -> Trajectories:
         """Return the flights, a coast between any two impulses."""
         raise NotImplementedError
 
@@ -426,7 +426,7 @@ class FlightSet(Flown):
 
     flights: Trajectories
 
-    def trajectories(self) -> Trajectories:
+    def to_trajectories(self) -> Trajectories:
         """Return `flights`."""
         return self.flights
 

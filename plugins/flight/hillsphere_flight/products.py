@@ -95,7 +95,7 @@ class ClosedLoopFlight(Flown):
     """Distance of the primary where the plant neglects terms of the relative order of the distance
     from the body; None where it does not."""
 
-    def trajectories(self) -> Trajectories:
+    def to_trajectories(self) -> Trajectories:
         """Return the true flight: one coast, or one after each impulse that was executed.
 
         Times are those of the plant's clock. Under a held command the states are those of its

@@ -95,7 +95,7 @@ def test_a_closed_loop_follows_it(tmp_path: Path) -> None:
                   samples=60, substeps=10)  # fmt: skip
     product = loop.run(RecordingContext(), reference=reference)
     assert np.nanmax(product.position_error_m) < 1e-3
-    again = product.trajectories()
+    again = product.to_trajectories()
     assert again.x.shape == (6, 61, 1)
     np.testing.assert_allclose(again.x[:3, -1, 0], reference.flights.x[:3, -1, 0], atol=1e-3)
 

@@ -126,7 +126,7 @@ class EphemerisStage:
                 crafts += self._turn([coast], members.states, _different(label, given_names))
                 advance(1)
         for product in (*flights, *closed_loops):
-            given = product.trajectories()
+            given = product.to_trajectories()
             self._same_frame(given.frame)
             for plan in dict.fromkeys(given.plans):
                 coasts = []
