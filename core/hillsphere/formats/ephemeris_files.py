@@ -17,7 +17,13 @@ from hillsphere.base.regular_files import read_text
 from hillsphere.formats.oem import read_oem
 from hillsphere.formats.oem_segments import OemSegment
 
-__all__ = ["common_axes", "eme2000_to_icrf", "read_message", "segments_of_object"]
+__all__ = [
+    "common_axes",
+    "eme2000_to_icrf",
+    "object_segments",
+    "read_message",
+    "segments_of_object",
+]
 
 _ICRF = re.compile(r"(ICRF|GCRF)\d?")
 _LARGEST_FILE = 200_000_000
@@ -55,19 +61,24 @@ def segments_of_object(path: Path, name: str = "") -> list[OemSegment]:
     InputError
         If the file cannot be read or departs from the standard, or does not have the object.
     """
-    segments = read_oem(read_message(path), path.name)
+    return object_segments(read_message(path), path.name, name)
+
+
+def object_segments(text: str, where: str, name: str = "") -> list[OemSegment]:
+    """Return the segments of one object of a message; as `segments_of_object`, of its text."""
+    segments = read_oem(text, where)
     names = list(dict.fromkeys(one.object_name for one in segments))
     if not name:
         if len(names) > 1:
             raise InputError(
-                f"{path.name}: OBJECT_NAME: expected one object, got {', '.join(names)}; choose "
+                f"{where}: OBJECT_NAME: expected one object, got {', '.join(names)}; choose "
                 "one by the key object"
             )
         return segments
     chosen = [one for one in segments if name in (one.object_name, one.object_id)]
     if not chosen:
         hint = did_you_mean(name, names, otherwise="there are")
-        raise InputError(f"{path.name}: OBJECT_NAME: no object {name!r}{hint}")
+        raise InputError(f"{where}: OBJECT_NAME: no object {name!r}{hint}")
     return chosen
 
 

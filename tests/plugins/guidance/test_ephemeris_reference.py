@@ -113,7 +113,9 @@ def test_what_cannot_be_used_is_named(change: dict[str, Any], message: str, tmp_
     (segment,) = read_oem(path.read_text())
     path.write_text(write_oem([replace(segment, **change)]))
     with pytest.raises(InputError, match=message):
-        create("stage", "ephemeris_reference", plant=which, file=str(path), epoch=EPOCH)
+        create("stage", "ephemeris_reference", plant=which, file=str(path), epoch=EPOCH).run(
+            RecordingContext()
+        )
 
 
 def test_a_missing_pole_or_anomaly_is_named(tmp_path: Path) -> None:

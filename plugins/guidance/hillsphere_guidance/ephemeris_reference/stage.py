@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from hillsphere.errors import InputError
-from hillsphere.formats.ephemeris_files import common_axes, segments_of_object
+from hillsphere.formats.ephemeris_files import common_axes, object_segments, segments_of_object
 from hillsphere.formats.oem_interpolation import OemInterpolant, interpolant_of
 from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.model.frame_motion import craft_rows, epoch_of, frame_motion
 from hillsphere.presentation import Presentation
 from hillsphere.products import Trajectories
 from hillsphere.show.tables import column, tabulate, text_column
+from hillsphere.time import J2000, Epoch
 from hillsphere_guidance.ephemeris_reference.products import EphemerisReference
 from hillsphere_guidance.ephemeris_reference.specs import EphemerisReferenceSpec
 
@@ -30,13 +32,12 @@ class EphemerisReferenceStage:
     Parameters
     ----------
     spec : EphemerisReferenceSpec
-        With its references bound; the file is read.
+        With its references bound; the file is read by `run`.
 
     Raises
     ------
     InputError
-        If the file cannot be read, departs from the standard, or is about a body or in a frame that
-        the plant does not know; if the plant does not know its frame among the stars.
+        If the plant has several spacecraft or does not know its frame among the stars.
     """
 
     def __init__(self, spec: EphemerisReferenceSpec) -> None:
@@ -49,14 +50,29 @@ class EphemerisReferenceStage:
                 f"plant: expected one spacecraft, whose ephemeris the file is, got {len(rows)}"
             )
         (self._rows,) = rows
-        path = Path(spec.file)
-        self.interpolants = [interpolant_of(one) for one in segments_of_object(path, spec.object)]
-        first = self.interpolants[0]
-        if spec.epoch is None and getattr(self.plant, "epoch", None) is None:
-            self.epoch = first.segment.epoch.after(first.span_s[0]).to("TDB")
-        else:
-            self.epoch = epoch_of(self.plant, spec.epoch)
-        self._convert(first, np.array([first.span_s[0]]))
+        values = self._others(np.zeros(1))
+        frame_motion(self.plant, J2000, np.zeros(1), values)  # refuses a plant without a pole
+        if spec.epoch is not None:
+            epoch_of(self.plant, spec.epoch)
+
+    @cached_property
+    def interpolants(self) -> list[OemInterpolant]:
+        """The segments of the object; the file is read when they are first needed."""
+        spec = self.spec
+        segments = (
+            object_segments(spec.text, "text", spec.object)
+            if spec.file is None
+            else segments_of_object(Path(spec.file), spec.object)
+        )
+        return [interpolant_of(one) for one in segments]
+
+    @cached_property
+    def epoch(self) -> Epoch:
+        """Time 0 of the trajectories."""
+        if self.spec.epoch is None and getattr(self.plant, "epoch", None) is None:
+            first = self.interpolants[0]
+            return first.segment.epoch.after(first.span_s[0]).to("TDB")
+        return epoch_of(self.plant, self.spec.epoch)
 
     def run(self, ctx: Context) -> EphemerisReference:
         """Convert the states.
@@ -74,7 +90,8 @@ class EphemerisReferenceStage:
         Raises
         ------
         InputError
-            If the interval asks for too many states.
+            If the file cannot be read, departs from the standard, or is about a body or in a frame
+            that the plant does not know; if the interval asks for too many states.
         """
         times, states, deviation = [], [], 0.0
         for one in self.interpolants:
@@ -150,11 +167,11 @@ class EphemerisReferenceStage:
 
     def _convert(self, one: OemInterpolant, t: Array) -> Array:
         """Return states (n, K) of the plant at times (K,) after the segment's epoch."""
-        where = Path(self.spec.file).name
+        where = "text" if self.spec.file is None else Path(self.spec.file).name
         since = self._since(one, t)
         begin, _ = one.span_s
         start = self._since(one, np.array([begin]))[0]
-        values = self.plant_others(np.append(start, since))
+        values = self._others(np.append(start, since))
         motion = frame_motion(self.plant, self.epoch, np.append(start, since), values)
         x = common_axes(one.segment.ref_frame, one(t), motion.axes_name, where)
         if one.segment.center_name.lower() not in [name.lower() for name in motion.centres]:
@@ -169,7 +186,7 @@ class EphemerisReferenceStage:
         states[self._rows] = whole[:, 1:]
         return states
 
-    def plant_others(self, since: Array) -> dict[str, Array]:
+    def _others(self, since: Array) -> dict[str, Array]:
         """Return the states that are neither position nor velocity at times (K,), by name."""
         missing = [
             name for k, name in enumerate(self.states)
