@@ -112,7 +112,7 @@ def flight(frame: str, x: Array, names: tuple[str, ...] = STATES) -> FlightSet:
 def shown(plant: Any, given: FlightSet, **keys: Any) -> dict[str, str]:
     stage = create("stage", "ephemeris", plant=plant, needs={"flights": ["a"]}, **keys)
     product = stage.run(RecordingContext(), flights=(given,))
-    files: dict[str, str] = stage.present(product, flights=(given,)).files
+    files: dict[str, str] = dict(stage.present(product, flights=(given,)).files)
     return files
 
 

@@ -112,7 +112,7 @@ def test_nothing_is_interpolated_across_segments_or_gaps(tmp_path: Path) -> None
     np.testing.assert_allclose(x[3:, 1] - SGP4.states(np.array([30000.0]))[3:, 0], 5.0, atol=1e-6)
     np.testing.assert_allclose(x[:, 0], SGP4.states(np.array([29999.999]))[:, 0], atol=2e-3)
     assert second.name == "ISS #2"
-    assert not second.exists(np.array([-10.0]))[0]  # type: ignore[union-attr]
+    assert not second.exists(np.array([-10.0]))[0]
     assert any("no states between" in told for told in second.warnings)
     useable = replace(pieces[0], useable_start_s=600.0, useable_stop_s=1200.0)
     written(path, useable)
