@@ -18,8 +18,8 @@ import numpy as np
 from hillsphere import create
 from hillsphere.base.orientation import OrientationTable
 from hillsphere.base.paths import missions_directory
-from hillsphere.formats.obj import read_obj
 from hillsphere.formats.ephemeris_files import segments_of_object
+from hillsphere.formats.obj import read_obj
 from hillsphere.formats.oem import OemSegment, read_oem, write_oem
 from hillsphere.formats.plates import read_plates, read_shape
 from hillsphere.formats.shape_harmonics import read_shape_harmonics

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hillsphere import create
+from hillsphere import Motion, create
 from hillsphere.errors import InputError
 from hillsphere.formats.oem import read_oem
 from hillsphere.formats.opm import read_opm
@@ -172,3 +172,19 @@ def test_the_epoch_of_a_plant_is_the_default() -> None:
     first = read_oem(files["go.oem"])[0]
     assert (first.ref_frame, first.center_name, first.epoch.scale) == ("TEME", "EARTH", "UTC")
     np.testing.assert_allclose(first.x[:, 0], x, atol=1e-6)
+
+
+def test_coasts_of_a_closed_loop_with_impulses_are_ballistic() -> None:
+    """Each one from behind its impulse to the next, flown anew by the plant alone."""
+    plant = PLANTS["hill"]
+    gain = [[1e-4, 0, 0, 1, 0, 0], [0, 1e-4, 0, 0, 1, 0], [0, 0, 1e-4, 0, 0, 1]]
+    law = create("compensator", "impulsive", period_h=6, gain=gain)
+    loop = create("stage", "closed_loop", plant=plant, law=law, samples=3, substeps=50,
+                  target={"position_km": [0, 60, 0]},
+                  start={"position_km": [0.1, 60, 0.1], "velocity_m_s": [0, 0, 0]})  # fmt: skip
+    flown = loop.run(RecordingContext()).to_trajectories()
+    assert len(flown) == 3
+    for k in range(3):
+        t, x = flown.t_s[:, k], flown.x[:, :, k]
+        again = Motion(plant).propagate(x[:, 0], t[-1] - t[0], times_s=2).x[:, -1]
+        np.testing.assert_allclose(again, x[:, -1], rtol=0, atol=1e-6)
