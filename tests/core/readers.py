@@ -19,6 +19,7 @@ from hillsphere import create
 from hillsphere.base.orientation import OrientationTable
 from hillsphere.base.paths import missions_directory
 from hillsphere.formats.mesh_files import read_mesh_file
+from hillsphere.formats.ephemeris_files import segments_of_object
 from hillsphere.formats.obj import read_obj
 from hillsphere.formats.oem import OemSegment, read_oem, write_oem
 from hillsphere.formats.plates import read_plates, read_shape
@@ -377,6 +378,7 @@ READERS = (
     Reader("published", "table4.csv", _copy("apophis-formation-table4.csv"),
            lambda path: read_published_errors(path, 9, 9),
            ("hillsphere_estimators.navigation_comparison.stage",)),
+    Reader("oem_object", "flight.oem", _oem, segments_of_object, (FORMATS + "ephemeris_files",)),
     Reader("tle", "two-line.txt", _text(TLE), orbits_of_file,
            ("hillsphere_tracking.passes.sources", "hillsphere_tracking.tle")),
     Reader("omm", "orbit.omm", _text(OMM), orbits_of_file, ("hillsphere_tracking.omm",)),

@@ -13,7 +13,7 @@ import hillsphere as hs
 from hillsphere.errors import InputError
 from hillsphere.formats.oem import OemSegment, read_oem
 from hillsphere.interfaces import Array, Plant
-from hillsphere.model.inertial import frame_about_moon
+from hillsphere.model.frame_motion import frame_motion
 from hillsphere.products import PeriodicOrbits, Trajectories
 from hillsphere.time import Epoch
 
@@ -68,8 +68,8 @@ def test_one_revolution_comes_back(plant: Plant, orbits: PeriodicOrbits, tmp_pat
     assert (segment.ref_frame, segment.epoch.scale) == ("ICRF", "TDB")
     flight = hs.Motion(plant).propagate(orbits.x0[:, 0], orbits.period_s[0], times_s=50)
     np.testing.assert_allclose(segment.t_s, flight.t_s, rtol=0, atol=1e-6)
-    rotating, _ = frame_about_moon(plant, Epoch.parse(EPOCH))
-    turned = rotating.to_inertial(flight.x, flight.t_s)
+    motion = frame_motion(plant, Epoch.parse(EPOCH), flight.t_s, {})
+    turned = motion.to_inertial(flight.x)
     assert_printed(segment, turned)
     np.testing.assert_allclose(  # turning keeps distances
         np.linalg.norm(segment.x[:3], axis=0), np.linalg.norm(flight.x[:3], axis=0), rtol=1e-9

@@ -7,9 +7,15 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
-from hillsphere.spec.base import Spec, Vector3, option, quantity, rule
+from hillsphere.spec.base import DataPath, Spec, Vector3, data_path, option, quantity, rule
 
-__all__ = ["InertialStartSpec", "KeplerianStartSpec", "StartFormsSpec", "StartSpec"]
+__all__ = [
+    "InertialStartSpec",
+    "KeplerianStartSpec",
+    "MessageStartSpec",
+    "StartFormsSpec",
+    "StartSpec",
+]
 
 
 class _InertialSpec(Spec):
@@ -79,6 +85,22 @@ class KeplerianStartSpec(_InertialSpec):
         return self
 
 
+class MessageStartSpec(Spec):
+    """An initial state from a message: CCSDS OPM, or a state of an OEM."""
+
+    examples = ({"file": "start.opm"}, {"file": "flight.oem", "epoch": "2027-06-01T00:00:00"})
+
+    file: DataPath = data_path("orbit parameter message (OPM) or orbit ephemeris message (OEM)")
+    object: str = option(
+        "object of an ephemeris by name or identifier; left out: the only one",
+        default="", max_length=80,
+    )  # fmt: skip
+    epoch: str = option(
+        "date and time (TDB) of the state of an ephemeris; left out: its first useable state",
+        default="", max_length=40,
+    )  # fmt: skip
+
+
 class StartFormsSpec(Spec):
     """Forms of an initial state other than positions and velocities in the plant's frame."""
 
@@ -89,6 +111,10 @@ class StartFormsSpec(Spec):
         "instead of position and velocity: the start by Keplerian elements", default=None
     )
 
+    message: MessageStartSpec | None = option(
+        "instead of position and velocity: the start that a file states", default=None
+    )
+
     @model_validator(mode="after")
     def _one_form(self) -> Self:
         own = [
@@ -96,12 +122,12 @@ class StartFormsSpec(Spec):
             for key in ("position_m", "velocity_m_s")
             if getattr(self, key, None) not in (None, ())
         ]
-        given = own[:1] + [key for key in ("inertial", "elements") if getattr(self, key)]
+        given = own[:1] + [key for key in ("inertial", "elements", "message") if getattr(self, key)]
         if len(given) > 1:
             raise rule(
                 given[1],
                 f"the start is given by {given[0]} already; give one of position and velocity "
-                "(in the plant's frame), inertial and elements",
+                "(in the plant's frame), inertial, elements and message",
             )
         return self
 

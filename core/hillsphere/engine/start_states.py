@@ -12,6 +12,7 @@ from hillsphere.base.arrays import Array
 from hillsphere.base.contracts import Contract
 from hillsphere.base.errors import InputError
 from hillsphere.base.time import Epoch
+from hillsphere.engine.start_messages import start_of_message
 from hillsphere.engine.start_specs import InertialStartSpec, KeplerianStartSpec, StartFormsSpec
 from hillsphere.model.ephemeris import mean_from_true, states_of_elements
 from hillsphere.spec.base import Spec
@@ -114,6 +115,8 @@ def place_start(
         elements are invalid.
     """
     form: InertialStartSpec | KeplerianStartSpec | None = start.inertial or start.elements
+    if start.message is not None:
+        return _from_message(start, plant, others, where)
     if form is None:
         return None
     key = f"{where}.{'inertial' if start.inertial else 'elements'}"
@@ -154,6 +157,21 @@ def place_start(
     return r, v
 
 
+def _from_message(
+    start: StartFormsSpec, plant: object, others: Mapping[str, float], where: str
+) -> tuple[Array, Array]:
+    given = start.message
+    assert given is not None
+    try:
+        placed = start_of_message(
+            given.file, plant, name=given.object, epoch=given.epoch, others=others,
+            time_s=getattr(start, "time_s", 0.0),
+        )  # fmt: skip
+    except InputError as error:
+        raise InputError(f"{where}.message: {error}") from error
+    return placed.x[:3], placed.x[3:]
+
+
 def with_placed_start(start: _S, plant: object, where: str = "start") -> _S:
     """Return an initial state of any form with position and velocity in the plant's frame.
 
@@ -180,6 +198,7 @@ def with_placed_start(start: _S, plant: object, where: str = "start") -> _S:
         "velocity_m_s": tuple(placed[1].tolist()),
         "inertial": None,
         "elements": None,
+        "message": None,
     }
     return start.model_copy(update=changes)
 

@@ -8,7 +8,8 @@ References
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+import warnings
+from collections.abc import Callable, Sequence
 from decimal import Decimal
 from math import inf, isfinite
 from typing import NamedTuple
@@ -16,7 +17,7 @@ from typing import NamedTuple
 from hillsphere.base.errors import InputError
 from hillsphere.base.problems import did_you_mean
 
-__all__ = ["Entry", "order_entries", "read_scaled", "write_scaled"]
+__all__ = ["Entry", "Leniency", "order_entries", "read_scaled", "write_scaled"]
 
 _REAL = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+))(?:[eE]([+-]?\d{1,4}))?", re.ASCII)
 
@@ -30,12 +31,59 @@ class Entry(NamedTuple):
     unit: str = ""
 
 
+class Leniency:
+    """What a reader does about harmless departures from a standard.
+
+    Parameters
+    ----------
+    strict : bool
+        Whether they are errors.
+    warn : callable, optional
+        Called with each message if they are none; by default a Python warning is given.
+    """
+
+    def __init__(self, strict: bool = True, warn: Callable[[str], object] | None = None) -> None:
+        self.strict = strict
+        self.warnings: list[str] = []
+        self._warn = warn
+
+    @classmethod
+    def collecting(cls, lenient: bool) -> Leniency:
+        """Return a reader's leniency that gives no Python warning: its result holds all."""
+        return cls(not lenient, warn=lambda message: None)
+
+    def tolerate(self, message: str) -> None:
+        """Record a departure, once, and tell of it.
+
+        Parameters
+        ----------
+        message : str
+            ``"file:line: what is wrong"``.
+
+        Raises
+        ------
+        InputError
+            If the reader is strict.
+        """
+        if self.strict:
+            raise InputError(message)
+        if message in self.warnings:
+            return
+        self.warnings.append(message)
+        if self._warn is None:
+            warnings.warn(message, stacklevel=2)
+        else:
+            self._warn(message)
+
+
 def order_entries(
     entries: Sequence[Entry],
     known: Sequence[str],
     required: Sequence[str],
     what: str,
     end: str,
+    leniency: Leniency | None = None,
+    dispensable: Sequence[str] = (),
 ) -> dict[str, Entry]:
     """Return the entries of a block by keyword, if they are those that it may have, in order.
 
@@ -51,6 +99,11 @@ def order_entries(
         Name of the block, used in error messages.
     end : str
         Where the block ends: the place of what is missing.
+    leniency : Leniency, optional
+        Whether unknown keywords, which are then left out, and another order are tolerated; by
+        default neither is.
+    dispensable : sequence of str
+        Required keywords whose absence is tolerated likewise.
 
     Returns
     -------
@@ -62,6 +115,7 @@ def order_entries(
     InputError
         If a keyword is unknown, doubled, out of order, missing or without value.
     """
+    leniency = leniency or Leniency()
     rank = {key: number for number, key in enumerate(known)}
     ordered: dict[str, Entry] = {}
     last = ""
@@ -69,17 +123,19 @@ def order_entries(
         place, key = entry.place, entry.key
         if key not in rank:
             hint = did_you_mean(key, known, otherwise="keywords")
-            raise InputError(f"{place}: {what} has no keyword {key[:60]!r}{hint}")
+            leniency.tolerate(f"{place}: {what} has no keyword {key[:60]!r}{hint}")
+            continue
         if key in ordered:
             raise InputError(f"{place}: {key} occurs twice in {what}; keep one")
         if last and rank[key] < rank[last]:
-            raise InputError(f"{place}: {key} must stand before {last} in {what}")
+            leniency.tolerate(f"{place}: {key} must stand before {last} in {what}")
         if not entry.value:
             raise InputError(f"{place}: {key} has no value; expected one after it")
         ordered[key] = entry
         last = key
     if missing := [key for key in required if key not in ordered]:
-        raise InputError(f"{end}: {what} lacks {', '.join(missing)}, which it must have")
+        report = leniency if set(missing) <= set(dispensable) else Leniency()
+        report.tolerate(f"{end}: {what} lacks {', '.join(missing)}, which it must have")
     return ordered
 
 

@@ -11,8 +11,11 @@ References
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import datetime
 
+from hillsphere.formats.ccsds_entries import Leniency
+from hillsphere.formats.ndm_parts import parts_of_kind
 from hillsphere.formats.oem_encodings import take_apart
 from hillsphere.formats.oem_reading import segments_of
 from hillsphere.formats.oem_segments import INERTIAL_FRAMES, OemCovariance, OemSegment
@@ -81,8 +84,10 @@ def states_csv(segments: Sequence[OemSegment]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def read_oem(text: str, where: str = "OEM") -> list[OemSegment]:
+def read_oem(text: str, where: str = "OEM", *, lenient: bool = False) -> list[OemSegment]:
     """Read an Orbit Ephemeris Message: text (KVN) or XML, version 1.0, 2.0 or 3.0.
+
+    An ``<ndm>`` of several such messages gives the segments of all.
 
     Comments are not kept, except for a single one in the metadata, and neither are CLASSIFICATION
     and MESSAGE_ID; `OemSegment.passed_over` names those that the message has.
@@ -93,6 +98,10 @@ def read_oem(text: str, where: str = "OEM") -> list[OemSegment]:
         The message.
     where : str
         Name of the file, used in error messages.
+    lenient : bool
+        Whether harmless departures from the standard become warnings of the segments: an unknown
+        keyword of header or metadata, the order of their keywords, a header without originator or
+        date, a customary name of a registered frame.
 
     Returns
     -------
@@ -105,4 +114,11 @@ def read_oem(text: str, where: str = "OEM") -> list[OemSegment]:
         Naming the line and the keyword, if the message departs from the standard or uses a time
         system that `Epoch` does not have.
     """
-    return segments_of(take_apart(text, where))
+    leniency = Leniency.collecting(lenient)
+    segments = [
+        segment
+        for part in parts_of_kind(text, where, "oem")
+        for segment in segments_of(take_apart(part, where), leniency)
+    ]
+    warnings = tuple(leniency.warnings)
+    return [replace(one, warnings=warnings) for one in segments] if warnings else segments

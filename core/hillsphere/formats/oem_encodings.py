@@ -46,6 +46,7 @@ _MARKS = {
 """Lines that begin and end blocks, and the blocks within which each may stand."""
 _ENDS = {"metadata": "META_STOP", "covariance": "COVARIANCE_STOP"}
 _LINE = re.compile(r"([A-Za-z][A-Za-z0-9_]*)\s*=\s*(.*)")
+_VERSION = re.compile(r"CCSDS_[A-Z]+_VERS")
 _LINE_ENDS = re.compile(r"\r\n|\n|\r")
 _CHILDREN = {
     "": ("ndm", "oem"),
@@ -211,6 +212,7 @@ class _KvnMessage:
             end = _ENDS.get(self._block, "META_START")
             hint = did_you_mean(line, (end,)) if len(line) < 40 else ""
             raise InputError(f"{place}: expected KEYWORD = value or {end}, got {line[:40]!r}{hint}")
+        _refuse_second(place, match[1])
         entry = Entry(place, match[1], match[2])
         if self._block == "header":
             message.header.entries.append(entry)
@@ -235,6 +237,7 @@ class _KvnMessage:
                 f"covariances of a segment, got {line[:40]!r}"
             )
         if match := _LINE.fullmatch(line):
+            _refuse_second(place, match[1])
             hint = "; metadata stand between META_START and META_STOP"
             raise InputError(
                 f"{place}: expected a time and 6 or 9 numbers, got the keyword {match[1][:40]!r}"
@@ -282,6 +285,14 @@ def read_state_line(place: str, line: str) -> Block:
     return Block(
         place, place, [Entry(place, key, part) for key, part in zip(keys, parts, strict=True)]
     )
+
+
+def _refuse_second(place: str, key: str) -> None:
+    if _VERSION.fullmatch(key):
+        raise InputError(
+            f"{place}: a second message begins here; a text holds one orbit ephemeris message: "
+            "write each into its own file, or all as parts of an <ndm> in XML"
+        )
 
 
 def _rows_of(block: Block) -> int:

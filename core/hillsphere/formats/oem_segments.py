@@ -112,6 +112,8 @@ class OemSegment:
         Epoch of the frame, where its definition leaves that open.
     time_digits : int
         Decimals of the seconds in which times are written, up to 9.
+    warnings : tuple of str
+        What a lenient reader did not refuse.
     """
 
     object_name: str
@@ -133,6 +135,7 @@ class OemSegment:
     interpolation_degree: int | None = None
     ref_frame_epoch: Epoch | None = None
     time_digits: int = 6
+    warnings: tuple[str, ...] = field(default=(), compare=False)
 
 
 def is_frame(name: str) -> bool:

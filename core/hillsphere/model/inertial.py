@@ -15,11 +15,10 @@ import numpy as np
 from hillsphere.base.arrays import Array
 from hillsphere.base.contracts import Contract
 from hillsphere.errors import InputError
-from hillsphere.interfaces.plant import Plant
 from hillsphere.model.bodies import OrbitingBody, Orientation
 from hillsphere.time import J2000, Epoch
 
-__all__ = ["AboutMoon", "RotatingFrame", "frame_about_moon"]
+__all__ = ["AboutMoon", "RotatingFrame"]
 
 
 def _about_x(angle: float) -> Array:
@@ -124,47 +123,3 @@ class AboutMoon(Contract, Protocol):
     def prime_meridian_rad(self) -> float:
         """Angle about +z from +x to its longitude 0."""
         ...
-
-
-def frame_about_moon(plant: Plant, epoch: Epoch) -> tuple[RotatingFrame, OrbitingBody]:
-    """Return where a plant's rotating frame stands among the stars, and the moon it is about.
-
-    Parameters
-    ----------
-    plant : Plant
-        Written in the rotating frame of a moon, ``hill:BODY``.
-    epoch : Epoch
-        Origin of the times.
-
-    Returns
-    -------
-    frame : RotatingFrame
-        The frame.
-    moon : OrbitingBody
-        The moon at its origin.
-
-    Raises
-    ------
-    InputError
-        If the plant has another frame, or its moon no orientation.
-    """
-    if not isinstance(plant, AboutMoon) or not plant.frame.startswith("hill:"):
-        raise InputError(
-            "an ephemeris in inertial axes needs a plant in the rotating frame of a moon "
-            f"(hill:BODY), got {plant.frame}"
-        )
-    moon = plant.moon
-    if moon.orientation is None:
-        raise InputError(
-            f"body {moon.name!r} has no orientation, so that its rotating frame cannot be "
-            "placed among the stars: give it pole_right_ascension_deg, pole_declination_deg "
-            "and prime_meridian_deg"
-        )
-    frame = RotatingFrame(
-        moon.orientation,
-        epoch,
-        plant.mean_motion_rad_s,
-        plant.prime_meridian_rad,
-        moon.semi_major_axis_m,
-    )
-    return frame, moon

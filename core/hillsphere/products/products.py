@@ -33,6 +33,7 @@ __all__ = [
     "CaseTable",
     "ControlDesign",
     "FlightSet",
+    "Flown",
     "OrbitSet",
     "PeriodicOrbits",
     "Trajectories",
@@ -402,8 +403,19 @@ class Trajectories:
         )  # fmt: skip
 
 
+class Flown:
+    """Base of products with flights, which may be held by other fields, for stages that write them.
+
+    A product that derives from it returns its flights by `to_trajectories`.
+    """
+
+    def to_trajectories(self) -> Trajectories:
+        """Return the flights, a coast between any two impulses."""
+        raise NotImplementedError
+
+
 @dataclass(frozen=True)
-class FlightSet:
+class FlightSet(Flown):
     """Base of products with flights, for stages that write or analyse them.
 
     Parameters
@@ -413,6 +425,10 @@ class FlightSet:
     """
 
     flights: Trajectories
+
+    def to_trajectories(self) -> Trajectories:
+        """Return `flights`."""
+        return self.flights
 
 
 @dataclass(frozen=True)

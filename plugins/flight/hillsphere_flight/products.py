@@ -5,14 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
+import numpy as np
+
 from hillsphere.base.arrays import Array
+from hillsphere.products import Flown, Trajectories
 from hillsphere.products.fields import Shape
 
 __all__ = ["ClosedLoopFlight"]
 
 
 @dataclass(frozen=True)
-class ClosedLoopFlight:
+class ClosedLoopFlight(Flown):
     """The nominal flight, sample by sample; NaN beyond its end."""
 
     frame: str
@@ -91,3 +94,32 @@ class ClosedLoopFlight:
     hill_distance_m: float | None
     """Distance of the primary where the plant neglects terms of the relative order of the distance
     from the body; None where it does not."""
+
+    def to_trajectories(self) -> Trajectories:
+        """Return the true flight: one coast, or one after each impulse that was executed.
+
+        Times are those of the plant's clock. Under a held command the states are those of its
+        samples, between which the command does not change.
+        """
+        count = int(np.sum(np.isfinite(self.x[0]) & (self.time_s < self.end_s)))
+        t = np.append(self.time_s[:count], self.end_s)
+        before = np.concatenate([self.x[:, :count], self.end_x[:, None]], axis=1)
+        after = before.copy()
+        begins = [0]
+        if set(self.control_units) == {"m/s"}:
+            after[list(self.velocity_rows), : min(count, self.u.shape[1])] += np.nan_to_num(
+                self.u[:, :count]
+            )
+            kicked = np.any(np.nan_to_num(self.u[:, :count]) != 0.0, axis=0)
+            begins += [k for k in np.flatnonzero(kicked).tolist() if k]
+        ends = [*begins[1:], count]
+        most = max(end - begin for begin, end in zip(begins, ends, strict=True)) + 1
+        t_s = np.full((most, len(begins)), np.nan)
+        x = np.full((len(self.states), most, len(begins)), np.nan)
+        for k, (begin, end) in enumerate(zip(begins, ends, strict=True)):
+            size = end - begin + 1
+            t_s[:size, k] = t[begin : end + 1]
+            x[:, :size, k] = before[:, begin : end + 1]
+            x[:, 0, k] = after[:, begin]
+        labels = tuple(f"coast {k + 1}" for k in range(len(begins)))
+        return Trajectories(self.frame, self.states, ("flight",) * len(begins), labels, t_s, x)

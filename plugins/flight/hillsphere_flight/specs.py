@@ -166,6 +166,7 @@ class ClosedLoopSpec(StageSpec):
         },
     )
     produces = "hillsphere_flight.products:ClosedLoopFlight"
+    provides = ("hillsphere.products:Flown",)
     course = ("plant", "needs.reference", "follow", "target", "duration_s", "samples")
     examples = (
         {
@@ -315,7 +316,13 @@ class ClosedLoopSpec(StageSpec):
         if self.follow and not given:
             raise rule("follow", "it names a trajectory of needs.reference, which is not given")
         place = self.target.position_m if self.target else None
-        start = self.start.position_m or self.start.inertial or self.start.elements
+        given_start = self.start
+        start = (
+            given_start.position_m
+            or given_start.inertial
+            or given_start.elements
+            or given_start.message
+        )
         if not given and place is None and start is None:
             raise rule("target", "where? give target.position_m, start.position_m or both")
         if self.duration_s is not None and self.samples is not None:

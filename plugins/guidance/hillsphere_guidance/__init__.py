@@ -51,4 +51,11 @@ def hillsphere_components() -> list[Component]:
             "hillsphere_guidance.reference_trajectories.specs:ReferenceTrajectoriesSpec",
             "descents planned by guidance, with a command held on a grid, and flown again",
         ),
+        Component(
+            "stage",
+            "ephemeris_reference",
+            "hillsphere_guidance.ephemeris_reference.stage:EphemerisReferenceStage",
+            "hillsphere_guidance.ephemeris_reference.specs:EphemerisReferenceSpec",
+            "trajectories of an ephemeris file (CCSDS OEM) in the frame of a plant",
+        ),
     ]

@@ -34,6 +34,7 @@ from hillsphere.model.earth.rotation import (
     earth_angle,
     earth_fixed,
 )
+from hillsphere.model.frame_motion import FrameMotion
 from hillsphere.symbolic import (
     Expr,
     Params,
@@ -149,6 +150,16 @@ class EarthOrbit:
         if self.frame != "gcrs":
             raise InputError(f"the plant is written in {self.frame}; its axes are not the ICRF's")
         return np.eye(3)
+
+    def frame_motion(self, epoch: Epoch, t_s: Array, others: Mapping[str, Array]) -> FrameMotion:
+        """Return the frame at times (K,): it does not turn."""
+        axes = np.repeat(np.eye(3)[:, :, None], t_s.size, axis=2)
+        name = "GCRF" if self.frame == "gcrs" else "TEME"
+        return FrameMotion(axes, np.zeros((3, t_s.size)), {"earth": np.zeros((6, t_s.size))}, name)
+
+    def others_over_time(self, start: Mapping[str, float], t_s: Array) -> Mapping[str, Array]:
+        """Return none: positions and velocities are all states."""
+        return {}
 
     @property
     def scales(self) -> Scales:

@@ -11,6 +11,7 @@ from hillsphere.base.constants import AU_M
 from hillsphere.engine.start_states import Centre
 from hillsphere.interfaces import Array, Parameter, Scales, Variable
 from hillsphere.model.ephemeris import from_equator
+from hillsphere.model.frame_motion import FrameMotion
 from hillsphere.symbolic import Expr, Params, dot, power, sum_of
 from hillsphere.time import Epoch
 from hillsphere_plants.moon_centred import CONTROLS, POSITION_AND_VELOCITY
@@ -73,6 +74,15 @@ class Heliocentric:
     def icrf_axes(self, epoch: Epoch) -> Array:
         """Return the axes of ecliptic and equinox J2000 in the ICRF as columns (3, 3)."""
         return np.asarray(from_equator(np.eye(3)[:, :, None])[:, :, 0])
+
+    def frame_motion(self, epoch: Epoch, t_s: Array, others: Mapping[str, Array]) -> FrameMotion:
+        """Return the frame at times (K,): it does not turn."""
+        axes = np.repeat(self.icrf_axes(epoch)[:, :, None], t_s.size, axis=2)
+        return FrameMotion(axes, np.zeros((3, t_s.size)), {"sun": np.zeros((6, t_s.size))})
+
+    def others_over_time(self, start: Mapping[str, float], t_s: Array) -> Mapping[str, Array]:
+        """Return none: positions and velocities are all states."""
+        return {}
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the Sun's gravitational parameter and those of radiation pressure."""

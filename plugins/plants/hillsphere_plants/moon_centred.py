@@ -36,6 +36,7 @@ from hillsphere.interfaces import (
     Variable,
 )
 from hillsphere.model.bodies import OrbitingBody
+from hillsphere.model.frame_motion import FrameMotion, turn_about_z
 from hillsphere.model.inertial import RotatingFrame
 from hillsphere.model.shapes.levels import level_within
 from hillsphere.spec import Ref
@@ -263,6 +264,25 @@ class MoonCentred(ABC):
             self.primary_distance_m,
         )  # fmt: skip
         return np.ascontiguousarray(turning.axes(np.zeros(1))[:, :, 0])
+
+    def frame_motion(self, epoch: Epoch, t_s: Array, others: Mapping[str, Array]) -> FrameMotion:
+        """Return the frame at times (K,) after an epoch; see `hillsphere.model.frame_motion`."""
+        turned = self.mean_motion_rad_s * t_s
+        zero = np.zeros(t_s.size)
+        primary = np.array([-self.primary_distance_m, 0.0, 0.0])
+        speed = np.cross(self.frame_rate({}), primary)
+        return FrameMotion(
+            turn_about_z(self.icrf_axes(epoch), np.remainder(turned, 2.0 * np.pi)),
+            np.stack([zero, zero, zero + self.mean_motion_rad_s]),
+            {
+                self.body_name: np.zeros((6, t_s.size)),
+                self.moon.primary_name: np.concatenate([primary, speed])[:, None] + zero,
+            },
+        )
+
+    def others_over_time(self, start: Mapping[str, float], t_s: Array) -> Mapping[str, Array]:
+        """Return none: positions and velocities are all states."""
+        return {}
 
     def _place(self, x: Sequence[Expr]) -> Vec3:
         """Return the position in the moon's body-fixed frame."""

@@ -29,7 +29,8 @@ from hillsphere.interfaces import (
     Variable,
 )
 from hillsphere.model.bodies import OrbitingBody
-from hillsphere.model.ephemeris import anomaly_from_mean
+from hillsphere.model.ephemeris import anomaly_from_mean, from_equator
+from hillsphere.model.frame_motion import FrameMotion
 from hillsphere.model.shapes.levels import level_within
 from hillsphere.symbolic import (
     Expr,
@@ -350,6 +351,36 @@ class Proximity:
             frame["origin"][:, 0], frame["axes"][..., 0], frame["rate"][:, 0],
             self.oriented, None if self.epoch is None else Epoch.parse(self.epoch, "TDB"), time_s,
         )  # fmt: skip
+
+    def frame_motion(self, epoch: Epoch, t_s: Array, others: Mapping[str, Array]) -> FrameMotion:
+        """Return the Hill frame at times (K,) after an epoch; see `hillsphere.model.frame_motion`.
+
+        Where the body's mean anomaly has a date, that is time 0 of the plant's clock; otherwise the
+        epoch is.
+        """
+        if not self.oriented:
+            raise InputError(
+                f"body {self.body_name!r} does not say how its orbit stands among the stars: give "
+                "it inclination_deg, node_deg and periapsis_deg"
+            )
+        zero = None if self.epoch is None else Epoch.parse(self.epoch, "TDB")
+        ahead = 0.0 if zero is None else epoch.seconds_since(zero)
+        there = self.heliocentric(t_s + ahead)
+        origin, axes = there["origin"], there["axes"]
+        away = [np.einsum("jin,jn->in", axes, q) for q in (origin[:3], origin[3:])]
+        to_icrf = from_equator(np.eye(3)[:, :, None])[:, :, 0]
+        return FrameMotion(
+            np.einsum("ij,jkn->ikn", to_icrf, axes),
+            there["rate"],
+            {
+                self.body_name: np.zeros((6, t_s.size)),
+                self.body.primary_name: -np.concatenate(away),
+            },
+        )
+
+    def others_over_time(self, start: Mapping[str, float], t_s: Array) -> Mapping[str, Array]:
+        """Return none: positions and velocities are all states."""
+        return {}
 
     def anomaly(self, t_s: Array) -> Array:
         """Return the true anomaly f (N,), rad, of the asteroid at times (N,)."""

@@ -12,7 +12,10 @@ import numpy as np
 from hillsphere.engine.start_states import Centre
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Parameter, Scales, Variable
+from hillsphere.model.ephemeris import anomaly_from_mean, mean_from_true
+from hillsphere.model.frame_motion import FrameMotion, turn_about_z
 from hillsphere.symbolic import Expr, Params, Vec3, constant, cos, sin
+from hillsphere.time import Epoch
 from hillsphere_plants.moon_centred import (
     POSITION_AND_VELOCITY,
     ArrayAttraction,
@@ -75,6 +78,28 @@ class _SpinningMotion(ThreeBody):
     def centres(self, others: Mapping[str, float]) -> Mapping[str, Centre]:
         """Return the body alone: an orbit about the Sun begins nowhere near it."""
         return {self.body_name: self._own_centre()}
+
+    def frame_motion(self, epoch: Epoch, t_s: Array, others: Mapping[str, Array]) -> FrameMotion:
+        """Return the frame at times (K,) after an epoch; see `hillsphere.model.frame_motion`."""
+        zero = np.zeros(t_s.size)
+        turned = np.remainder(self.rotation_rate_rad_s * t_s, 2.0 * pi)
+        return FrameMotion(
+            turn_about_z(self.icrf_axes(epoch), turned),
+            np.stack([zero, zero, zero + self.rotation_rate_rad_s]),
+            {self.body_name: np.zeros((6, t_s.size))},
+        )
+
+    def others_over_time(self, start: Mapping[str, float], t_s: Array) -> Mapping[str, Array]:
+        """Return true anomaly and rotation angle (K,), rad, at times after the start."""
+        for name in (_ANOMALY.name, _ANGLE.name):
+            if name not in start:
+                raise InputError(f"others.{name}: expected its value at the start, rad, got none")
+        since, e = t_s - t_s[0], self.eccentricity
+        mean = mean_from_true(np.array([start[_ANOMALY.name]]), e) + self.mean_motion_rad_s * since
+        return {
+            _ANOMALY.name: anomaly_from_mean(mean, e),
+            _ANGLE.name: start[_ANGLE.name] + self.rotation_rate_rad_s * since,
+        }
 
     def _own_parameters(self) -> tuple[Parameter, ...]:
         return (

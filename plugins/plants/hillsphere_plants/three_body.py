@@ -13,6 +13,7 @@ from hillsphere.engine.start_states import Centre
 from hillsphere.errors import InputError
 from hillsphere.gravity import whole_gravity
 from hillsphere.interfaces import Array, Parameter, Variable
+from hillsphere.model.frame_motion import FrameMotion, turn_about_z
 from hillsphere.symbolic import (
     Expr,
     Params,
@@ -26,6 +27,7 @@ from hillsphere.symbolic import (
     variable,
 )
 from hillsphere.symbolic import sqrt as symbolic_sqrt
+from hillsphere.time import Epoch
 from hillsphere_plants.moon_centred import (
     POSITION_AND_VELOCITY,
     ArrayAttraction,
@@ -258,18 +260,48 @@ class _EllipticMotion(ThreeBody):
     def centres(self, others: Mapping[str, float]) -> Mapping[str, Centre]:
         """Return the moon, and its primary at the true anomaly."""
         anomaly = _require_anomaly(others)
+        place = self._primary(np.array([anomaly]))[:, 0]
+        return {
+            self.body_name: self._own_centre(),
+            self.moon.primary_name: Centre(self.moon.primary_gm_m3_s2, place[:3], place[3:]),
+        }
+
+    def frame_motion(self, epoch: Epoch, t_s: Array, others: Mapping[str, Array]) -> FrameMotion:
+        """Return the frame at times (K,) after an epoch; see `hillsphere.model.frame_motion`.
+
+        At the first time it stands as `icrf_axes` says, and turns as the body does from there on.
+        """
+        anomaly = np.unwrap(others["true_anomaly"])
+        angle, rate, _ = self._orientation(anomaly[None])
+        turned = anomaly - angle
+        zero = np.zeros(t_s.size)
+        start = epoch.after(float(t_s[0]))
+        return FrameMotion(
+            turn_about_z(self.icrf_axes(start), turned - turned[0]),
+            np.stack([zero, zero, rate]),
+            {
+                self.body_name: np.zeros((6, t_s.size)),
+                self.moon.primary_name: self._primary(anomaly),
+            },
+        )
+
+    def others_over_time(self, start: Mapping[str, float], t_s: Array) -> Mapping[str, Array]:
+        """Return the true anomaly (K,), rad, of the moon at times after the start."""
+        since = t_s - t_s[0]
+        return {"true_anomaly": self.true_anomaly_after(_require_anomaly(start), since)}
+
+    def _primary(self, anomaly: Array) -> Array:
+        """Return position, m, and inertial velocity, m/s, (6, N) of the primary in the frame."""
         e, n = self.eccentricity, self.mean_motion_rad_s
         root = np.sqrt(1.0 - e * e)
+        zero = np.zeros(anomaly.size)
         distance = self.primary_distance_m * root**2 / (1.0 + e * np.cos(anomaly))
         # radial velocity Ṙ = a n e sin ν / √(1 − e²)
         away = self.primary_distance_m * n * e * np.sin(anomaly) / root
-        hill = np.array([[-distance], [0.0], [0.0], [-away], [0.0], [0.0]])
-        x = self.from_hill_frame(hill, np.array([anomaly]))[:, 0]
-        speed = x[3:6] + np.cross(self.frame_rate(others), x[:3])
-        return {
-            self.body_name: self._own_centre(),
-            self.moon.primary_name: Centre(self.moon.primary_gm_m3_s2, x[:3], speed),
-        }
+        hill = np.stack([-distance, zero, zero, -away, zero, zero])
+        x = self.from_hill_frame(hill, anomaly)[:6]
+        rate = np.stack([zero, zero, self._orientation(anomaly[None])[1]])
+        return np.concatenate([x[:3], x[3:] + np.cross(rate, x[:3], axis=0)])
 
     def true_anomaly_after(self, start_rad: float, t_s: Array) -> Array:
         """Return the true anomaly (N,), rad, at times after it was `start_rad`; not wrapped.

@@ -13,6 +13,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.model.earth.rotation import to_earth_fixed
 from hillsphere.time import Epoch
+from hillsphere_tracking.ephemeris_orbit import EphemerisOrbit
 from hillsphere_tracking.orbits import LimitedOrbit, Orbit, last_instant
 
 __all__ = ["EarthTrack", "ground_points", "split_at_wrap"]
@@ -48,7 +49,8 @@ class EarthTrack:
     Attributes
     ----------
     times_s : ndarray, shape (K,)
-        Times from 0 to the end, 16 per radian of the motion at perigee.
+        Times from 0, or the beginning of an ephemeris, to the end, 16 per radian of the motion at
+        perigee.
     end_s : float
         ``duration_s``, or the time at which the orbit ends if that is earlier.
     end_reason : str
@@ -72,9 +74,11 @@ class EarthTrack:
         if not (np.isfinite(duration_s) and duration_s > 0.0):
             raise InputError(f"the duration must be positive and finite, got {duration_s} s")
         self.orbit, self.start, self.orientation = orbit, start, orientation
-        last_instant(orbit, start, np.zeros(1))
         self._offset_s = offset = start.seconds_since(orbit.epoch)
-        step = _step_s(orbit.states(np.array([offset]))[:, 0])
+        # an ephemeris may begin later than the search
+        begin = max(0.0, -offset) if isinstance(orbit, EphemerisOrbit) else 0.0
+        last_instant(orbit, start, np.array([begin]))
+        step = _step_s(orbit.states(np.array([begin + offset]))[:, 0])
         count = int(np.ceil(duration_s / step))
         if count > _MOST_TIMES:
             raise InputError(
@@ -82,6 +86,8 @@ class EarthTrack:
                 f"most {_MOST_TIMES}; look for passes over a shorter time"
             )
         times = np.linspace(0.0, duration_s, count + 1)
+        if begin:
+            times = np.append(begin, times[times > begin])
         end = last_instant(orbit, start, times)
         self.end_reason = ""
         if end is not None and isinstance(orbit, LimitedOrbit):
@@ -89,7 +95,7 @@ class EarthTrack:
             self.end_reason = orbit.end_reason(after + offset)
             times = np.append(times[times < end], end)
             if times.size < 2:
-                times = np.array([0.0, end])
+                times = np.array([begin, end])
         self.times_s, self.end_s = times, float(times[-1])
         self._remembered: dict[bytes, Array] = {}
 

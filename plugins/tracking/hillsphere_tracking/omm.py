@@ -10,12 +10,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 
 import numpy as np
 
 from hillsphere.errors import InputError
+from hillsphere.formats.ccsds_entries import Leniency
 from hillsphere.formats.ccsds_times import read_ccsds_time
 from hillsphere.time import Epoch
 from hillsphere_tracking.omm_encodings import COVARIANCE, Entry, encoding_of, kvn_messages
@@ -63,15 +64,18 @@ class Omm:
         Checked values by keyword, as `sgp4.omm.initialize` takes them.
     passed_over : tuple of str
         What else the message states, in words or by keyword.
+    warnings : tuple of str
+        What a lenient reader did not refuse.
     """
 
     name: str
     epoch: Epoch
     fields: Mapping[str, str]
     passed_over: tuple[str, ...] = field(default=(), compare=False)
+    warnings: tuple[str, ...] = field(default=(), compare=False)
 
 
-def read_omms(text: str, where: str = "OMM") -> tuple[Omm, ...]:
+def read_omms(text: str, where: str = "OMM", *, lenient: bool = False) -> tuple[Omm, ...]:
     """Read orbit mean-elements messages: text (KVN), XML, or the JSON and CSV of element services.
 
     Parameters
@@ -80,6 +84,8 @@ def read_omms(text: str, where: str = "OMM") -> tuple[Omm, ...]:
         One or more messages.
     where : str
         Name of the file, used in error messages.
+    lenient : bool
+        Whether unknown keywords are passed over, with warnings of the messages.
 
     Returns
     -------
@@ -94,10 +100,13 @@ def read_omms(text: str, where: str = "OMM") -> tuple[Omm, ...]:
     """
     encoding = encoding_of(text)
     read = encoding[1] if encoding else kvn_messages
-    messages = tuple(_of_entries(entries, place) for place, entries in read(text, where))
+    leniency = Leniency.collecting(lenient)
+    messages = tuple(_of_entries(entries, place) for place, entries in read(text, where, leniency))
     if not messages:
         raise InputError(f"{where}: the file contains no orbit mean-elements message")
-    return messages
+    if not leniency.warnings:
+        return messages
+    return tuple(replace(one, warnings=tuple(leniency.warnings)) for one in messages)
 
 
 def _of_entries(entries: Sequence[Entry], where: str) -> Omm:

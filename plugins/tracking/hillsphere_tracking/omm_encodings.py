@@ -20,7 +20,7 @@ from typing import Any, NoReturn
 
 from hillsphere.base.problems import did_you_mean
 from hillsphere.errors import InputError
-from hillsphere.formats.ccsds_entries import Entry
+from hillsphere.formats.ccsds_entries import Entry, Leniency
 from hillsphere.formats.ccsds_xml import walk_xml
 
 __all__ = ["COVARIANCE", "Entry", "encoding_of", "kvn_messages"]
@@ -64,8 +64,11 @@ _STARTS_KVN = re.compile(r"\s*(?:COMMENT[^\n]*\n\s*)*CCSDS_OMM_VERS\s*=")
 _STARTS_JSON = re.compile(r"\[\s*[{\]]|\{\s*\"")
 _STARTS_CSV = re.compile(r"(?=[^\n]*\bNORAD_CAT_ID\b)(?=[^\n]*\bMEAN_MOTION\b)[^\n]*,")
 
+_AROUND = ((1, "ndm"), (2, "COMMENT"), (2, "MESSAGE_ID"))
+"""Elements that may stand outside a message, with their depths."""
+
 Messages = Iterator[tuple[str, list[Entry]]]
-Reader = Callable[[str, str], Messages]
+Reader = Callable[[str, str, Leniency], Messages]
 
 
 def encoding_of(text: str) -> tuple[str, Reader] | None:
@@ -82,7 +85,7 @@ def encoding_of(text: str) -> tuple[str, Reader] | None:
     return None
 
 
-def kvn_messages(text: str, where: str) -> Messages:
+def kvn_messages(text: str, where: str, leniency: Leniency) -> Messages:
     """Yield the place and the entries of each message of a text."""
     entries: list[Entry] = []
     remarks: list[Entry] = []
@@ -106,13 +109,13 @@ def kvn_messages(text: str, where: str) -> Messages:
         unit = ""
         if key in _HAS_UNIT and (match := _UNIT.fullmatch(value)):
             value, unit = match.groups()
-        entries.append(_check_keyword(Entry(place, key, value, unit)))
+        entries += _known(Entry(place, key, value, unit), leniency)
     if entries:
         yield start, entries
 
 
-def _xml_messages(text: str, where: str) -> Messages:
-    return iter(_XmlMessages().read(text, where))
+def _xml_messages(text: str, where: str, leniency: Leniency) -> Messages:
+    return iter(_XmlMessages(leniency).read(text, where))
 
 
 def _start_of(text: str) -> tuple[str, int]:
@@ -124,7 +127,9 @@ def _start_of(text: str) -> tuple[str, int]:
 class _XmlMessages:
     """Collector of the leaves of each message in XML."""
 
-    def __init__(self) -> None:
+    def __init__(self, leniency: Leniency) -> None:
+        self._leniency = leniency
+        self._depth = 0
         self._messages: list[tuple[str, list[Entry]]] = []
         self._within = False
         self._key, self._unit, self._place = "", "", ""
@@ -139,9 +144,16 @@ class _XmlMessages:
             raise InputError(
                 f"{self._place}: {self._key[:60]!r} must hold a value, not further elements"
             )
+        self._depth += 1
         if name == "omm":
             self._messages.append((place, []))
             self._within = True
+        elif not self._within and (self._depth, name) not in _AROUND:
+            hint = did_you_mean(name, ("omm",), otherwise="expected")
+            raise InputError(
+                f"{place}: no orbit mean-elements message: <{name[:60]}>{hint}; "
+                "`hillsphere.formats.ndm.split_ndm` gives the parts of each kind"
+            )
         elif self._within and name not in _CONTAINERS:
             self._key, self._unit, self._place = name, attributes.get("units", ""), place
             if name == "USER_DEFINED":
@@ -150,13 +162,14 @@ class _XmlMessages:
     def _end(self, name: str, text: str) -> None:
         if self._key:
             entry = Entry(self._place, self._key, text, self._unit)
-            self._messages[-1][1].append(_check_keyword(entry))
+            self._messages[-1][1].extend(_known(entry, self._leniency))
         self._key = ""
+        self._depth -= 1
         if name == "omm":
             self._within = False
 
 
-def _json_messages(text: str, where: str) -> Messages:
+def _json_messages(text: str, where: str, leniency: Leniency) -> Messages:
     def refuse(word: str) -> NoReturn:
         raise ValueError(f"{word} is no number of JSON")
 
@@ -174,14 +187,17 @@ def _json_messages(text: str, where: str) -> Messages:
         place = f"{where}, message {number}"
         if not isinstance(message, _Pairs):
             raise InputError(f"{place}: expected an object of keywords and values")
-        yield place, [_of_service(place, key, value) for key, value in message]
+        yield (
+            place,
+            [entry for key, value in message for entry in _of_service(place, key, value, leniency)],
+        )
 
 
 class _Pairs(list[tuple[str, Any]]):
     """Keys and values of a JSON object, doubled ones included."""
 
 
-def _csv_messages(text: str, where: str) -> Messages:
+def _csv_messages(text: str, where: str, leniency: Leniency) -> Messages:
     start, above = _start_of(text)
     rows = csv.reader(start.splitlines(), strict=True)
     try:
@@ -192,23 +208,31 @@ def _csv_messages(text: str, where: str) -> Messages:
             place = f"{where}:{rows.line_num + above}"
             if len(row) != len(head):
                 raise InputError(f"{place}: expected {len(head)} columns, got {len(row)}")
-            yield place, [_of_service(place, *pair) for pair in zip(head, row, strict=True)]
+            yield (
+                place,
+                [
+                    entry
+                    for key, value in zip(head, row, strict=True)
+                    for entry in _of_service(place, key, value, leniency)
+                ],
+            )
     except csv.Error as error:
         place = f"{where}:{rows.line_num + above}"
         raise InputError(f"{place}: not well-formed CSV: {error}") from error
 
 
-def _of_service(place: str, key: str, value: Any) -> Entry:
+def _of_service(place: str, key: str, value: Any, leniency: Leniency) -> list[Entry]:
     if value is not None and not isinstance(value, str):
         raise InputError(f"{place}: {key[:40]} must be a number or text")
-    return _check_keyword(Entry(place, key, (value or "").strip()), _OF_SERVICES)
+    return _known(Entry(place, key, (value or "").strip()), leniency, _OF_SERVICES)
 
 
-def _check_keyword(entry: Entry, further: tuple[str, ...] = ()) -> Entry:
-    """Return an entry; `InputError` if there is no such keyword."""
+def _known(entry: Entry, leniency: Leniency, further: tuple[str, ...] = ()) -> list[Entry]:
+    """Return an entry; none if there is no such keyword and that is tolerated."""
     if not (entry.key in _KEYWORDS or entry.key in further or entry.key[:13] == "USER_DEFINED_"):
         hint = did_you_mean(entry.key, (*_KEYWORDS, *further), otherwise="keywords")
-        raise InputError(
+        leniency.tolerate(
             f"{entry.place}: an orbit mean-elements message has no keyword {entry.key[:60]!r}{hint}"
         )
-    return entry
+        return []
+    return [entry]

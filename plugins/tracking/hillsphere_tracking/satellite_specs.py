@@ -15,6 +15,7 @@ from hillsphere.base.ranges import (
     STATION_HEIGHT_M,
 )
 from hillsphere.spec import DataPath, Spec, data_path, option, quantity, rule
+from hillsphere_tracking.tle import Checksum
 
 __all__ = ["BlindSectorSpec", "MeanElementsSpec", "SatelliteSpec", "StationSpec", "ZonalFieldSpec"]
 
@@ -92,10 +93,19 @@ class SatelliteSpec(Spec):
         "two-line element set, with or without a title line", default="", max_length=400
     )
     file: DataPath | None = data_path(
-        "two-line element sets, or orbit mean-elements messages (CCSDS OMM, KVN or XML)",
+        "two-line element sets, orbit mean-elements messages (CCSDS OMM, KVN or XML), or an orbit "
+        "ephemeris message (CCSDS OEM)",
         default=None,
     )
     elements: MeanElementsSpec | None = option("mean elements", default=None)
+    lenient: bool = option(
+        "whether harmless departures of messages from the standard are warnings, not errors",
+        default=False,
+    )
+    checksum: Checksum = option(
+        "what a wrong checksum of an element set is: refuse, an error; warn, a warning; ignore",
+        default="refuse",
+    )
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:

@@ -14,7 +14,7 @@ from hillsphere_tracking.omm import read_omms
 from hillsphere_tracking.omm_encodings import encoding_of
 from hillsphere_tracking.orbits import LimitedOrbit, Orbit, earth_fixed_states, last_instant
 from hillsphere_tracking.sgp4_orbit import Sgp4Orbit
-from hillsphere_tracking.tle import read_tles
+from hillsphere_tracking.tle import Checksum, read_tles
 
 __all__ = [
     "LimitedOrbit", "MeanElementsOrbit", "Orbit", "Sgp4Orbit", "earth_fixed_states",
@@ -81,7 +81,9 @@ class MeanElementsOrbit:
         return states(self.elements, t_s, self.field, short_period=self.short_period)
 
 
-def orbits_of(text: str, where: str) -> tuple[Sgp4Orbit, ...]:
+def orbits_of(
+    text: str, where: str, *, lenient: bool = False, checksum: Checksum = "refuse"
+) -> tuple[Sgp4Orbit, ...]:
     """Read orbits from two-line element sets or orbit mean-elements messages.
 
     Parameters
@@ -90,6 +92,10 @@ def orbits_of(text: str, where: str) -> tuple[Sgp4Orbit, ...]:
         Two-line element sets, or orbit mean-elements messages as text, XML, JSON or CSV.
     where : str
         Name of the file, used in error messages.
+    lenient : bool
+        Whether harmless departures of messages from the standard become warnings of the orbits.
+    checksum : str
+        What to do about a wrong checksum of an element set, see `read_tles`.
 
     Returns
     -------
@@ -102,5 +108,6 @@ def orbits_of(text: str, where: str) -> tuple[Sgp4Orbit, ...]:
         If the text is neither, or is faulty; the message names the line.
     """
     if encoding_of(text):
-        return tuple(Sgp4Orbit.from_omm(message) for message in read_omms(text, where))
-    return tuple(Sgp4Orbit.from_tle(tle) for tle in read_tles(text, where))
+        messages = read_omms(text, where, lenient=lenient)
+        return tuple(Sgp4Orbit.from_omm(message) for message in messages)
+    return tuple(Sgp4Orbit.from_tle(tle) for tle in read_tles(text, where, checksum=checksum))

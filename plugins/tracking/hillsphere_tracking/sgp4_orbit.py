@@ -66,6 +66,7 @@ class Sgp4Orbit:
     def __init__(self, name: str, epoch: Epoch, satellite: Any, number: str = "") -> None:
         self.name = name
         self.epoch = epoch
+        self.warnings: tuple[str, ...] = ()
         self._number = number or str(satellite.satnum)
         self._satellite = satellite
         self._checked_s, self._end_s = 0.0, np.inf
@@ -100,7 +101,9 @@ class Sgp4Orbit:
         except ValueError as error:
             raise InputError(f"satellite {tle.name!r}: {error}") from error
         epoch = Epoch(satellite.jdsatepoch, satellite.jdsatepochF, "UTC")
-        return cls(tle.name, epoch, satellite)
+        orbit = cls(tle.name, epoch, satellite)
+        orbit.warnings = tle.warnings
+        return orbit
 
     @classmethod
     def from_omm(cls, message: Omm) -> Sgp4Orbit:
@@ -130,7 +133,9 @@ class Sgp4Orbit:
             sgp4_omm.initialize(satellite, fields)
         except ValueError as error:
             raise InputError(f"satellite {message.name!r}: {error}") from error
-        return cls(message.name, message.epoch, satellite, number)
+        orbit = cls(message.name, message.epoch, satellite, number)
+        orbit.warnings = message.warnings
+        return orbit
 
     @property
     def catalogue_number(self) -> str:

@@ -13,11 +13,14 @@ import re
 from calendar import isleap
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
 
 from hillsphere.errors import InputError
 
-__all__ = ["FIRST_YEAR", "Tle", "alpha5", "catalogue_number", "full_year", "read_tles"]
+__all__ = ["FIRST_YEAR", "Checksum", "Tle", "alpha5", "catalogue_number", "full_year", "read_tles"]
 
+Checksum: TypeAlias = Literal["refuse", "warn", "ignore"]
+"""What to do about a wrong checksum."""
 _LENGTH = 69
 """Characters of a line of an element set, the checksum in the last column [1]_."""
 _MOST_FAULTS = 20
@@ -55,18 +58,21 @@ class Tle:
     name : str
         Name of the satellite; its catalogue number if the set has no title line.
     line1, line2 : str
-        The two lines, 69 characters each, with correct checksums.
+        The two lines, 69 characters each.
     place : str
         File and line of line 1.
+    warnings : tuple of str
+        Wrong checksums that were not refused.
     """
 
     name: str
     line1: str
     line2: str
     place: str = field(default="", compare=False)
+    warnings: tuple[str, ...] = field(default=(), compare=False)
 
 
-def read_tles(text: str, where: str = "TLE") -> tuple[Tle, ...]:
+def read_tles(text: str, where: str = "TLE", *, checksum: Checksum = "refuse") -> tuple[Tle, ...]:
     """Read two-line element sets, each with or without a title line above it.
 
     Parameters
@@ -75,6 +81,9 @@ def read_tles(text: str, where: str = "TLE") -> tuple[Tle, ...]:
         One or more sets; blank lines are ignored.
     where : str
         Name of the file, used in error messages.
+    checksum : str
+        What a wrong checksum is: ``"refuse"``, an error; ``"warn"``, a warning of the set;
+        ``"ignore"``, nothing. A wrong checksum mostly means that a digit is wrong.
 
     Returns
     -------
@@ -118,9 +127,10 @@ def read_tles(text: str, where: str = "TLE") -> tuple[Tle, ...]:
             title = ""
             break
         second, line2 = lines[at]
+        doubts: list[str] = []
         torn = [
-            *_faults("1", line, f"{where}:{number}"),
-            *_faults("2", line2, f"{where}:{second}"),
+            *_faults("1", line, f"{where}:{number}", checksum, doubts),
+            *_faults("2", line2, f"{where}:{second}", checksum, doubts),
         ]
         if not torn and line[2:7] != line2[2:7]:
             torn.append(
@@ -130,7 +140,8 @@ def read_tles(text: str, where: str = "TLE") -> tuple[Tle, ...]:
         # After a line 1 without its line 2 the next set is read from where it begins.
         at += line2.startswith("2 ") or not torn
         if not torn:
-            sets.append(Tle(title or line[2:7].strip(), line, line2, f"{where}:{number}"))
+            name = title or line[2:7].strip()
+            sets.append(Tle(name, line, line2, f"{where}:{number}", tuple(doubts)))
         faults += torn
         title = ""
     if title:
@@ -148,8 +159,13 @@ def read_tles(text: str, where: str = "TLE") -> tuple[Tle, ...]:
     return tuple(sets)
 
 
-def _faults(kind: str, line: str, where: str) -> Iterator[str]:
-    """Yield the first fault of a line, if it has one: those behind it would follow from it."""
+def _faults(
+    kind: str, line: str, where: str, checksum: Checksum, doubts: list[str]
+) -> Iterator[str]:
+    """Yield the first fault of a line, if it has one: those behind it would follow from it.
+
+    A wrong checksum that is no fault is added to the doubts, unless it is ignored.
+    """
     if not line.startswith(kind + " "):
         yield (
             f"{where}: expected line {kind}, which begins with {kind + ' '!r}, got {line[:40]!r}; "
@@ -170,12 +186,15 @@ def _faults(kind: str, line: str, where: str) -> Iterator[str]:
             )
             return
     total = sum(int(c) if c.isdigit() else c == "-" for c in line[:-1]) % 10
-    if line[-1] != str(total):
-        yield (
+    if line[-1] != str(total) and checksum != "ignore":
+        fault = (
             f"{where}: the checksum in column {_LENGTH} is {line[-1]!r}, but the line adds up to "
             f"{total}: a character is missing or changed; fetch the set again"
         )
-        return
+        if checksum == "refuse":
+            yield fault
+            return
+        doubts.append(fault)
     yield from _wrong_values(kind, line, where)
 
 

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 
 from hillsphere.errors import InputError, StageError
 from hillsphere.formats.oem import read_oem
+from hillsphere.model.frame_motion import frame_motion
 from hillsphere.plugins import default_registry, validate
 from hillsphere.products import FlightSet, OrbitSet, PeriodicOrbits, Trajectories
 from hillsphere.testing import RecordingContext
@@ -82,7 +83,8 @@ def test_the_files_solve_newtons_equations_in_inertial_axes() -> None:
     assert (segment.center_name, segment.ref_frame) == ("PHOBOS", "ICRF")
     assert segment.t_s.size == 21
 
-    origin = stage.frame.to_inertial(np.zeros((6, 1)), np.zeros(1), "primary")[:, 0]
+    motion = frame_motion(stage.plant, stage.epoch, np.zeros(1), {})
+    origin = motion.to_inertial(np.zeros((6, 1)), "mars")[:, 0]
     moon0, moon1 = origin[:3], origin[3:] / N
 
     def rate(t: float, x: Any) -> Any:
@@ -172,7 +174,7 @@ def test_a_heavy_moon_turns_its_frame_as_its_plant_says() -> None:
     stage = _stage(plant, step_s=1000.0, duration_s=3e4, centre="primary")
     product = stage.run(RecordingContext(), orbits=(orbit,))
     (segment,) = read_oem(stage.present(product, orbits=(orbit,)).files["one.oem"])
-    axes = stage.frame.axes(np.zeros(1))[:, :, 0]
+    axes = frame_motion(plant, stage.epoch, np.zeros(1), {}).axes[:, :, 0]
 
     def rate(t: float, x: Any) -> Any:
         """Newton's equations in axes that move with the primary, which the moon pulls."""

@@ -91,7 +91,7 @@ def test_what_cannot_be_written_is_refused(change: dict[str, object], said: str)
     ("old", "new", "said"),
     [
         ("CCSDS_OEM_VERS = 2.0", "VERS = 2.0", "not an orbit ephemeris"),
-        ("TIME_SYSTEM = TDB", "TIME_SYSTEM = GPS", "GPS"),
+        ("TIME_SYSTEM = TDB", "TIME_SYSTEM = SCLK", "SCLK"),
         ("CENTER_NAME = MARS\n", "", "CENTER_NAME"),
         ("OBJECT_NAME = QSO-H", "OBJECT_NAME QSO-H", "OEM:7"),
     ],

@@ -381,7 +381,13 @@ class NavigationSpec(StageSpec):
                 if not any(p[i : i + 3]):
                     raise rule("start.position_m", f"spacecraft {i // 3 + 1} is at the origin, "
                                 "inside the body; move it off")  # fmt: skip
-        somewhere = self.start.position_m or self.start.inertial or self.start.elements
+        given_start = self.start
+        somewhere = (
+            given_start.position_m
+            or given_start.inertial
+            or given_start.elements
+            or given_start.message
+        )
         if self.needs.belief is not None:
             if somewhere or self.start.velocity_m_s is not None:
                 raise rule("start", "needs.belief says where flights begin; leave start out")

@@ -29,12 +29,19 @@ class EphemerisNeeds(Spec):
         "hillsphere.products:OrbitSet", "periodic orbits, flown from their start", default=()
     )
     flights: tuple[Ref, ...] = need(
-        "hillsphere.products:FlightSet", "flights with manoeuvres, as they are", default=()
+        "hillsphere.products:FlightSet",
+        "flights with manoeuvres, transfers and references, as they are",
+        default=(),
+    )
+    closed_loops: tuple[Ref, ...] = need(
+        "hillsphere.products:Flown", "flights under a law, as they were flown", default=()
     )
 
 
 class EphemerisSpec(StageSpec):
-    """Orbits and flights as orbit ephemeris messages (CCSDS OEM) in the ICRF, and as CSV.
+    """Orbits and flights as orbit ephemeris messages (CCSDS OEM) in inertial axes, and as CSV.
+
+    A flight with impulses is written as an orbit parameter message (CCSDS OPM), too.
 
     The body that the plant is about must have an orientation: its pole and prime meridian.
     """
@@ -55,12 +62,19 @@ class EphemerisSpec(StageSpec):
 
     needs: EphemerisNeeds = option("products of earlier stages")
     plant: Ref = reference("plant", "equations of motion of the orbits")
-    epoch: str = option("date and time at which every orbit and flight begins", max_length=40)
+    epoch: str | None = option(
+        "date and time of time 0 of every orbit and flight; left out: that of the plant's clock, "
+        "if it has one",
+        default=None,
+        max_length=40,
+    )
     time_scale: Literal["TDB", "TT", "TAI", "UTC"] = option(
         "time scale of the epoch and of the files", default="TDB"
     )
     centre: Literal["moon", "primary"] = option(
-        "origin of positions and velocities", default="moon"
+        "origin of positions and velocities: the body at the origin of the plant's frame, or its "
+        "primary",
+        default="moon",
     )
     duration_s: float | None = quantity(
         "time", "length of the ephemeris of an orbit; left out: one period", default=None, gt=0
@@ -71,7 +85,9 @@ class EphemerisSpec(StageSpec):
 
     @model_validator(mode="after")
     def _something(self) -> Self:
-        if not (self.needs.orbits or self.needs.flights):
-            text = "nothing to write; name stages as needs.orbits or needs.flights"
+        if not (self.needs.orbits or self.needs.flights or self.needs.closed_loops):
+            text = (
+                "nothing to write; name stages as needs.orbits, needs.flights or needs.closed_loops"
+            )
             raise rule("needs", text)
         return self

@@ -12,13 +12,15 @@ import numpy as np
 from hillsphere.dynamics import Taylor
 from hillsphere.errors import InputError, StageError
 from hillsphere.formats.oem import OemSegment, states_csv, write_oem
+from hillsphere.formats.opm import write_opm
 from hillsphere.interfaces import Array, Context, Plant
-from hillsphere.model.inertial import frame_about_moon
+from hillsphere.model.frame_motion import epoch_of, frame_motion
+from hillsphere.model.inertial import AboutMoon
 from hillsphere.presentation import Presentation
-from hillsphere.products import FlightSet, OrbitSet, PeriodicOrbits
+from hillsphere.products import Flown, OrbitSet, PeriodicOrbits
 from hillsphere.products.fields import Shape
+from hillsphere.products.flight_files import Coast, Craft, in_inertial_axes, opm_of
 from hillsphere.show.tables import column, tabulate, text_column
-from hillsphere.time import Epoch
 from hillsphere_orbits.ephemeris.specs import EphemerisSpec
 from hillsphere_orbits.flow import flow_of
 from hillsphere_orbits.qso.presentation import label_identifier
@@ -70,15 +72,25 @@ class EphemerisStage:
     def __init__(self, spec: EphemerisSpec) -> None:
         self.spec = spec
         self.plant: Plant = spec.plant.get()
-        try:
-            self.epoch = Epoch.parse(spec.epoch, spec.time_scale)
-        except InputError as error:
-            raise InputError(f"epoch: {error}") from error
-        self.frame, moon = frame_about_moon(self.plant, self.epoch)
-        self.centre = moon.name if spec.centre == "moon" else moon.primary_name
+        self.epoch = epoch_of(self.plant, spec.epoch, spec.time_scale)
+        self.axes, centres = self._frame()
+        if spec.centre == "primary" and len(centres) < 2:
+            raise InputError(
+                f"centre: expected 'moon', the plant is about {centres[0]!r} alone, got 'primary'"
+            )
+        self.centre = centres[spec.centre == "primary"]
+
+    def _frame(self) -> tuple[str, list[str]]:
+        """Return the inertial axes and the bodies; refuse a plant that lacks what they need."""
+        motion = frame_motion(self.plant, self.epoch, np.zeros(1), _still(self.plant))
+        return motion.axes_name, list(motion.centres)
 
     def run(
-        self, ctx: Context, orbits: tuple[OrbitSet, ...] = (), flights: tuple[FlightSet, ...] = ()
+        self,
+        ctx: Context,
+        orbits: tuple[OrbitSet, ...] = (),
+        flights: tuple[Flown, ...] = (),
+        closed_loops: tuple[Flown, ...] = (),
     ) -> Ephemerides:
         """Propagate the orbits and turn every state.
 
@@ -88,13 +100,13 @@ class EphemerisStage:
             Log and progress.
         orbits : tuple of OrbitSet
             Their members are flown from their start.
-        flights : tuple of FlightSet
+        flights, closed_loops : tuple of Flown
             Taken as they are.
 
         Returns
         -------
         Ephemerides
-            In the ICRF.
+            In inertial axes.
 
         Raises
         ------
@@ -103,54 +115,57 @@ class EphemerisStage:
         StageError
             If an orbit or flight is given in another frame than the plant's.
         """
-        plans: list[str] = []
-        labels: list[str] = []
-        times: list[Array] = []
-        states: list[Array] = []
+        crafts: list[Craft] = []
         given_names: set[str] = set()
         if orbits:
             members = members_of(*orbits)
             self._same_frame(members.frame)
             advance = ctx.track("ephemerides", len(members.labels))
             for i, label in enumerate(members.labels):
-                t, x = self._propagate_member(members, i)
-                plans.append(_different(label, given_names))
-                labels.append(label)
-                times.append(t)
-                states.append(x)
+                coast = Coast(label, *self._propagate_member(members, i))
+                crafts += self._turn([coast], members.states, _different(label, given_names))
                 advance(1)
-        for product in flights:
-            given = product.flights
+        for product in (*flights, *closed_loops):
+            given = product.to_trajectories()
             self._same_frame(given.frame)
-            # coasts of one product and one plan belong together
-            own = {plan: _different(plan, given_names) for plan in dict.fromkeys(given.plans)}
-            for i, (plan, label) in enumerate(zip(given.plans, given.labels, strict=True)):
-                there = np.isfinite(given.t_s[:, i])
-                plans.append(own[plan])
-                labels.append(label)
-                times.append(given.t_s[there, i])
-                states.append(given.x[:6, there, i])
+            for plan in dict.fromkeys(given.plans):
+                coasts = []
+                for i in [i for i, other in enumerate(given.plans) if other == plan]:
+                    there = np.isfinite(given.t_s[:, i])
+                    t, x = given.t_s[there, i], given.x[:, there, i]
+                    if t.size:
+                        coasts.append(Coast(given.labels[i], t, x))
+                if not coasts:
+                    raise StageError(f"flight {plan!r} has no state to write")
+                crafts += self._turn(coasts, given.states, _different(plan, given_names))
+        times = [coast.t_s for craft in crafts for coast in craft.coasts]
         most = max(t.size for t in times)
         t_s, x_s = np.full((most, len(times)), np.nan), np.full((6, most, len(times)), np.nan)
-        for i, (t, x) in enumerate(zip(times, states, strict=True)):
-            t_s[: t.size, i] = t
-            x_s[:, : t.size, i] = self.frame.to_inertial(x, t, self.spec.centre)
+        for i, coast in enumerate(coast for craft in crafts for coast in craft.coasts):
+            t_s[: coast.t_s.size, i], x_s[:, : coast.t_s.size, i] = coast.t_s, coast.x
         return Ephemerides(
-            frame="ICRF",
+            frame=self.axes,
             centre=self.centre,
-            epoch=self.spec.epoch,
-            time_scale=self.spec.time_scale,
-            plans=tuple(plans),
-            labels=tuple(labels),
+            epoch=self.epoch.isot(np.zeros(1), 9)[0],
+            time_scale=self.epoch.scale,
+            plans=tuple(craft.name for craft in crafts for _ in craft.coasts),
+            labels=tuple(coast.label for craft in crafts for coast in craft.coasts),
             t_s=t_s,
             x=x_s,
         )
+
+    def _turn(self, coasts: list[Coast], states: tuple[str, ...], plan: str) -> list[Craft]:
+        return in_inertial_axes(
+            coasts, frame=self.plant.frame, states=states, name=plan, epoch=self.epoch,
+            plant=self.plant, centre=self.centre,
+        )  # fmt: skip
 
     def present(
         self,
         product: Ephemerides,
         orbits: tuple[OrbitSet, ...] = (),
-        flights: tuple[FlightSet, ...] = (),
+        flights: tuple[Flown, ...] = (),
+        closed_loops: tuple[Flown, ...] = (),
     ) -> Presentation:
         """List the files: one message and one CSV for each orbit or flight plan."""
         files: dict[str, str] = {}
@@ -162,6 +177,15 @@ class EphemerisStage:
             files[f"{name}.oem"] = write_oem(segments)
             files[f"{name}.csv"] = states_csv(segments)
             flown.append(segments)
+            flight = Craft(
+                plan, product.centre, product.frame,
+                [
+                    Coast(product.labels[i], one.t_s, one.x)
+                    for i, one in zip(coasts, segments, strict=True)
+                ],
+            )  # fmt: skip
+            if (opm := opm_of(flight, self.epoch, self.spec.object_id)) is not None:
+                files[f"{name}.opm"] = write_opm(opm)
         begins = [coasts[0].epoch.isot(coasts[0].t_s[:1], 3)[0] for coasts in flown]
         ends = [coasts[-1].epoch.isot(coasts[-1].t_s[-1:], 3)[0] for coasts in flown]
         states = [sum(coast.t_s.size for coast in coasts) for coasts in flown]
@@ -173,10 +197,14 @@ class EphemerisStage:
             column("segments", [len(coasts) for coasts in flown], "segments"),
         ]
         notes = (
-            f"Frame ICRF, centre {product.centre}, times {product.time_scale}. The axes turn with "
-            "the mean motion of the model from the body's orientation at the epoch; periodic "
-            "and secular terms of that orientation (all but the constant rate of W), and the "
-            "eccentricity of its orbit, are not in them.",
+            f"Frame {product.frame}, centre {product.centre}, times {product.time_scale}. "
+            + (
+                "The axes turn with the mean motion of the model from the body's orientation at "
+                "the epoch; periodic and secular terms of that orientation (all but the constant "
+                "rate of W), and the eccentricity of its orbit, are not in them."
+                if isinstance(self.plant, AboutMoon)
+                else "The plant's frame is turned as its own equations say."
+            ),
         )
         table = tabulate("Ephemerides (CCSDS OEM and CSV)", columns, notes)
         return Presentation(
@@ -205,7 +233,7 @@ class EphemerisStage:
                 ahead = fly.trajectory(x0, t[-2] / system.time_unit_s, count - 1)
             last = fly.step(ahead[:, -1], (t[-1] - t[-2]) / system.time_unit_s)
             x = np.concatenate([ahead[:, :, 0], last], axis=1)
-        return t, x[:6] * system.unit[:6, None]
+        return t, x * system.unit[:, None]
 
     def _same_frame(self, frame: str) -> None:
         if frame != self.plant.frame:
@@ -225,6 +253,11 @@ class EphemerisStage:
             x=product.x[:, there, i],
             comment=product.labels[i],
         )
+
+
+def _still(plant: Plant) -> dict[str, Array]:
+    """Return states that are neither position nor velocity, at zero."""
+    return {v.name: np.zeros(1) for v in plant.states if v.unit == "rad"}
 
 
 def _different(name: str, given: set[str]) -> str:

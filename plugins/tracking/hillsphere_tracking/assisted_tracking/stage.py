@@ -73,7 +73,7 @@ class AssistedTrackingStage:
                 "it out for the Earth"
             )
         self.orientation = body.orientation
-        orbits = orbits_from([spec.satellite])
+        orbits = orbits_from([spec.satellite], self.orientation)
         if len(orbits) != 1:
             raise InputError(
                 f"satellite: one is tracked, the file has {len(orbits)}; give its name"
@@ -344,7 +344,10 @@ class AssistedTrackingStage:
             units=results.units,
             values=results.values[:, 0],
             lock_angle_rad=self.spec.lock_angle_rad,
-            warnings=doubts(self.orientation, self.orbit.epoch, span),
+            warnings=(
+                *getattr(self.orbit, "warnings", ()),
+                *doubts(self.orientation, self.orbit.epoch, span),
+            ),
         )
 
 

@@ -34,6 +34,7 @@ from hillsphere_tracking.live.session import Outputs, SearchRules, Session, run_
 from hillsphere_tracking.live.setup import orbit_of, place_of, tracker_of
 from hillsphere_tracking.live.status import status_line
 from hillsphere_tracking.live.targets import target_of
+from hillsphere_tracking.passes.sources import element_warnings
 from hillsphere_tracking.trackers.specs import TableSpec
 from hillsphere_tracking.trackers.table import Table
 
@@ -77,6 +78,22 @@ def track(
     satellite: Annotated[
         str, typer.Option(metavar="NAME", help="Which satellite.", rich_help_panel=_SATELLITE)
     ] = "",
+    lenient: Annotated[
+        bool,
+        typer.Option(
+            "--lenient",
+            help="Harmless departures of --elements from the CCSDS standard are warnings.",
+            rich_help_panel=_SATELLITE,
+        ),
+    ] = False,
+    checksum: Annotated[
+        str,
+        typer.Option(
+            metavar="refuse|warn|ignore",
+            help="What a wrong checksum of a two-line element set is.",
+            rich_help_panel=_SATELLITE,
+        ),
+    ] = "refuse",
     station: Annotated[
         str, typer.Option(metavar="NAME", help="Which station.", rich_help_panel=_SATELLITE)
     ] = "",
@@ -292,7 +309,7 @@ def track(
     if memory and latitude is not None and not station:
         raise InputError("--memory keeps biases by the station's name: give --station NAME")
     loaded = load_mission(mission) if mission else None
-    orbit = orbit_of(loaded, elements, satellite)
+    orbit = orbit_of(loaded, elements, satellite, lenient=lenient, checksum=checksum)
     place = place_of(loaded, station, (latitude, longitude, height), mask)
     air = air_of(refraction, pressure, temperature)
     inner = tracker_of(loaded, tracker)
@@ -312,6 +329,8 @@ def track(
         except PropagationError as error:  # the elements are not valid at this time
             raise InputError(str(error)) from error
         clock.skip_to(float(seen.times_s[0]))
+        for sentence in element_warnings([orbit], start, float(seen.times_s[-1])):
+            say(sentence)
 
         def streamed(method: Tracker[Any]) -> Any:
             through = method if air is None else ThroughAir(method, air)

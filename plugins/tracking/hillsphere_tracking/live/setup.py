@@ -25,10 +25,17 @@ __all__ = ["orbit_of", "place_of", "specs_within", "tracker_of"]
 SpecT = TypeVar("SpecT", bound=Spec)
 
 
-def orbit_of(mission: Mission | None, file: str, name: str) -> Orbit:
+def orbit_of(
+    mission: Mission | None,
+    file: str,
+    name: str,
+    *,
+    lenient: bool = False,
+    checksum: str = "refuse",
+) -> Orbit:
     """Return the orbit of the satellite, from a file of elements or from a mission."""
     if file:
-        keys = {"file": file, "name": name}
+        keys = {"file": file, "name": name, "lenient": lenient, "checksum": checksum}
         spec = validate(SatelliteSpec, keys, where="--elements")
         assert isinstance(spec, SatelliteSpec)
         orbits = orbits_from((spec,))

@@ -28,7 +28,11 @@ _COLUMNS = ("station", "satellite", "rise (UTC)", "highest (UTC)", "set (UTC)", 
 @app.command()
 def passes(
     elements: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Elements of satellites: TLE or CCSDS OMM.")
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="Satellites: elements (TLE or CCSDS OMM), or an ephemeris (CCSDS OEM).",
+        ),
     ],
     station: Annotated[
         list[str],
@@ -59,18 +63,37 @@ def passes(
     refraction: Annotated[
         bool, typer.Option("--refraction", help="Elevations are apparent (with refraction).")
     ] = False,
+    lenient: Annotated[
+        bool,
+        typer.Option(
+            "--lenient",
+            help="Harmless departures from the CCSDS standard are warnings.",
+        ),
+    ] = False,
+    checksum: Annotated[
+        str,
+        typer.Option(
+            metavar="refuse|warn|ignore", help="What a wrong checksum of a two-line element set is."
+        ),
+    ] = "refuse",
+    oldest: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DAYS", help="Age of elements from which a warning is given; default: 14."
+        ),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Write JSON to stdout.")] = False,
 ) -> None:
     """List the passes of a satellite over ground stations, as the stage 'passes' finds them."""
     from hillsphere import create
 
     stations = [_station(text, mission, mask) for text in station]
-    one: dict[str, Any] = {"file": str(elements)}
+    one: dict[str, Any] = {"file": str(elements), "lenient": lenient, "checksum": checksum}
     if satellite:
         one["name"] = satellite
     stage: Any = create(
         "stage", "passes", satellites=[one], stations=stations, duration_d=days, start=start,
-        refraction=refraction,
+        refraction=refraction, **({} if oldest is None else {"oldest_elements_d": oldest}),
     )  # fmt: skip
     product = stage.run(_Silent())
     rows = _rows(product, stage.start)

@@ -291,7 +291,8 @@ def eclipses(track: EarthTrack, ellipsoid: Ellipsoid = WGS84) -> Array:
     apart = 0.5
 
     def depth(t_s: Array) -> tuple[Array, Array]:
-        t = np.concatenate([t_s, t_s - apart, t_s + apart]).clip(0.0, track.end_s)
+        t = np.concatenate([t_s, t_s - apart, t_s + apart])
+        t = t.clip(track.times_s[0], track.end_s)
         sun = sun_earth_fixed(track.start, t, track.orientation)
         margin = shadow_margin(track.states(t)[:3], sun, "umbra", ellipsoid)
         here, before, after = margin.reshape(3, -1)

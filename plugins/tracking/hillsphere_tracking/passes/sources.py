@@ -3,34 +3,55 @@
 from __future__ import annotations
 
 import errno
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.base.geodetic import WGS84, Ellipsoid, Station
+from hillsphere.base.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.base.regular_files import read_text
 from hillsphere.errors import InputError
 from hillsphere.time import Epoch
+from hillsphere_tracking.ephemeris_orbit import EphemerisOrbit, ephemeris_orbits_of
 from hillsphere_tracking.mean_elements import ZonalField
 from hillsphere_tracking.passes.masks import BlindSector, HorizonMask
+from hillsphere_tracking.passes.specs import OLDEST_ELEMENTS_S
 from hillsphere_tracking.satellite_specs import MeanElementsSpec, SatelliteSpec, StationSpec
 from hillsphere_tracking.satellites import MeanElementsOrbit, Orbit, Sgp4Orbit, orbits_of
+from hillsphere_tracking.tle import Checksum
 
-__all__ = ["blind_sectors_of", "mask_of", "orbits_from", "orbits_of_file", "station_of"]
+__all__ = [
+    "blind_sectors_of",
+    "covering",
+    "element_warnings",
+    "is_ephemeris",
+    "mask_of",
+    "orbits_from",
+    "orbits_of_file",
+    "station_of",
+]
 
 _LARGEST_FILE = 20_000_000
 """Bytes of a file of elements at most: the public catalogue of 30 000 objects takes 5 MB as
 two-line sets."""
+_BEGINNING = 4096
+"""Characters at the beginning of a file that say what it is: comments may stand before them."""
 
 
-def orbits_from(specs: Sequence[SatelliteSpec]) -> tuple[Orbit, ...]:
+def orbits_from(
+    specs: Sequence[SatelliteSpec], orientation: EarthOrientation = UT1_IS_UTC
+) -> tuple[Orbit, ...]:
     """Return the orbits of satellites.
 
     Parameters
     ----------
     specs : sequence of SatelliteSpec
         Satellites; named files are read.
+    orientation : EarthOrientation
+        UT1 and polar motion, by which Earth-fixed states of an ephemeris are turned.
 
     Returns
     -------
@@ -48,9 +69,12 @@ def orbits_from(specs: Sequence[SatelliteSpec]) -> tuple[Orbit, ...]:
         if spec.elements is not None:
             collected.append(_mean_elements_orbit(spec.label or spec.name, spec.elements))
         elif spec.file is not None:
-            collected += orbits_of_file(Path(spec.file), spec.name, spec.label)
+            collected += orbits_of_file(
+                Path(spec.file), spec.name, spec.label, lenient=spec.lenient,
+                checksum=spec.checksum, orientation=orientation,
+            )  # fmt: skip
         else:
-            orbits = orbits_of(spec.tle, "tle")
+            orbits = orbits_of(spec.tle, "tle", lenient=spec.lenient, checksum=spec.checksum)
             if len(orbits) != 1:
                 raise InputError(
                     f"tle: expected one element set, got {len(orbits)}; write one satellite per "
@@ -66,6 +90,78 @@ def orbits_from(specs: Sequence[SatelliteSpec]) -> tuple[Orbit, ...]:
             f"satellites: the name {twice[0]!r} occurs twice; give each satellite its own label"
         )
     return tuple(collected)
+
+
+def element_warnings(
+    orbits: Sequence[Orbit], start: Epoch, duration_s: float, oldest_s: float = OLDEST_ELEMENTS_S
+) -> list[str]:
+    """Return sentences about elements that are far from a span, and what readers tolerated.
+
+    Parameters
+    ----------
+    orbits : sequence of Orbit
+        The orbits.
+    start : Epoch
+        Beginning of the span.
+    duration_s : float
+        Its length.
+    oldest_s : float
+        Age from which a warning is given, before or after the epoch of the elements.
+    """
+    sentences: list[str] = []
+    for orbit in orbits:
+        sentences += getattr(orbit, "warnings", ())
+        if isinstance(orbit, EphemerisOrbit):
+            since = orbit.epoch.seconds_since(start)
+            if since > 0.0 or since + orbit.last_s < duration_s:
+                sentences.append(
+                    f"The ephemeris of {orbit.name} covers {orbit.covered()} only: there is no "
+                    "pass outside this span."
+                )
+            continue
+        age = start.seconds_since(orbit.epoch)
+        farthest = max(abs(age), abs(age + duration_s))
+        if farthest > oldest_s:
+            sentences.append(
+                f"The elements of {orbit.name} are up to {farthest / DAY_S:.0f} days away from the "
+                f"span, more than {oldest_s / DAY_S:g}: times of its passes may be wrong by "
+                "seconds to minutes."
+            )
+    return sentences
+
+
+def covering(orbits: Sequence[Orbit], start: Epoch, duration_s: float) -> tuple[Orbit, ...]:
+    """Return the orbits without those parts of an ephemeris that lie outside a search.
+
+    Parameters
+    ----------
+    orbits : sequence of Orbit
+        The orbits.
+    start : Epoch
+        Beginning of the search.
+    duration_s : float
+        Its length.
+
+    Raises
+    ------
+    InputError
+        If no part of a satellite's ephemeris, or no orbit at all, has a state within the search.
+    """
+    within: list[Orbit] = []
+    for orbit in orbits:
+        if isinstance(orbit, EphemerisOrbit):
+            since = orbit.epoch.seconds_since(start)
+            if since >= duration_s or since + orbit.last_s <= 0.0:
+                continue
+        within.append(orbit)
+    if not within:
+        spans = "; ".join(o.covered() for o in orbits if isinstance(o, EphemerisOrbit))
+        (begin, end) = start.isot(np.array([0.0, duration_s]), 0)
+        raise InputError(
+            f"start: expected a search within the ephemeris of {orbits[0].name}, which covers "
+            f"{spans}, got {begin} to {end} UTC"
+        )
+    return tuple(within)
 
 
 def station_of(spec: StationSpec, ellipsoid: Ellipsoid = WGS84) -> Station:
@@ -107,8 +203,16 @@ def _mean_elements_orbit(name: str, spec: MeanElementsSpec) -> MeanElementsOrbit
     return MeanElementsOrbit(name, epoch, elements, earth, short_period=spec.short_period)
 
 
-def orbits_of_file(path: Path, name: str = "", label: str = "") -> list[Sgp4Orbit]:
-    """Return the orbits of a file of element sets (TLE, or OMM in either form).
+def orbits_of_file(
+    path: Path,
+    name: str = "",
+    label: str = "",
+    *,
+    lenient: bool = False,
+    checksum: Checksum = "refuse",
+    orientation: EarthOrientation = UT1_IS_UTC,
+) -> list[Sgp4Orbit | EphemerisOrbit]:
+    """Return the orbits of a file: element sets (TLE, OMM) or an ephemeris (OEM).
 
     Parameters
     ----------
@@ -118,6 +222,10 @@ def orbits_of_file(path: Path, name: str = "", label: str = "") -> list[Sgp4Orbi
         Name or catalogue number of the satellite; by default all satellites.
     label : str
         New name of the satellite.
+    lenient, checksum
+        As for `orbits_of`.
+    orientation : EarthOrientation
+        As for `orbits_from`.
 
     Raises
     ------
@@ -134,7 +242,11 @@ def orbits_of_file(path: Path, name: str = "", label: str = "") -> list[Sgp4Orbi
         raise InputError(f"{path.name}: cannot be read: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{path.name}: not a text file: {error}") from error
-    orbits = orbits_of(text, path.name)
+    orbits: Sequence[Sgp4Orbit | EphemerisOrbit]
+    if is_ephemeris(text):
+        orbits = ephemeris_orbits_of(text, path.name, lenient=lenient, orientation=orientation)
+    else:
+        orbits = orbits_of(text, path.name, lenient=lenient, checksum=checksum)
     if not name:
         if label and len(orbits) != 1:
             raise InputError(
@@ -149,14 +261,23 @@ def orbits_of_file(path: Path, name: str = "", label: str = "") -> list[Sgp4Orbi
         raise InputError(
             f"{path.name}: the file has no satellite {name!r}; there are: {there}{more}"
         )
-    if len(chosen) > 1:
+    if len(chosen) > 1 and isinstance(chosen[0], Sgp4Orbit):
         raise InputError(
             f"{path.name}: the file has {len(chosen)} element sets of {name!r}; keep one of them"
         )
     return _set_label(chosen, label)
 
 
-def _set_label(orbits: list[Sgp4Orbit], label: str) -> list[Sgp4Orbit]:
+def is_ephemeris(text: str) -> bool:
+    """Return whether a text says that it is an Orbit Ephemeris Message."""
+    beginning = text[:_BEGINNING]
+    return "CCSDS_OEM_VERS" in beginning or bool(re.search(r"<(\w+:)?oem\b", beginning))
+
+
+def _set_label(
+    orbits: list[Sgp4Orbit | EphemerisOrbit], label: str
+) -> list[Sgp4Orbit | EphemerisOrbit]:
     if label:
-        orbits[0].name = label
+        for number, orbit in enumerate(orbits, start=1):
+            orbit.name = label if number == 1 else f"{label} #{number}"
     return orbits

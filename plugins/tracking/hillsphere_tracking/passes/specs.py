@@ -1,12 +1,24 @@
-"""Spec of the stage ``passes``."""
+"""Spec of the stage ``passes``.
+
+References
+----------
+.. [1] D. A. Vallado, P. Crawford, R. Hujsak, T. S. Kelso (2006), Revisiting Spacetrack Report #3,
+   AIAA 2006-6753 (errors of SGP4 with the age of elements).
+"""
 
 from __future__ import annotations
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.base.ranges import PRESSURE_HPA
 from hillsphere.spec import Ref, ResultNames, StageSpec, option, quantity, reference
 from hillsphere_tracking.satellite_specs import SatelliteSpec, StationSpec
 
-__all__ = ["PassesSpec"]
+__all__ = ["OLDEST_ELEMENTS_S", "PassesSpec"]
+
+OLDEST_ELEMENTS_S = 14.0 * DAY_S
+"""Age of elements from which a warning is given, by default. SGP4 gains 1 to 3 km a day along the
+track of a low orbit [1]_, so that after 14 days a pass is off by some seconds, and about a degree
+of azimuth on the way."""
 
 
 class PassesSpec(StageSpec):
@@ -67,6 +79,12 @@ class PassesSpec(StageSpec):
     duration_s: float = quantity(
         "time", "length of the search for passes", default=86400.0, gt=0, le=400 * 86400.0
     )
+    oldest_elements_s: float = quantity(
+        "time",
+        "age of elements, before or after their epoch, from which a warning is given; SGP4 gains "
+        "1 to 3 km a day along the track of a low orbit",
+        default=OLDEST_ELEMENTS_S, gt=0, le=4000 * 86400.0,
+    )  # fmt: skip
     refraction: bool = option(
         "whether elevations in masks and tables are apparent (with refraction)",
         default=False,

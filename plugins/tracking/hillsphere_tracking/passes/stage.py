@@ -32,7 +32,14 @@ from hillsphere_tracking.passes.passes import (
 from hillsphere_tracking.passes.presentation import present_passes
 from hillsphere_tracking.passes.products import SUN_IN_BEAM, PassList
 from hillsphere_tracking.passes.search import intersect_spans
-from hillsphere_tracking.passes.sources import blind_sectors_of, mask_of, orbits_from, station_of
+from hillsphere_tracking.passes.sources import (
+    blind_sectors_of,
+    covering,
+    element_warnings,
+    mask_of,
+    orbits_from,
+    station_of,
+)
 from hillsphere_tracking.passes.specs import PassesSpec
 from hillsphere_tracking.sun import sun_earth_fixed
 from hillsphere_tracking.topocentric import angles, apparent_elevation, rates
@@ -43,8 +50,8 @@ _SAMPLES = 121
 """Samples along a pass for plots and for the spline of the stage ``pointing``: a hundredth of a low
 revolution is then eight samples. Products grow in proportion to it."""
 _FRESH_DAYS = 30.0
-"""Days from their epoch after which elements give a warning: SGP4 gains kilometres a day along the
-track, so that a pass is then off by minutes."""
+"""Days from its epoch after which a plant gives a warning: a month of precession turns the Earth's
+axis by 4″, and the Sun by 30°."""
 _GROUND_S = DAY_S
 """Length (s) of the ground tracks on the map: a day shows all longitudes, more days cover the
 map."""
@@ -88,7 +95,7 @@ class PassesStage:
             )
         self.ellipsoid, self.orientation = body.ellipsoid, body.orientation
         self.flights = None if spec.plant is None else PlantFlights(spec.plant.get())
-        self.orbits: tuple[Orbit, ...] = orbits_from(spec.satellites)
+        self.orbits: tuple[Orbit, ...] = orbits_from(spec.satellites, self.orientation)
         self.sites = tuple(
             _Site(station_of(s, self.ellipsoid), mask_of(s), blind_sectors_of(s),
                   s.beam_half_angle_rad, s.keyhole_elevation_rad)
@@ -101,6 +108,8 @@ class PassesStage:
             self.start = Epoch.parse(spec.start, "UTC") if spec.start else self.orbits[0].epoch
         except InputError as error:
             raise InputError(f"start: {error}") from error
+        if self.flights is None:
+            self.orbits = covering(self.orbits, self.start, spec.duration_s)
         self.air = Air(spec.pressure_hpa, spec.temperature_c) if spec.refraction else None
 
     def run(self, ctx: Context) -> PassList:
@@ -265,15 +274,9 @@ class PassesStage:
         return apparent_elevation(elevation_rad, self.air.pressure_hpa, self.air.temperature_c)
 
     def _warnings(self, tracks: list[EarthTrack]) -> tuple[str, ...]:
-        sentences = []
-        for orbit in self.orbits:
-            age = self.start.seconds_since(orbit.epoch) / DAY_S
-            farthest = max(abs(age), abs(age + self.spec.duration_s / DAY_S))
-            if farthest > _FRESH_DAYS:
-                sentences.append(
-                    f"The elements of {orbit.name} are up to {farthest:.0f} days away from the "
-                    "search: its passes may be wrong by minutes."
-                )
+        sentences = element_warnings(
+            self.orbits, self.start, self.spec.duration_s, self.spec.oldest_elements_s
+        )
         span_s = [0.0, self.spec.duration_s]
         if self.flights is not None:
             since = self.flights.epoch.seconds_since(self.start)

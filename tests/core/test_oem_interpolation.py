@@ -9,9 +9,9 @@ import pytest
 
 from hillsphere.errors import InputError
 from hillsphere.formats.oem import OemSegment
+from hillsphere.formats.oem_interpolation import interpolant_of, segment_at
 from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
-from hillsphere_orbits.ephemeris.oem_interpolation import interpolant_of, segment_at
 
 RADIUS_M, RATE = 7e6, 1e-3
 STEP_S = 60.0

@@ -1,0 +1,177 @@
+"""Initial states, with their covariance, from messages: CCSDS OPM, or a state of an OEM.
+
+References
+----------
+.. [1] CCSDS 502.0-B-3, Orbit Data Messages, Blue Book, 2023, sections 3 (OPM) and 5 (OEM).
+.. [2] SANA registry "Orbit-Relative Reference Frames": RTN (RSW) and TNW.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hillsphere.base.arrays import Array
+from hillsphere.base.errors import InputError
+from hillsphere.base.time import Epoch
+from hillsphere.formats.ephemeris_files import common_axes, read_message, segments_of_object
+from hillsphere.formats.oem_interpolation import interpolant_of, segment_at
+from hillsphere.formats.opm import read_opm
+from hillsphere.model.frame_motion import FrameMotion, frame_motion
+
+__all__ = ["MessageStart", "start_of_message"]
+
+_SAME_S = 1.0
+"""Dates of one start may differ by this, s, as those of a start in axes of the stars."""
+_RADIAL = ("RTN", "RSW", "RTN_INERTIAL", "RSW_INERTIAL")
+_TANGENTIAL = ("TNW", "TNW_INERTIAL")
+
+
+@dataclass(frozen=True, eq=False)
+class MessageStart:
+    """An initial state in the frame of a plant.
+
+    Parameters
+    ----------
+    x : ndarray, shape (6,)
+        Position, m, and velocity, m/s.
+    covariance : ndarray, shape (6, 6), or None
+        Their covariance, if the message states one at this time.
+    epoch : Epoch
+        Instant of the state.
+    """
+
+    x: Array
+    covariance: Array | None
+    epoch: Epoch
+
+
+@dataclass(frozen=True, eq=False)
+class _Stated:
+    """What a message states: inertial state (6,), covariance and its frame, origin and axes."""
+
+    x: Array
+    epoch: Epoch
+    centre: str
+    frame: str
+    covariance: Array | None
+    covariance_frame: str
+
+
+def start_of_message(
+    path: Path | str,
+    plant: object,
+    *,
+    name: str = "",
+    epoch: str = "",
+    others: Mapping[str, float] | None = None,
+    time_s: float = 0.0,
+) -> MessageStart:
+    r"""Return the state of a message in the frame of a plant.
+
+    With the axes A of the frame and its angular velocity ω, the covariance is
+    :math:`J P J^T`, :math:`J = ((A^T, 0), (-[\omega\times] A^T, A^T))`.
+
+    Parameters
+    ----------
+    path : Path or str
+        Orbit Parameter Message or Orbit Ephemeris Message.
+    plant : object
+        Equations of motion in whose frame the state is wanted.
+    name : str
+        Object of an ephemeris; by default the only one.
+    epoch : str
+        Date and time (TDB) of the state of an ephemeris; by default its first useable state.
+    others : mapping of str to float
+        States of the plant that are neither position nor velocity, at the start, SI.
+    time_s : float
+        Time of the start on the plant's clock.
+
+    Raises
+    ------
+    InputError
+        If the message cannot be read, is about a body or in a frame that the plant does not know,
+        or the plant does not know its frame among the stars; the key or keyword is named.
+    """
+    path = Path(path)
+    stated = _read(path, name, epoch)
+    motion = _motion(stated, plant, others or {}, time_s)
+    if stated.centre.lower() not in [one.lower() for one in motion.centres]:
+        raise InputError(
+            f"{path.name}: CENTER_NAME: expected {' or '.join(map(str.upper, motion.centres))}, "
+            f"which the plant knows, got {stated.centre}"
+        )
+    inertial = common_axes(stated.frame, stated.x[:, None], motion.axes_name, path.name)
+    x = motion.from_inertial(inertial, stated.centre)[:, 0]
+    covariance = None
+    if stated.covariance is not None:
+        turn = _to_frame(stated, motion.axes_name, path.name) @ motion.axes[:, :, 0]
+        rate = motion.rate[:, 0]
+        cross = np.array(
+            [[0.0, -rate[2], rate[1]], [rate[2], 0.0, -rate[0]], [-rate[1], rate[0], 0.0]]
+        )
+        jacobian = np.block([[turn.T, np.zeros((3, 3))], [-cross @ turn.T, turn.T]])
+        covariance = jacobian @ stated.covariance @ jacobian.T
+    return MessageStart(x, covariance, stated.epoch)
+
+
+def _motion(
+    stated: _Stated, plant: object, others: Mapping[str, float], time_s: float
+) -> FrameMotion:
+    """Return the plant's frame at the instant of a state, which must be that of its clock."""
+    own = getattr(plant, "epoch", None)
+    zero = own if isinstance(own, Epoch) or own is None else Epoch.parse(str(own), "TDB")
+    if zero is not None and abs(stated.epoch.seconds_since(zero) - time_s) > _SAME_S:
+        since = stated.epoch.seconds_since(zero)
+        raise InputError(
+            f"start.time: expected {since:.6f} s, the time of the message's state on the plant's "
+            f"clock, got {time_s!r} s"
+        )
+    values = {name: np.array([value]) for name, value in others.items()}
+    return frame_motion(plant, stated.epoch.after(-time_s), np.array([time_s]), values)
+
+
+def _read(path: Path, name: str, epoch: str) -> _Stated:
+    text = read_message(path)
+    if "CCSDS_OPM_VERS" in text or re.search(r"<(\w+:)?opm\b", text):
+        if epoch:
+            raise InputError(
+                f"epoch: expected none, {path.name} is an OPM and has one state, got {epoch!r}"
+            )
+        opm = read_opm(text, path.name)
+        return _Stated(
+            opm.x, opm.epoch, opm.center_name, opm.frame, opm.covariance,
+            opm.covariance_frame or opm.frame,
+        )  # fmt: skip
+    segments = segments_of_object(path, name)
+    if epoch:
+        when = Epoch.parse(epoch, "TDB")
+        segment = segment_at(segments, when)
+        t = when.seconds_since(segment.epoch)
+    else:
+        segment = segments[0]
+        t = interpolant_of(segment).span_s[0]
+    covariance, frame = None, segment.ref_frame
+    for one in segment.covariances:
+        if abs(one.t_s - t) <= _SAME_S * 1e-6:
+            covariance, frame = one.matrix, one.ref_frame or segment.ref_frame
+    x = interpolant_of(segment)(t)[:, 0]
+    instant = segment.epoch.after(t)
+    return _Stated(x, instant, segment.center_name, segment.ref_frame, covariance, frame)
+
+
+def _to_frame(stated: _Stated, axes_name: str, where: str) -> Array:
+    """Return the matrix (3, 3) from the plant's inertial axes to those of the covariance [2]_."""
+    frame = stated.covariance_frame.upper()
+    if frame in _RADIAL or frame in _TANGENTIAL:
+        state = common_axes(stated.frame, stated.x[:, None], axes_name, where)[:, 0]
+        r, v = state[:3], state[3:]
+        normal = np.cross(r, v) / np.linalg.norm(np.cross(r, v))
+        first = (r if frame in _RADIAL else v) / np.linalg.norm(r if frame in _RADIAL else v)
+        return np.array([first, np.cross(normal, first), normal])
+    columns = common_axes(stated.covariance_frame, np.tile(np.eye(3), (2, 1)), axes_name, where)
+    return np.asarray(columns[:3].T)

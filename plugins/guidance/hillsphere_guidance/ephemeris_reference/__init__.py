@@ -1,0 +1,1 @@
+"""Trajectories of an ephemeris file as references that a closed loop follows."""
