@@ -166,7 +166,7 @@ def test_a_message_returns_to_the_last_bit() -> None:
             frame="ICRF",
             epoch=epoch,
             x=rng.normal(size=6) * 10.0 ** rng.integers(-9, 9, 6),
-            elements=OsculatingElements(*rng.uniform(0.1, 0.9, 6), 4.2828e13),
+            elements=OsculatingElements(9e6, *rng.uniform(0.1, 0.9, 5).tolist(), 4.2828e13),
             mass_kg=float(rng.uniform(1, 1e4)),
             covariance=covariance,
             covariance_frame="TNW",
@@ -223,8 +223,10 @@ def test_what_the_comprehensive_samples_say() -> None:
     with pytest.raises(InputError, match="no history of positions with velocities"):
         ephemeris_segments(read_ocm(sample("ocm", "positions.ocm")))
     fast = read_ocm(sample("ocm", "accelerations.ocm")).trajectories[0]
+    assert fast.accelerations_m_s2 is not None
     np.testing.assert_allclose(fast.accelerations_m_s2[:, 0], [-0.4, 1e-3, -2.5e-3], rtol=1e-15)
     elements = read_ocm(sample("ocm", "elements.ocm")).trajectories[0].elements
+    assert elements is not None
     np.testing.assert_allclose(
         elements[:, 0], [9e6, 0.25, *np.radians([30, 10, 20, 60])], rtol=1e-15
     )
