@@ -166,7 +166,15 @@ def test_a_message_returns_to_the_last_bit() -> None:
             frame="ICRF",
             epoch=epoch,
             x=rng.normal(size=6) * 10.0 ** rng.integers(-9, 9, 6),
-            elements=OsculatingElements(9e6, *rng.uniform(0.1, 0.9, 5).tolist(), 4.2828e13),
+            elements=OsculatingElements(
+                9e6,
+                float(rng.uniform(0.1, 0.9)),
+                40.1,
+                float(rng.uniform(0, 360)),
+                20.3,
+                30.2,
+                4.2828e13,
+            ),  # fmt: skip
             mass_kg=float(rng.uniform(1, 1e4)),
             covariance=covariance,
             covariance_frame="TNW",

@@ -81,6 +81,6 @@ def test_other_programs_read_what_we_write(python: str, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr[-2000:]
     got = json.loads(done.stdout)
     assert len(got) == len(expected) > 50
-    for (path, rows), other in zip(expected.items(), got, strict=True):
+    for (name, states), other in zip(expected.items(), got, strict=True):
         columns = np.array(other)[:, :6]
-        np.testing.assert_allclose(columns, rows, rtol=1e-15, atol=0, err_msg=path)
+        np.testing.assert_allclose(columns, states, rtol=1e-15, atol=0, err_msg=name)

@@ -97,7 +97,7 @@ def element_warnings(
     oldest_s : float
         Age from which a warning is given, before or after the epoch of the elements.
     """
-    sentences = []
+    sentences: list[str] = []
     for orbit in orbits:
         sentences += getattr(orbit, "warnings", ())
         age = start.seconds_since(orbit.epoch)
