@@ -174,7 +174,7 @@ def test_a_message_returns_to_the_last_bit() -> None:
                 20.3,
                 30.2,
                 4.2828e13,
-            ),  # fmt: skip
+            ),
             mass_kg=float(rng.uniform(1, 1e4)),
             covariance=covariance,
             covariance_frame="TNW",
