@@ -302,6 +302,23 @@ def test_parts_end_where_their_elements_end() -> None:
     assert [part.place for part in parts] == ["f:1", "f:1", "f:2", "f:2", "f:2"]
 
 
+def test_ephemerides_in_earth_rotation_time_come_back_and_end_with_the_table() -> None:
+    text = (
+        (OEM / "plain.oem").read_text("utf-8").replace("= TDB", "= UT1").replace("2027-", "2020-")
+    )
+    (segment,) = read_oem(text, "f")
+    assert segment.epoch.scale == "UT1"
+    # a minute of UT1 in 2020: the day is some 0.1 ms to 1 ms longer than 86400 s or shorter
+    assert 0.0 < abs(segment.t_s[1] - 60.0) < 1e-6
+    (again,) = read_oem(write_oem([segment]))
+    np.testing.assert_allclose(again.t_s, segment.t_s, rtol=0, atol=1e-6)
+    with pytest.raises(InputError, match=r"^f:\d+: \w+: UT1 is known from 1973-01-02 to"):
+        read_oem(text.replace("2020-", "2060-"), "f")
+    state = sample("opm", "plain.opm").replace("= TDB", "= UT1").replace("2027-", "2060-")
+    with pytest.raises(InputError, match=r"^f:9: EPOCH: UT1 is known from"):
+        read_opm(state, "f")
+
+
 def test_concatenated_text_is_refused_at_the_second_message() -> None:
     text = (OEM / "plain.oem").read_text("utf-8")
     line = len(text.splitlines()) + 1
