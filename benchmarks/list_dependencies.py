@@ -1,5 +1,7 @@
 """Write ``docs/dependencies.md``: every package that Hillsphere installs, its licence and size.
 
+What stands from the heading "Considered" on is written by hand and kept.
+
 ``python benchmarks/list_dependencies.py`` follows the requirements of the installed distribution
 ``hillsphere`` and of its extras; run it in an environment with all extras.
 """
@@ -86,4 +88,5 @@ if __name__ == "__main__":
             table = ["| package | licence | MB |", "| --- | --- | --- |", *installed]
             reason = [_REASONS[extra], ""] if extra in _REASONS else []
             lines.append("\n".join([f"## {title}", "", *reason, *table, ""]))
-    PAGE.write_text("\n".join(lines), "utf-8")
+    _, heading, by_hand = PAGE.read_text("utf-8").partition("\n## Considered")
+    PAGE.write_text("\n".join(lines) + heading + by_hand, "utf-8")

@@ -20,8 +20,11 @@ from hillsphere.base.orientation import OrientationTable
 from hillsphere.base.paths import missions_directory
 from hillsphere.formats.mesh_files import read_mesh_file
 from hillsphere.formats.ephemeris_files import segments_of_object
+from hillsphere.formats.ndm import read_ndm
 from hillsphere.formats.obj import read_obj
+from hillsphere.formats.ocm import read_ocm
 from hillsphere.formats.oem import OemSegment, read_oem, write_oem
+from hillsphere.formats.opm import read_opm
 from hillsphere.formats.plates import read_plates, read_shape
 from hillsphere.formats.shape_harmonics import read_shape_harmonics
 from hillsphere.interfaces import Array
@@ -134,6 +137,11 @@ SHADR = """ 1.11000000E+01, 7.08750000E-04, 1.0E-08,   3,   3,   1, 0.0, 0.0
 _FILES = Path(__file__).parents[1] / "data"
 PLATES = (_FILES / "shapes" / "one-count.plt").read_text("utf-8")
 COF = (_FILES / "gravity" / "small.cof").read_text("utf-8")
+OPM = (_FILES / "opm" / "valid" / "full.opm").read_text("utf-8")
+OPM_XML = (_FILES / "opm" / "valid" / "full.xml").read_text("utf-8")
+OCM = (_FILES / "ocm" / "valid" / "full.ocm").read_text("utf-8")
+OCM_XML = (_FILES / "ocm" / "valid" / "full.xml").read_text("utf-8")
+NDM = (_FILES / "ndm" / "valid" / "prefixed.xml").read_text("utf-8")
 ROWS = (_FILES / "gravity" / "rows.txt").read_text("utf-8")
 TERMS = (_FILES / "gravity" / "time-1.gfc").read_text("utf-8")
 OCTAHEDRON = """o body
@@ -366,6 +374,19 @@ READERS = (
            (FORMATS + "oem", FORMATS + "oem_encodings", FORMATS + "oem_reading"), of_text=True),
     Reader("oem_xml", "flight.xml", _oem, _of_text(read_oem), (FORMATS + "ccsds_xml",),
            of_text=True),
+    Reader("opm", "state.opm", _text(OPM), _of_text(read_opm),
+           (FORMATS + "opm", FORMATS + "opm_encodings", FORMATS + "opm_reading",
+            FORMATS + "ccsds_values"), of_text=True),
+    Reader("opm_xml", "state.xml", _text(OPM_XML), _of_text(read_opm), (FORMATS + "ccsds_tree",),
+           of_text=True),
+    Reader("ocm", "orbit.ocm", _text(OCM), _of_text(read_ocm),
+           (FORMATS + "ocm", FORMATS + "ocm_encodings", FORMATS + "ocm_reading"), of_text=True),
+    Reader("ocm_xml", "orbit.xml", _text(OCM_XML), _of_text(read_ocm), (FORMATS + "ccsds_tree",),
+           of_text=True),
+    Reader("ndm", "all.xml", _text(NDM), _of_text(read_ndm),
+           (FORMATS + "ndm", FORMATS + "ndm_parts"), of_text=True),
+    Reader("format_opm", "state.opm", _text(OPM), lambda path: create("format", "opm").read(path),
+           ("hillsphere_orbits.ephemeris.parameter_formats",)),
     Reader("tdm", "pass.tdm", _text(TDM), _of_text(read_tdm),
            (FORMATS + "tdm", FORMATS + "tdm_records", FORMATS + "tdm_entries"), of_text=True),
     Reader("tdm_xml", "pass.xml", _text(TDM_XML), _of_text(read_tdm), (FORMATS + "tdm_entries",),
@@ -430,6 +451,7 @@ NO_READERS = {
     "hillsphere.show.report": "the package's own style sheet and script, plotly.js",
     "hillsphere.show.comparison_page": "the package's own style sheet",
     "hillsphere.cli.author_commands": "writes copies of packaged missions, and plugins",
+    "hillsphere.cli.messages_command": "opens a file for the readers of messages",
     "hillsphere.cli.convert_command": "the beginning of a file, by which its format is told",
     "hillsphere.cli.plugin_template": "the package's own templates",
     "hillsphere.plugins.plugin_files": "a program that the user names; test_plugin_files.py",

@@ -16,7 +16,6 @@ import pytest
 
 from hillsphere.base.paths import missions_directory
 from hillsphere.cli.endings import run
-from hillsphere.formats.specs import FileFormatSpec
 from hillsphere.plugins import default_registry
 
 FIELDS = ("phobos-gravity-degree4.gfc", "eros-gravity-degree4.gfc", "earth-gravity-degree6.gfc")
@@ -64,7 +63,7 @@ def convert(place: Path, *words: str) -> tuple[int, str, str]:
 
 def read(format_: str, path: Path) -> Any:
     record = default_registry().get("format", format_)
-    return record.load_target()(FileFormatSpec()).read(path)[0]
+    return record.load_target()(record.load_spec()()).read(path)[0]
 
 
 @pytest.mark.parametrize("name", FIELDS)
@@ -344,7 +343,7 @@ def test_what_is_refused(tmp_path: Path) -> None:
         (("a.gfc", "c.xyz"), "c.xyz: it is none of the known formats; choose with --to: "),
         (("text.txt", "c.gfc"), "text.txt: it is none of the known formats; choose with --from: "),
         (("a.gfc", "c.shadr", "--from", "tle"), "(tle) cannot become"),
-        (("a.tle", "c.omm", "--to", "oom"), "no file format 'oom'; did you mean 'omm'"),
+        (("a.tle", "c.omm", "--to", "ommm"), "no file format 'ommm'; did you mean 'omm'"),
         (("none.gfc", "c.shadr"), "none.gfc: cannot be read: No such file"),
         (("pipe.gfc", "c.shadr"), "it is a FIFO"),
         (("a.gfc", "no/c.shadr"), "no/c.shadr: cannot be written: No such file"),

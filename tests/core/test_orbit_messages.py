@@ -166,7 +166,15 @@ def test_a_message_returns_to_the_last_bit() -> None:
             frame="ICRF",
             epoch=epoch,
             x=rng.normal(size=6) * 10.0 ** rng.integers(-9, 9, 6),
-            elements=OsculatingElements(*rng.uniform(0.1, 0.9, 6), 4.2828e13),
+            elements=OsculatingElements(
+                9e6,
+                float(rng.uniform(0.1, 0.9)),
+                40.1,
+                float(rng.uniform(0, 360)),
+                20.3,
+                30.2,
+                4.2828e13,
+            ),
             mass_kg=float(rng.uniform(1, 1e4)),
             covariance=covariance,
             covariance_frame="TNW",
@@ -223,8 +231,10 @@ def test_what_the_comprehensive_samples_say() -> None:
     with pytest.raises(InputError, match="no history of positions with velocities"):
         ephemeris_segments(read_ocm(sample("ocm", "positions.ocm")))
     fast = read_ocm(sample("ocm", "accelerations.ocm")).trajectories[0]
+    assert fast.accelerations_m_s2 is not None
     np.testing.assert_allclose(fast.accelerations_m_s2[:, 0], [-0.4, 1e-3, -2.5e-3], rtol=1e-15)
     elements = read_ocm(sample("ocm", "elements.ocm")).trajectories[0].elements
+    assert elements is not None
     np.testing.assert_allclose(
         elements[:, 0], [9e6, 0.25, *np.radians([30, 10, 20, 60])], rtol=1e-15
     )
@@ -290,6 +300,23 @@ def test_parts_end_where_their_elements_end() -> None:
         "<opm/>", '<oem a="/>"></oem>', "<omm>/></omm>", "<tdm><x/></tdm>", "<ocm\n/>",
     ]  # fmt: skip
     assert [part.place for part in parts] == ["f:1", "f:1", "f:2", "f:2", "f:2"]
+
+
+def test_ephemerides_in_earth_rotation_time_come_back_and_end_with_the_table() -> None:
+    text = (
+        (OEM / "plain.oem").read_text("utf-8").replace("= TDB", "= UT1").replace("2027-", "2020-")
+    )
+    (segment,) = read_oem(text, "f")
+    assert segment.epoch.scale == "UT1"
+    # a minute of UT1 in 2020: the day is some 0.1 ms to 1 ms longer than 86400 s or shorter
+    assert 0.0 < abs(segment.t_s[1] - 60.0) < 1e-6
+    (again,) = read_oem(write_oem([segment]))
+    np.testing.assert_allclose(again.t_s, segment.t_s, rtol=0, atol=1e-6)
+    with pytest.raises(InputError, match=r"^f:\d+: \w+: UT1 is known from 1973-01-02 to"):
+        read_oem(text.replace("2020-", "2060-"), "f")
+    state = sample("opm", "plain.opm").replace("= TDB", "= UT1").replace("2027-", "2060-")
+    with pytest.raises(InputError, match=r"^f:9: EPOCH: UT1 is known from"):
+        read_opm(state, "f")
 
 
 def test_concatenated_text_is_refused_at_the_second_message() -> None:

@@ -43,6 +43,10 @@ def convert(
         str | None,
         typer.Option(metavar="FORMAT", help="Format of OUT; by default told from its suffix."),
     ] = None,
+    lenient: Annotated[
+        bool,
+        typer.Option("--lenient", help="Harmless departures from a CCSDS standard are warnings."),
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace OUT if it exists.")] = False,
     plugin: PluginFiles = None,
     json: Annotated[bool, typer.Option("--json", help="Write JSON to stdout.")] = False,
@@ -53,7 +57,7 @@ def convert(
     """
     if str(target) == "-":
         raise InputError("OUT must be a file; '-' for the standard output is not supported")
-    formats = _Formats(registry_of(files=plugin), named={from_, to} - {None})
+    formats = _Formats(registry_of(files=plugin), {from_, to} - {None}, lenient=lenient)
     read_as = _format_of_input(source, from_, formats)
     written_as = _format_of_output(target, to, formats, formats[read_as].content)
     old, new = formats[read_as], formats[written_as]
@@ -72,6 +76,8 @@ def convert(
         raise InputError(f"{target}: exists already; give another name, or --force to replace it")
     with formats.blaming(read_as, "reading"):
         content, passed_over = old.read(source)
+    for warning in _warnings_of(content):
+        say(warning)
     try:
         with formats.blaming(written_as, "writing"):
             text, unheld = new.write(content)
@@ -104,9 +110,13 @@ class _Formats(Mapping[str, "FileFormat"]):
         Where they come from.
     named : set of str
         Formats that the user named: of these a broken one is an error, of others a note.
+    lenient : bool
+        Whether the formats that can be read leniently are.
     """
 
-    def __init__(self, registry: Registry, named: Collection[str | None]) -> None:
+    def __init__(
+        self, registry: Registry, named: Collection[str | None], *, lenient: bool = False
+    ) -> None:
         self._records: dict[str, Registered] = {}
         self._formats: dict[str, FileFormat] = {}
         for record in registry.of_kind("format"):
@@ -114,7 +124,9 @@ class _Formats(Mapping[str, "FileFormat"]):
             self._records[name] = record
             try:
                 with self.blaming(name, "loading"):
-                    self._formats[name] = record.load_target()(record.load_spec()())
+                    spec = record.load_spec()
+                    keys = {"lenient": True} if lenient and "lenient" in spec.model_fields else {}
+                    self._formats[name] = record.load_target()(spec(**keys))
             except PluginError as error:
                 if name in named:
                     raise
@@ -153,6 +165,12 @@ class _Formats(Mapping[str, "FileFormat"]):
             except PluginError as error:
                 say(f"note: left out: {error}")
         return names
+
+
+def _warnings_of(content: Any) -> list[str]:
+    """Return the warnings of messages that were read leniently, each once."""
+    parts = content if isinstance(content, list | tuple) else [content]
+    return list(dict.fromkeys(text for one in parts for text in getattr(one, "warnings", ())))
 
 
 def _is_same_file(source: Path, target: Path) -> bool:

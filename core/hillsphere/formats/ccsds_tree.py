@@ -51,11 +51,12 @@ def read_tree(text: str, where: str) -> XmlElement:
 
 
 class XmlPart(NamedTuple):
-    """An element with its place, its name, and a text that holds it alone, on the same lines."""
+    """An element with its place, its name, its text, and the number of lines above it."""
 
     place: str
     name: str
     text: str
+    above: int
 
 
 def split_children(text: str, where: str) -> tuple[str, list[XmlPart]]:
@@ -99,9 +100,8 @@ def split_children(text: str, where: str) -> tuple[str, list[XmlPart]]:
             # The walk stands before an end tag, which has no attributes, but behind a tag <x/>.
             if inner or text or not data[first:stop].endswith(b"/>"):
                 stop = data.index(b">", stop) + 1
-            lines = "\n" * (int(place.rpartition(":")[2]) - 1)
             piece = data[first:stop].decode("utf-8", "surrogatepass")
-            parts.append(XmlPart(place, name, lines + piece))
+            parts.append(XmlPart(place, name, piece, int(place.rpartition(":")[2]) - 1))
 
     walk = XmlWalk(where, start, end, above)
     walk.feed(body, True)

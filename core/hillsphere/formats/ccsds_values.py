@@ -117,7 +117,10 @@ def read_time_system(entry: Entry) -> str:
 def read_epoch(entry: Entry, scale: str) -> Epoch:
     """Return a time of a message; `InputError` with its place and keyword if it is none."""
     try:
-        return read_ccsds_time(entry.value, scale)
+        epoch = read_ccsds_time(entry.value, scale)
+        if scale == "UT1":
+            epoch.to("TAI")  # refused here, with the place, if no table covers it
+        return epoch
     except InputError as error:
         raise InputError(f"{entry.place}: {entry.key}: {error}") from error
 

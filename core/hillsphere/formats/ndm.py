@@ -97,5 +97,7 @@ def read_ndm(
             messages.append(NdmMessage(part.kind, part.place, content, warnings=told))
         else:
             reason = f"messages of the kind {part.kind.upper()} are not read"
+            if part.kind == "omm":
+                reason += " here; `hillsphere passes` and `hillsphere convert` read them"
             messages.append(NdmMessage(part.kind, part.place, None, reason))
     return messages

@@ -8,7 +8,8 @@ References
 from __future__ import annotations
 
 import re
-from typing import NamedTuple
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 from hillsphere.base.errors import InputError
 from hillsphere.base.problems import did_you_mean
@@ -25,7 +26,8 @@ _REPEATABLE = ("omm",)
 """Kinds whose readers take several messages of one text in KVN."""
 
 
-class NdmPart(NamedTuple):
+@dataclass(frozen=True)
+class NdmPart:
     """One message of a file.
 
     Parameters
@@ -34,13 +36,25 @@ class NdmPart(NamedTuple):
         One of `KINDS`.
     place : str
         File and line where it begins.
-    text : str
-        The message alone, behind as many empty lines as its line number in the file needs.
+    piece : str
+        The message alone.
+    above : int
+        Number of lines of the file above it.
     """
 
     kind: str
     place: str
-    text: str
+    piece: str
+    above: int = 0
+
+    @property
+    def text(self) -> str:
+        """The message behind as many empty lines as its line number in the file needs.
+
+        It is made when it is asked for: the empty lines of all messages of a large file together
+        would take its size times their number.
+        """
+        return "\n" * self.above + self.piece
 
 
 def split_ndm(text: str, where: str = "NDM") -> list[NdmPart]:
@@ -79,7 +93,7 @@ def split_ndm(text: str, where: str = "NDM") -> list[NdmPart]:
         if child.name not in KINDS:
             hint = did_you_mean(child.name, KINDS, otherwise="expected")
             raise InputError(f"{child.place}: <ndm> has no element {child.name[:60]!r}{hint}")
-        parts.append(NdmPart(child.name, child.place, child.text))
+        parts.append(NdmPart(child.name, child.place, child.text, child.above))
     if not parts:
         raise InputError(f"{where}:1: <ndm> holds no message")
     return parts
@@ -107,7 +121,7 @@ def _kvn_part(text: str, where: str) -> NdmPart:
     return first
 
 
-def parts_of_kind(text: str, where: str, kind: str) -> list[str]:
+def parts_of_kind(text: str, where: str, kind: str) -> Iterator[str]:
     """Return the texts of an ``<ndm>`` of one kind; any other text as it is.
 
     Raises
@@ -117,7 +131,7 @@ def parts_of_kind(text: str, where: str, kind: str) -> list[str]:
     """
     begins = _BEGINS.match(text[:4096].lstrip("\ufeff"))
     if begins is None or begins[1] != "ndm":
-        return [text]
+        return iter([text])
     parts = split_ndm(text, where)
     for part in parts:
         if part.kind != kind:
@@ -125,4 +139,4 @@ def parts_of_kind(text: str, where: str, kind: str) -> list[str]:
                 f"{part.place}: <ndm> holds <{part.kind}>, expected <{kind}> only; `split_ndm` "
                 "gives the parts of each kind"
             )
-    return [part.text for part in parts]
+    return (part.text for part in parts)

@@ -216,8 +216,8 @@ class _Reading:
             time, *rest = row.split() or [""]
             if len(rest) != width:
                 raise InputError(
-                    f"{place}: expected a time and {width} numbers ({what}), got {len(row.split())} "
-                    "words"
+                    f"{place}: expected a time and {width} numbers ({what}), got "
+                    f"{len(row.split())} words"
                 )
             instant = self._time(Entry(place, "time", time))
             if times and instant <= times[-1]:

@@ -17,6 +17,7 @@ from hillsphere.base.arrays import Array
 from hillsphere.base.errors import InputError
 from hillsphere.base.time import Epoch
 from hillsphere.formats.ccsds_entries import Entry, Leniency, order_entries
+from hillsphere.formats.ccsds_times import plain_seconds
 from hillsphere.formats.ccsds_values import (
     TRIANGLE,
     check_text,
@@ -67,6 +68,7 @@ UNITS = {
     **{key: f"km**2{('', '/s', '/s**2')[key.count('_DOT')]}" for key in TRIANGLE},
 }  # fmt: skip
 """The unit of each number."""
+_ROWS = (("EPOCH", *STATE), ("EPOCH", *STATE, *ACCELERATION))
 _DIGITS = re.compile(r"\.(\d*?)0*Z?")
 _NEEDS_EPOCH = re.compile(r"TEMEOFEPOCH|(MOE|TOE)_.*")
 
@@ -223,11 +225,16 @@ class _Reading:
         times: list[float] = []
         rows: list[list[float]] = []
         width = len(blocks[0].entries)
-        for block in blocks:
-            entries = order_entries(
-                block.entries, ("EPOCH", *STATE, *ACCELERATION), ("EPOCH", *STATE), "a state",
-                block.end,
-            )  # fmt: skip
+        plain = [b.entries[0].value for b in blocks if _is_row(b)]
+        known = plain_seconds(plain, self.base, self.scale) if len(plain) == len(blocks) else None
+        for number, block in enumerate(blocks):
+            if known is not None:
+                entries = {entry.key: entry for entry in block.entries}
+            else:
+                entries = order_entries(
+                    block.entries, ("EPOCH", *STATE, *ACCELERATION), ("EPOCH", *STATE), "a state",
+                    block.end,
+                )  # fmt: skip
             if len(entries) not in (7, 10):
                 raise InputError(
                     f"{block.place}: a state has all of {', '.join(ACCELERATION)} or none"
@@ -237,20 +244,18 @@ class _Reading:
                     f"{block.place}: expected {width - 1} numbers as in the first state of the "
                     f"segment ({blocks[0].place}), got {len(entries) - 1}"
                 )
-            times.append(self._instant(entries["EPOCH"], times, "state"))
+            instant = None if known is None else float(known[number])
             decimals = max(decimals, _decimals(entries["EPOCH"].value))
-            rows.append(
-                [
-                    read_number(entry, UNITS[key], 3)
-                    for key, entry in entries.items()
-                    if key != "EPOCH"
-                ]
-            )
+            times.append(self._instant(entries.pop("EPOCH"), times, "state", instant))
+            rows.append([read_number(entry, UNITS[key], 3) for key, entry in entries.items()])
         return np.array(times), np.array(rows).T, decimals
 
-    def _instant(self, entry: Entry, before: Sequence[float], what: str) -> float:
+    def _instant(
+        self, entry: Entry, before: Sequence[float], what: str, instant: float | None = None
+    ) -> float:
         """Return a time that follows those before it, within the span of the segment."""
-        instant = read_epoch(entry, self.scale).seconds_since(self.base)
+        if instant is None:
+            instant = read_epoch(entry, self.scale).seconds_since(self.base)
         if before and instant <= before[-1]:
             fault = "is that of" if instant == before[-1] else "is before that of"
             raise InputError(
@@ -312,6 +317,12 @@ class _Reading:
                 f"segment has {states}"
             )
         return name, value
+
+
+def _is_row(block: Block) -> bool:
+    """Return whether a state has its keywords in order, with values: all that text (KVN) has."""
+    keys = tuple(entry.key for entry in block.entries)
+    return keys in _ROWS and all(entry.value for entry in block.entries)
 
 
 def _check_span(meta: Mapping[str, Entry], span: Mapping[str, float]) -> None:

@@ -161,10 +161,10 @@ def _block(message: OpmBlocks, name: str, leniency: Leniency) -> dict[str, Entry
         if name == "spacecraftParameters":
             return {}
         blocks = [Block(message.end, message.end)]
-    return _ordered(blocks[0], name, leniency)
+    return _order_block(blocks[0], name, leniency)
 
 
-def _ordered(block: Block, name: str, leniency: Leniency) -> dict[str, Entry]:
+def _order_block(block: Block, name: str, leniency: Leniency) -> dict[str, Entry]:
     entries = [entry for entry in block.entries if entry.key != "COMMENT"]
     return order_entries(
         entries, BLOCKS[name], _REQUIRED.get(name, ()), _NAMES[name], block.end, leniency,
@@ -310,7 +310,7 @@ def _half_digit(entry: Entry, power: int) -> float:
 
 
 def _manoeuvre(block: Block, scale: str, leniency: Leniency) -> Manoeuvre:
-    entries = _ordered(block, "maneuverParameters", leniency)
+    entries = _order_block(block, "maneuverParameters", leniency)
     numbers = _numbers(entries)
     return Manoeuvre(
         read_epoch(entries["MAN_EPOCH_IGNITION"], scale),

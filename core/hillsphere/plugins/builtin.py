@@ -158,6 +158,13 @@ def hillsphere_components() -> list[Component]:
         ),
         Component(
             "command",
+            "messages",
+            "hillsphere.cli.messages_command:app",
+            "",
+            "list the CCSDS messages of a file",
+        ),
+        Component(
+            "command",
             "convert",
             "hillsphere.cli.convert_command:app",
             "",

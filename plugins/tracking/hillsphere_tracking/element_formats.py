@@ -17,7 +17,7 @@ from xml.sax.saxutils import escape
 
 from hillsphere.base.regular_files import read_text
 from hillsphere.errors import InputError
-from hillsphere.formats.specs import FileFormatSpec
+from hillsphere.formats.specs import FileFormatSpec, OrbitMessageSpec
 from hillsphere_tracking.element_sets import element_set_of, fields_of
 from hillsphere_tracking.omm import Omm, omm_of_fields, read_omms
 from hillsphere_tracking.omm_encodings import encoding_of
@@ -91,15 +91,15 @@ class OmmFile:
 
     Parameters
     ----------
-    spec : FileFormatSpec
-        Without parameters.
+    spec : OrbitMessageSpec
+        Whether it is read leniently.
     """
 
     content = "set of mean elements"
     suffixes: tuple[str, ...] = (".omm",)
     encoding = "omm"
 
-    def __init__(self, spec: FileFormatSpec) -> None:
+    def __init__(self, spec: OrbitMessageSpec) -> None:
         self.spec = spec
 
     def recognises(self, beginning: str) -> bool:
@@ -109,7 +109,7 @@ class OmmFile:
 
     def read(self, path: Path) -> tuple[tuple[Omm, ...], tuple[str, ...]]:
         """Read messages in any encoding; see `hillsphere_tracking.omm.read_omms`."""
-        messages = read_omms(_text(path), str(path))
+        messages = read_omms(_text(path), str(path), lenient=self.spec.lenient)
         return messages, tuple(dict.fromkeys(what for one in messages for what in one.passed_over))
 
     def write(self, content: Sequence[Omm]) -> tuple[str, tuple[str, ...]]:
@@ -127,8 +127,8 @@ class OmmXml(OmmFile):
 
     Parameters
     ----------
-    spec : FileFormatSpec
-        Without parameters.
+    spec : OrbitMessageSpec
+        Whether it is read leniently.
     """
 
     suffixes = (".xml",)
@@ -159,8 +159,8 @@ class OmmJson(OmmFile):
 
     Parameters
     ----------
-    spec : FileFormatSpec
-        Without parameters.
+    spec : OrbitMessageSpec
+        Whether it is read leniently.
     """
 
     suffixes = (".json",)
@@ -188,8 +188,8 @@ class OmmCsv(OmmFile):
 
     Parameters
     ----------
-    spec : FileFormatSpec
-        Without parameters.
+    spec : OrbitMessageSpec
+        Whether it is read leniently.
     """
 
     suffixes = (".csv",)

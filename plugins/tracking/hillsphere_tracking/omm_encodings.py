@@ -109,7 +109,7 @@ def kvn_messages(text: str, where: str, leniency: Leniency) -> Messages:
         unit = ""
         if key in _HAS_UNIT and (match := _UNIT.fullmatch(value)):
             value, unit = match.groups()
-        entries += _known(Entry(place, key, value, unit), leniency)
+        entries += _check_keyword(Entry(place, key, value, unit), leniency)
     if entries:
         yield start, entries
 
@@ -162,7 +162,7 @@ class _XmlMessages:
     def _end(self, name: str, text: str) -> None:
         if self._key:
             entry = Entry(self._place, self._key, text, self._unit)
-            self._messages[-1][1].extend(_known(entry, self._leniency))
+            self._messages[-1][1].extend(_check_keyword(entry, self._leniency))
         self._key = ""
         self._depth -= 1
         if name == "omm":
@@ -224,10 +224,10 @@ def _csv_messages(text: str, where: str, leniency: Leniency) -> Messages:
 def _of_service(place: str, key: str, value: Any, leniency: Leniency) -> list[Entry]:
     if value is not None and not isinstance(value, str):
         raise InputError(f"{place}: {key[:40]} must be a number or text")
-    return _known(Entry(place, key, (value or "").strip()), leniency, _OF_SERVICES)
+    return _check_keyword(Entry(place, key, (value or "").strip()), leniency, _OF_SERVICES)
 
 
-def _known(entry: Entry, leniency: Leniency, further: tuple[str, ...] = ()) -> list[Entry]:
+def _check_keyword(entry: Entry, leniency: Leniency, further: tuple[str, ...] = ()) -> list[Entry]:
     """Return an entry; none if there is no such keyword and that is tolerated."""
     if not (entry.key in _KEYWORDS or entry.key in further or entry.key[:13] == "USER_DEFINED_"):
         hint = did_you_mean(entry.key, (*_KEYWORDS, *further), otherwise="keywords")

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hillsphere.errors import InputError
+from hillsphere.formats.ccsds_times import plain_seconds, read_ccsds_time
 from hillsphere.formats.oem import OemSegment, read_oem, write_oem
 
 SAMPLES = Path(__file__).parent / "data" / "oem"
@@ -94,6 +95,21 @@ def test_what_the_samples_state() -> None:
     digits = one("exact-digits.oem")
     assert digits.x[0, 0] == 9376123.456789012
     assert digits.time_digits == 9
+
+
+@pytest.mark.parametrize("scale", ["UTC", "TDB", "GPS", "UT1"])
+def test_times_read_at_once_are_those_read_one_by_one(scale: str) -> None:
+    """A date by the day of the year is read for itself, and so are all others of its segment."""
+    texts = ["2016-12-31T23:59:59.123456789", "2017-01-01T00:00:00Z", "2017-02-28T12:34:56.7"]
+    each = [read_ccsds_time(text, scale) for text in texts]
+    base = each[0].to("TAI") if scale in ("UTC", "UT1") else each[0]
+    seconds = plain_seconds(texts, base, scale)
+    if scale == "UT1":
+        assert seconds is None
+    else:
+        np.testing.assert_array_equal(seconds, [one.seconds_since(base) for one in each])
+    for odd in ("2017-001T00:00:00", "2017-02-29T00:00:00", "2016-12-31T23:59:60", "", "2017"):
+        assert plain_seconds([*texts, odd], base, scale) is None
 
 
 def test_every_broken_sample_is_in_the_table() -> None:

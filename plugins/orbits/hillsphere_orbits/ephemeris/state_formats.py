@@ -9,9 +9,9 @@ from pathlib import Path
 from hillsphere.base.errors import InputError
 from hillsphere.base.regular_files import read_text
 from hillsphere.formats.oem import OemSegment, read_oem, states_csv, write_oem
-from hillsphere.formats.specs import FileFormatSpec
+from hillsphere.formats.specs import FileFormatSpec, OrbitMessageSpec
 
-__all__ = ["OemFile", "OemXml", "StatesCsv"]
+__all__ = ["OemFile", "OemXml", "StatesCsv", "is_xml", "text_of"]
 
 
 class OemFile:
@@ -19,28 +19,24 @@ class OemFile:
 
     Parameters
     ----------
-    spec : FileFormatSpec
-        Without parameters.
+    spec : OrbitMessageSpec
+        Whether it is read leniently.
     """
 
     content = "ephemeris"
     suffixes: tuple[str, ...] = (".oem",)
     encoding = "kvn"
 
-    def __init__(self, spec: FileFormatSpec) -> None:
+    def __init__(self, spec: OrbitMessageSpec) -> None:
         self.spec = spec
 
     def recognises(self, beginning: str) -> bool:
         """Return whether the text says that it is such a message."""
-        return "CCSDS_OEM_VERS" in beginning and not _is_xml(beginning)
+        return "CCSDS_OEM_VERS" in beginning and not is_xml(beginning)
 
     def read(self, path: Path) -> tuple[list[OemSegment], tuple[str, ...]]:
         """Read a message; see `hillsphere.formats.oem.read_oem`."""
-        try:
-            segments = read_oem(read_text(path), str(path))
-        except (OSError, UnicodeDecodeError) as error:
-            reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-            raise InputError(f"{path}: cannot be read: {reason or error}") from error
+        segments = read_oem(text_of(path), str(path), lenient=self.spec.lenient)
         return segments, tuple(dict.fromkeys(what for one in segments for what in one.passed_over))
 
     def write(self, content: Sequence[OemSegment]) -> tuple[str, tuple[str, ...]]:
@@ -53,8 +49,8 @@ class OemXml(OemFile):
 
     Parameters
     ----------
-    spec : FileFormatSpec
-        Without parameters.
+    spec : OrbitMessageSpec
+        Whether it is read leniently.
     """
 
     suffixes = (".xml",)
@@ -62,7 +58,7 @@ class OemXml(OemFile):
 
     def recognises(self, beginning: str) -> bool:
         """Return whether the beginning of an XML file has the element of such a message."""
-        return _is_xml(beginning) and bool(re.search(r"<(\w+:)?oem\b", beginning))
+        return is_xml(beginning) and bool(re.search(r"<(\w+:)?oem\b", beginning))
 
 
 class StatesCsv:
@@ -139,7 +135,17 @@ _HELD_IN_OEM: dict[str, Callable[[OemSegment], object]] = {
 """What a segment may hold for which a table has no column."""
 
 
-def _is_xml(beginning: str) -> bool:
+def text_of(path: Path) -> str:
+    """Return the text of a file; `InputError` if it cannot be read."""
+    try:
+        return read_text(path)
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise InputError(f"{path}: cannot be read: {reason or error}") from error
+
+
+def is_xml(beginning: str) -> bool:
+    """Return whether a file begins as XML does."""
     # the beginning of a file is decoded as Latin-1, in which a byte order mark is three letters
     return beginning.lstrip("\ufeff\u00ef\u00bb\u00bf \t\r\n").startswith("<")
 
