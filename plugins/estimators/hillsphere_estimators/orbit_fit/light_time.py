@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -110,7 +111,7 @@ def follow_signal(nodes: Sequence[Node], tag_s: Array, tagged: str = "receive") 
     elapsed = np.full(np.shape(tag_s), first.transmit_delay_s + last.receive_delay_s)
     between = [node.receive_delay_s + node.transmit_delay_s for node in nodes[1:-1]]
     elapsed = elapsed + sum(between)
-    legs = list(zip(nodes[:-1], nodes[1:], strict=True))
+    legs = list(pairwise(nodes))
     if tagged == "receive":
         now = tag_s - last.receive_delay_s
         held = last.states(now)

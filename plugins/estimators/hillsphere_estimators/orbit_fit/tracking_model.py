@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -59,7 +60,7 @@ class TrackingModel(PlantModel):
         self._craft, self._aberration = craft, aberration
         self._transmissions, self._active = transmissions, active
         ends = np.cumsum([0, *(len(o.names) for o in observables)]).tolist()
-        self.rows = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        self.rows = [slice(a, b) for a, b in pairwise(ends)]
         """Rows of each observable."""
         self._count = ends[-1]
 
