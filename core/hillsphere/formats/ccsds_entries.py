@@ -8,7 +8,8 @@ References
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+import warnings
+from collections.abc import Callable, Sequence
 from decimal import Decimal
 from math import inf, isfinite
 from typing import NamedTuple
@@ -16,7 +17,7 @@ from typing import NamedTuple
 from hillsphere.base.errors import InputError
 from hillsphere.base.problems import did_you_mean
 
-__all__ = ["Entry", "order_entries", "read_scaled", "write_scaled"]
+__all__ = ["Entry", "Leniency", "order_entries", "read_scaled", "write_scaled"]
 
 _REAL = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+))(?:[eE]([+-]?\d{1,4}))?", re.ASCII)
 
@@ -28,6 +29,46 @@ class Entry(NamedTuple):
     key: str
     value: str
     unit: str = ""
+
+
+class Leniency:
+    """What a reader does about harmless departures from a standard.
+
+    Parameters
+    ----------
+    strict : bool
+        Whether they are errors.
+    warn : callable, optional
+        Called with each message if they are none; by default a Python warning is given.
+    """
+
+    def __init__(self, strict: bool = True, warn: Callable[[str], object] | None = None) -> None:
+        self.strict = strict
+        self.warnings: list[str] = []
+        self._warn = warn
+
+    def tolerate(self, message: str) -> None:
+        """Record a departure, once, and tell of it.
+
+        Parameters
+        ----------
+        message : str
+            ``"file:line: what is wrong"``.
+
+        Raises
+        ------
+        InputError
+            If the reader is strict.
+        """
+        if self.strict:
+            raise InputError(message)
+        if message in self.warnings:
+            return
+        self.warnings.append(message)
+        if self._warn is None:
+            warnings.warn(message, stacklevel=2)
+        else:
+            self._warn(message)
 
 
 def order_entries(
