@@ -130,10 +130,9 @@ def judge_fit(
     # the squares of normal numbers of which those beyond the threshold were left out
     spared = 1.0 if threshold is None else _truncated_variance(threshold)
     dof = int(fit.rows[0]) - free_of_prior
-    low, high = (
-        (spared * float(chi2.ppf(p, max(dof, 1))) / max(dof, 1) for p in (share, 1.0 - share))
-    )  # fmt: skip
-    squares = float(fit.squares[0]) / max(dof, 1)
+    unit = max(dof, 1)
+    low, high = (spared * float(chi2.ppf(p, unit)) / unit for p in (share, 1.0 - share))
+    squares = float(fit.squares[0]) / unit
     wrong, small = [], []
     if squares > high:
         wrong.append(

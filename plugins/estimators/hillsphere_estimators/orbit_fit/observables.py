@@ -163,6 +163,7 @@ def expected_values(
         if o.kind == "range_rate":
             return o.share * SPEED_OF_LIGHT_M_S * signal.slowing[None]
         assert transmission is not None
+        transmission.check(t_s + signal.sent_s)
         off, slowing = transmission.offset(t_s + signal.sent_s), signal.slowing
     else:
         begin, end = (
@@ -173,6 +174,7 @@ def expected_values(
         if o.kind == "range_rate":
             return o.share * SPEED_OF_LIGHT_M_S * grown[None] / o.interval_s
         assert transmission is not None
+        transmission.check(t_s + begin.sent_s)
         off = transmission.mean_offset(t_s + begin.sent_s, t_s + end.sent_s)
         slowing = grown / (end.received_s - begin.received_s)
     reference = transmission.reference_hz

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from math import pi
 from typing import Literal, Self
 
@@ -90,15 +89,11 @@ class FitStartSpec(StartFormsSpec):
         default="",
         max_length=40,
     )
-    time_scale: Literal["UTC", "TAI", "TT", "TDB"] = option(
-        "time scale of the date", default="UTC"
-    )
+    time_scale: Literal["UTC", "TAI", "TT", "TDB"] = option("time scale of the date", default="UTC")
     position_m: Vector3 | None = quantity(
         "length", "position in the plant's frame", default=None
     )  # fmt: skip
-    velocity_m_s: Vector3 | None = quantity(
-        "speed", "velocity in the plant's frame", default=None
-    )
+    velocity_m_s: Vector3 | None = quantity("speed", "velocity in the plant's frame", default=None)
     file: DataPath | None = data_path(
         "state message (CCSDS OEM) about the centre of the plant", default=None
     )
@@ -334,11 +329,3 @@ class OrbitFitSpec(StageSpec):
         if self.acceleration_noise_m_s2 and self.estimator is None:
             raise rule("acceleration_noise_m_s2", "acts in a filter only; give an estimator")
         return self
-
-    def misfits(
-        self, tables: Mapping[str, Mapping[str, Spec]]
-    ) -> Iterator[tuple[tuple[str | int, ...], str]]:
-        """Yield considered errors that the filter cannot take."""
-        if self.estimator is None or not any(bias.considered for bias in self.biases):
-            return
-        yield from refuse_considered(self.estimator, tables)

@@ -9,6 +9,10 @@ from hillsphere.interfaces import Array
 
 __all__ = ["Transmission"]
 
+_EARLY_S = 1.0
+"""Time before the first frequency for which it is taken: steps of differences, and the rounding of
+times to seconds."""
+
 
 class Transmission:
     """A frequency that is linear between given times.
@@ -55,9 +59,19 @@ class Transmission:
         across = (self._phase(end_s, other) - self._phase(begin_s, one)) / (end_s - begin_s)
         return np.asarray(np.where(one == other, middle, across))
 
-    def covers(self, t_s: float) -> bool:
-        """Whether a time is not before the first frequency."""
-        return bool(t_s >= self.t_s[0])
+    def check(self, t_s: Array) -> None:
+        """Raise `InputError` if a time is before the first frequency.
+
+        A constant frequency holds before as well, as does a single one.
+        """
+        if len(self.t_s) == 1 and self._rate[0] == 0.0:
+            return
+        early = self.t_s[0] - float(np.min(t_s))
+        if early > _EARLY_S:
+            raise InputError(
+                f"a signal was sent {early:.3g} s before the first TRANSMIT_FREQ; give the "
+                "frequencies from one light time before the first reception on"
+            )
 
     def _piece(self, t_s: Array) -> np.ndarray[tuple[int, ...], np.dtype[np.intp]]:
         return np.clip(np.searchsorted(self.t_s, t_s, side="right") - 1, 0, len(self.t_s) - 1)
