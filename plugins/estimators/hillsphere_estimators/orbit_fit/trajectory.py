@@ -7,9 +7,8 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from hillsphere.base.constants import AU_M, DAY_S, J2000_JD
-from hillsphere.base.regular_files import read_text
 from hillsphere.errors import InputError
-from hillsphere.formats.oem import OemSegment, read_oem
+from hillsphere.formats.oem import read_oem
 from hillsphere.interfaces import Array
 from hillsphere.time import J2000, Epoch
 
@@ -94,13 +93,15 @@ def frame_bias(name: str) -> Array | None:
     return None
 
 
-def read_trajectory(path: str, zero: Epoch, what: str) -> tuple[Trajectory, OemSegment]:
+def read_trajectory(text: str, path: str, zero: Epoch, what: str) -> Trajectory:
     """Read an orbit ephemeris message of one segment.
 
     Parameters
     ----------
+    text : str
+        The message.
     path : str
-        The file.
+        Its file, for messages.
     zero : Epoch
         From which the trajectory's times count.
     what : str
@@ -108,17 +109,15 @@ def read_trajectory(path: str, zero: Epoch, what: str) -> tuple[Trajectory, OemS
 
     Returns
     -------
-    trajectory : Trajectory
+    Trajectory
         In the axes of the ICRF.
-    segment : OemSegment
-        As read.
 
     Raises
     ------
     InputError
         If it cannot be read, or has several segments or another frame.
     """
-    segments = read_oem(read_text(path), path)
+    segments = read_oem(text, path)
     if len(segments) != 1:
         raise InputError(f"{what}: {path} has {len(segments)} segments; give one of them")
     segment = segments[0]
@@ -129,7 +128,7 @@ def read_trajectory(path: str, zero: Epoch, what: str) -> tuple[Trajectory, OemS
         )
     t = segment.epoch.seconds_since(zero) + segment.t_s
     x = np.concatenate([turn @ segment.x[:3], turn @ segment.x[3:]])
-    return Trajectory(f"{what}: {path}", t, x), segment
+    return Trajectory(f"{what}: {path}", t, x)
 
 
 def earth_trajectory(zero: Epoch, begin_s: float, end_s: float) -> Trajectory:
