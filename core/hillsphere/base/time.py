@@ -5,7 +5,9 @@ standards of the International Astronomical Union.
 
 References
 ----------
-.. [1] IERS Conventions (2010), IERS Technical Note 36, chapter 10 (time scales).
+.. [1] IERS Conventions (2010), IERS Technical Note 36, chapters 5 (UT1) and 10 (time scales).
+.. [2] IS-GPS-200, Navstar GPS Space Segment/Navigation User Segment Interfaces, section 3.3.4 (GPS
+   time, without leap seconds since 6 January 1980, when TAI − UTC was 19 s).
 """
 
 from __future__ import annotations
@@ -13,18 +15,24 @@ from __future__ import annotations
 import re
 import warnings
 from dataclasses import dataclass
+from importlib import import_module
 
 import erfa
 import numpy as np
 
 from hillsphere.base.arrays import Array
-from hillsphere.base.constants import DAY_S
+from hillsphere.base.constants import DAY_S, MODIFIED_JD
 from hillsphere.base.errors import InputError
 
 __all__ = ["J2000", "SCALES", "Epoch"]
 
-SCALES = ("TDB", "TT", "TAI", "UTC")
-"""Names of the time scales that `Epoch` accepts."""
+SCALES = ("TDB", "TT", "TAI", "UTC", "GPS", "UT1", "TCB", "TCG")
+"""Names of the time scales that `Epoch` accepts. UT1 needs the installed table of the Earth's
+orientation, and is refused outside it."""
+_TAI_MINUS_GPS = 19.0 / DAY_S
+"""In days; constant by definition [2]_."""
+_UNEVEN = ("UTC", "UT1")
+"""Scales whose seconds are not those of a uniform time: intervals are counted in TAI."""
 
 _ISO = re.compile(r"(\d{4})-(\d\d)-(\d\d)(?:[T ](\d\d):(\d\d)(?::(\d\d(?:\.\d{1,12})?))?)?")
 
@@ -94,35 +102,28 @@ class Epoch:
     def to(self, scale: str) -> Epoch:
         """Return the same instant in another scale.
 
-        TDB − TT is the analytic difference at the geocentre (below 1.7 ms).
+        TDB − TT is the analytic difference at the geocentre (below 1.7 ms). UT1 is interpolated in
+        the installed table of the Earth's orientation.
 
         Raises
         ------
         InputError
-            If the scale is not known.
+            If the scale is not known, or UT1 is asked for outside the table.
         """
         _check_scale(scale)
         if scale == self.scale:
             return self
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", erfa.ErfaWarning)
-            tt = _to_tt(self)
-            if scale == "TT":
-                pair = tt
-            elif scale == "TDB":
-                pair = erfa.tttdb(*tt, _tdb_minus_tt(*tt))
-            elif scale == "TAI":
-                pair = erfa.tttai(*tt)
-            else:
-                pair = erfa.taiutc(*erfa.tttai(*tt))
+            pair = _from_tt(_to_tt(self), scale)
         return Epoch(float(pair[0]), float(pair[1]), scale)
 
     def seconds_since(self, other: Epoch) -> float:
         """Return the time elapsed since another epoch, in SI seconds of this epoch's scale.
 
-        UTC days differ in length, so two epochs in UTC are compared in TAI.
+        Days of UTC and UT1 differ in length, so two epochs in them are compared in TAI.
         """
-        scale = "TAI" if self.scale == "UTC" else self.scale
+        scale = "TAI" if self.scale in _UNEVEN else self.scale
         here, there = self.to(scale), other.to(scale)
         return ((here.day - there.day) + (here.fraction - there.fraction)) * DAY_S
 
@@ -132,7 +133,7 @@ class Epoch:
         Parameters
         ----------
         offsets_s : ndarray, shape (K,)
-            Seconds after this epoch, in its scale (in UTC: SI seconds).
+            Seconds after this epoch, in its scale (in UTC and UT1: SI seconds).
         digits : int
             Decimals of the second.
 
@@ -144,9 +145,14 @@ class Epoch:
         days = np.atleast_1d(np.asarray(offsets_s, dtype=float)) / DAY_S
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", erfa.ErfaWarning)
-            if self.scale == "UTC":
+            if self.scale in _UNEVEN:
                 tai = self.to("TAI")
-                day, fraction = erfa.taiutc(np.full(days.shape, tai.day), tai.fraction + days)
+                pair = np.full(days.shape, tai.day), tai.fraction + days
+                day, fraction = (
+                    erfa.taiutc(*pair)
+                    if self.scale == "UTC"
+                    else erfa.taiut1(*pair, _ut1_minus_tai(tai, days * DAY_S))
+                )
             else:
                 day, fraction = np.full(days.shape, self.day), self.fraction + days
             year, month, date, clock = erfa.d2dtf(self.scale, digits, day, fraction)
@@ -170,7 +176,59 @@ def _to_tt(epoch: Epoch) -> tuple[float, float]:
         pair = erfa.taitt(*pair)
     elif epoch.scale == "TDB":
         pair = erfa.tdbtt(*pair, _tdb_minus_tt(*pair))
+    elif epoch.scale == "TCB":
+        pair = erfa.tcbtdb(*pair)
+        pair = erfa.tdbtt(*pair, _tdb_minus_tt(*pair))
+    elif epoch.scale == "TCG":
+        pair = erfa.tcgtt(*pair)
+    elif epoch.scale == "GPS":
+        pair = erfa.taitt(pair[0], pair[1] + _TAI_MINUS_GPS)
+    elif epoch.scale == "UT1":
+        # The difference is a function of TAI and changes by 1 ms a day, so that the second guess,
+        # which is a minute off at most, leaves 1 µs, and the third 1e-14 s.
+        tai = pair
+        for _ in range(3):
+            (difference,) = _ut1_minus_tai(Epoch(float(tai[0]), float(tai[1]), "TAI"), np.zeros(1))
+            tai = erfa.ut1tai(*pair, difference)
+        pair = erfa.taitt(*tai)
     return float(pair[0]), float(pair[1])
+
+
+def _from_tt(tt: tuple[float, float], scale: str) -> tuple[float, float]:
+    if scale == "TT":
+        return tt
+    if scale == "TCG":
+        pair = erfa.tttcg(*tt)
+    elif scale in ("TDB", "TCB"):
+        pair = erfa.tttdb(*tt, _tdb_minus_tt(*tt))
+        pair = erfa.tdbtcb(*pair) if scale == "TCB" else pair
+    else:
+        pair = erfa.tttai(*tt)
+        if scale == "UTC":
+            pair = erfa.taiutc(*pair)
+        elif scale == "GPS":
+            pair = pair[0], pair[1] - _TAI_MINUS_GPS
+        elif scale == "UT1":
+            tai = Epoch(float(pair[0]), float(pair[1]), "TAI")
+            pair = erfa.taiut1(*pair, _ut1_minus_tai(tai, np.zeros(1))[0])
+    return float(pair[0]), float(pair[1])
+
+
+def _ut1_minus_tai(epoch: Epoch, t_s: Array) -> Array:
+    """Return UT1 − TAI (N,), s, at times after an epoch in TAI; refused outside the table."""
+    # The table itself needs `Epoch`; it is loaded only where UT1 is used.
+    table = import_module("hillsphere.base.orientation").OrientationTable.installed()
+    mjd = (epoch.day - MODIFIED_JD) + (epoch.fraction + t_s / DAY_S)
+    first, last = table.mjd_tai[[0, -1]]
+    if not (first <= mjd.min() and mjd.max() <= last):
+        span = (
+            Epoch(MODIFIED_JD, day, "TAI").isot(np.zeros(1), 0)[0][:10] for day in (first, last)
+        )
+        raise InputError(
+            f"UT1 is known from {' to '.join(span)} only ({table.source}); use another time "
+            "scale, or update the package astropy-iers-data"
+        )
+    return np.asarray(table.at(epoch, t_s).ut1_minus_tai_s)
 
 
 def _tdb_minus_tt(day: float, fraction: float) -> float:

@@ -77,6 +77,8 @@ def order_entries(
     required: Sequence[str],
     what: str,
     end: str,
+    leniency: Leniency | None = None,
+    dispensable: Sequence[str] = (),
 ) -> dict[str, Entry]:
     """Return the entries of a block by keyword, if they are those that it may have, in order.
 
@@ -92,6 +94,11 @@ def order_entries(
         Name of the block, used in error messages.
     end : str
         Where the block ends: the place of what is missing.
+    leniency : Leniency, optional
+        Whether unknown keywords, which are then left out, and another order are tolerated; by
+        default neither is.
+    dispensable : sequence of str
+        Required keywords whose absence is tolerated likewise.
 
     Returns
     -------
@@ -103,6 +110,7 @@ def order_entries(
     InputError
         If a keyword is unknown, doubled, out of order, missing or without value.
     """
+    leniency = leniency or Leniency()
     rank = {key: number for number, key in enumerate(known)}
     ordered: dict[str, Entry] = {}
     last = ""
@@ -110,17 +118,19 @@ def order_entries(
         place, key = entry.place, entry.key
         if key not in rank:
             hint = did_you_mean(key, known, otherwise="keywords")
-            raise InputError(f"{place}: {what} has no keyword {key[:60]!r}{hint}")
+            leniency.tolerate(f"{place}: {what} has no keyword {key[:60]!r}{hint}")
+            continue
         if key in ordered:
             raise InputError(f"{place}: {key} occurs twice in {what}; keep one")
         if last and rank[key] < rank[last]:
-            raise InputError(f"{place}: {key} must stand before {last} in {what}")
+            leniency.tolerate(f"{place}: {key} must stand before {last} in {what}")
         if not entry.value:
             raise InputError(f"{place}: {key} has no value; expected one after it")
         ordered[key] = entry
         last = key
     if missing := [key for key in required if key not in ordered]:
-        raise InputError(f"{end}: {what} lacks {', '.join(missing)}, which it must have")
+        report = leniency if set(missing) <= set(dispensable) else Leniency()
+        report.tolerate(f"{end}: {what} lacks {', '.join(missing)}, which it must have")
     return ordered
 
 

@@ -8,11 +8,12 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from xml.parsers import expat
 
 from hillsphere.base.errors import InputError
 
-__all__ = ["walk_xml"]
+__all__ = ["XmlElement", "read_tree", "walk_xml"]
 
 
 def walk_xml(
@@ -70,3 +71,38 @@ def walk_xml(
             f"{where}:{error.lineno + above}: not well-formed XML: "
             f"{expat.errors.messages[error.code]}"
         ) from error
+
+
+@dataclass
+class XmlElement:
+    """An element of XML, with its place (``"file:line"``), its text and what it holds."""
+
+    place: str
+    name: str
+    unit: str = ""
+    attributes: dict[str, str] = field(default_factory=dict)
+    text: str = ""
+    children: list[XmlElement] = field(default_factory=list)
+
+
+def read_tree(text: str, where: str) -> XmlElement:
+    """Return the outermost element of a text, and within it all others.
+
+    Raises
+    ------
+    InputError
+        As for `walk_xml`.
+    """
+    above = XmlElement(f"{where}:1", "")
+    within = [above]
+
+    def start(place: str, name: str, attributes: dict[str, str]) -> None:
+        element = XmlElement(place, name, attributes.get("units", ""), attributes)
+        within[-1].children.append(element)
+        within.append(element)
+
+    def end(_: str, text: str) -> None:
+        within.pop().text = text
+
+    walk_xml(text, where, start, end)
+    return above.children[0]  # a well-formed text has exactly one

@@ -8,21 +8,26 @@ References
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
 
 import numpy as np
 
 from hillsphere.base.arrays import Array
 from hillsphere.base.errors import InputError
-from hillsphere.base.problems import did_you_mean
-from hillsphere.base.time import SCALES, Epoch
-from hillsphere.formats.ccsds_entries import Entry, order_entries, read_scaled
-from hillsphere.formats.ccsds_times import read_ccsds_time
+from hillsphere.base.time import Epoch
+from hillsphere.formats.ccsds_entries import Entry, order_entries
+from hillsphere.formats.ccsds_values import (
+    TRIANGLE,
+    check_text,
+    check_word,
+    read_epoch,
+    read_number,
+    read_time_system,
+    read_triangle,
+)
 from hillsphere.formats.oem_encodings import (
     ACCELERATION,
-    COVARIANCE,
     STATE,
     Block,
     Message,
@@ -36,11 +41,10 @@ from hillsphere.formats.oem_segments import (
     OemSegment,
     is_covariance_frame,
     is_frame,
-    least_eigenvalue,
     states_needed,
 )
 
-__all__ = ["HEADER", "METADATA", "UNITS", "VERSIONS", "segments_of"]
+__all__ = ["HEADER", "METADATA", "UNITS", "VERSIONS", "needs_epoch", "segments_of"]
 
 VERSIONS = ("1.0", "2.0", "3.0")
 """Versions of the message that are read."""
@@ -55,17 +59,19 @@ METADATA = (
 _MANDATORY = (
     "OBJECT_NAME", "OBJECT_ID", "CENTER_NAME", "REF_FRAME", "TIME_SYSTEM", "START_TIME", "STOP_TIME"
 )  # fmt: skip
-_OTHER_SCALES = ("GMST", "GPS", "MET", "MRT", "SCLK", "TCB", "TCG", "UT1")
-"""Time systems of the standard that `Epoch` does not have."""
-_TRIANGLE = tuple(key for row in COVARIANCE for key in row)
 UNITS = {
     **dict.fromkeys(STATE[:3], "km"), **dict.fromkeys(STATE[3:], "km/s"),
     **dict.fromkeys(ACCELERATION, "km/s**2"),
-    **{key: f"km**2{('', '/s', '/s**2')[key.count('_DOT')]}" for key in _TRIANGLE},
+    **{key: f"km**2{('', '/s', '/s**2')[key.count('_DOT')]}" for key in TRIANGLE},
 }  # fmt: skip
 """The unit of each number."""
 _DIGITS = re.compile(r"\.(\d*?)0*Z?")
 _NEEDS_EPOCH = re.compile(r"TEMEOFEPOCH|(MOE|TOE)_.*")
+
+
+def needs_epoch(frame: str) -> bool:
+    """Return whether the definition of a frame leaves its epoch open."""
+    return _NEEDS_EPOCH.fullmatch(frame) is not None
 
 
 def segments_of(message: Message) -> list[OemSegment]:
@@ -86,8 +92,8 @@ def segments_of(message: Message) -> list[OemSegment]:
         message.header.entries, HEADER, HEADER[1:3], "the header", message.header.end
     )
     for entry in header.values():
-        _text(entry)
-    _time(header["CREATION_DATE"], "UTC")
+        check_text(entry)
+    read_epoch(header["CREATION_DATE"], "UTC")
     unheld: list[str] = [key for key in ("CLASSIFICATION", "MESSAGE_ID") if key in header]
     if message.comments:
         unheld.insert(0, "comments")
@@ -108,18 +114,11 @@ class _Reading:
         metadata = blocks.metadata
         meta = order_entries(metadata.entries, METADATA, _MANDATORY, "the metadata", metadata.end)
         for entry in meta.values():
-            _text(entry)
-        _check_word(meta["REF_FRAME"], is_frame, FRAMES, "reference frame")
-        system = meta["TIME_SYSTEM"]
-        if system.value.upper() in _OTHER_SCALES:
-            raise InputError(
-                f"{system.place}: TIME_SYSTEM: the framework has no time system "
-                f"{system.value!r}; known: {', '.join(SCALES)}"
-            )
-        _check_word(system, SCALES.__contains__, SCALES, "time system")
-        scale = system.value.upper()
+            check_text(entry)
+        check_word(meta["REF_FRAME"], is_frame, FRAMES, "reference frame")
+        scale = read_time_system(meta["TIME_SYSTEM"])
         frame, frame_epoch = meta["REF_FRAME"], meta.get("REF_FRAME_EPOCH")
-        if frame_epoch is None and _NEEDS_EPOCH.fullmatch(frame.value.upper()):
+        if frame_epoch is None and needs_epoch(frame.value.upper()):
             raise InputError(
                 f"{frame.place}: REF_FRAME: {frame.value} needs a REF_FRAME_EPOCH after it"
             )
@@ -127,9 +126,11 @@ class _Reading:
             raise InputError(
                 f"{metadata.end}: the segment has no states; expected a time and 6 or 9 numbers"
             )
-        times = {key: _time(entry, scale) for key, entry in meta.items() if key.endswith("_TIME")}
+        times = {
+            key: read_epoch(entry, scale) for key, entry in meta.items() if key.endswith("_TIME")
+        }
         first = blocks.states[0]
-        epoch = _time(_first(first, "EPOCH"), scale)
+        epoch = read_epoch(_first(first, "EPOCH"), scale)
         base = epoch.to("TAI") if scale == "UTC" else epoch
         span = {key: time.seconds_since(base) for key, time in times.items()}
         _check_span(meta, span)
@@ -174,7 +175,7 @@ class _Reading:
             useable_stop_s=span.get("USEABLE_STOP_TIME"),
             interpolation=method,
             interpolation_degree=degree,
-            ref_frame_epoch=frame_epoch and _time(frame_epoch, self.scale),
+            ref_frame_epoch=frame_epoch and read_epoch(frame_epoch, self.scale),
             time_digits=min(max(digits, 6), 9),
         )
 
@@ -198,12 +199,18 @@ class _Reading:
                     f"segment ({blocks[0].place}), got {len(entries) - 1}"
                 )
             times.append(self._instant(entries["EPOCH"], times, "state"))
-            rows.append([_number(entry, 3) for key, entry in entries.items() if key != "EPOCH"])
+            rows.append(
+                [
+                    read_number(entry, UNITS[key], 3)
+                    for key, entry in entries.items()
+                    if key != "EPOCH"
+                ]
+            )
         return np.array(times), np.array(rows).T
 
     def _instant(self, entry: Entry, before: Sequence[float], what: str) -> float:
         """Return a time that follows those before it, within the span of the segment."""
-        instant = _time(entry, self.scale).seconds_since(self.base)
+        instant = read_epoch(entry, self.scale).seconds_since(self.base)
         if before and instant <= before[-1]:
             fault = "is that of" if instant == before[-1] else "is before that of"
             raise InputError(
@@ -222,19 +229,16 @@ class _Reading:
         covariances = []
         for block in blocks:
             entries = order_entries(
-                block.entries, ("EPOCH", "COV_REF_FRAME", *_TRIANGLE), ("EPOCH", *_TRIANGLE),
+                block.entries, ("EPOCH", "COV_REF_FRAME", *TRIANGLE), ("EPOCH", *TRIANGLE),
                 "a covariance", block.end,
             )  # fmt: skip
             times.append(self._instant(entries["EPOCH"], times, "covariance"))
             frame = entries.get("COV_REF_FRAME")
             if frame is not None:
-                _check_word(
+                check_word(
                     frame, is_covariance_frame, (*COVARIANCE_FRAMES, *FRAMES), "covariance frame"
                 )
-            lower = np.zeros((6, 6))
-            lower[np.tril_indices(6)] = [_number(entries[key], 6) for key in _TRIANGLE]
-            matrix = np.asarray(lower + np.tril(lower, -1).T)
-            _check_definite(matrix, [entries[key] for key in _TRIANGLE])
+            matrix = read_triangle(entries, UNITS)
             name = frame.value.upper() if frame else ""
             covariances.append(OemCovariance(times[-1], matrix, name))
         return tuple(covariances)
@@ -248,7 +252,7 @@ class _Reading:
                     f"{', '.join(INTERPOLATIONS)}"
                 )
             return "", None
-        _check_word(method, INTERPOLATIONS.__contains__, INTERPOLATIONS, "method")
+        check_word(method, INTERPOLATIONS.__contains__, INTERPOLATIONS, "method")
         name = method.value.upper()
         if degree is None:
             if name != "PROPAGATE":
@@ -285,53 +289,6 @@ def _check_span(meta: Mapping[str, Entry], span: Mapping[str, float]) -> None:
         last = key
 
 
-def _check_definite(matrix: Array, entries: Sequence[Entry]) -> None:
-    """Refuse a matrix that no rounding of its digits turns into a covariance.
-
-    A number of p digits is rounded by at most 5e-p of itself, by which an eigenvalue of the 6 × 6
-    matrix of correlations, whose elements do not exceed 1, moves by at most 6 times as much. The
-    number with most digits tells p, since trailing zeros may be left out.
-    """
-    for number, key in enumerate(STATE):
-        if matrix[number, number] < 0.0:
-            entry = entries[_TRIANGLE.index(f"C{key}_{key}")]
-            raise InputError(
-                f"{entry.place}: {entry.key} must be a variance of at least 0, got {entry.value}"
-            )
-    digits = max(len(re.sub(r"[eE].*|\D", "", entry.value).strip("0")) for entry in entries)
-    tolerance = min(max(30.0 * 10.0**-digits, 1e-12), 1e-3)
-    if (least := least_eigenvalue(matrix)) < -tolerance:
-        raise InputError(
-            f"{entries[0].place}: {entries[0].key}: the covariance that begins here must be "
-            f"positive semidefinite; its correlations have the eigenvalue {least:.3g}"
-        )
-
-
-def _check_word(
-    entry: Entry, is_known: Callable[[str], bool], words: Iterable[str], what: str
-) -> None:
-    if not is_known(entry.value.upper()):
-        hint = did_you_mean(entry.value.upper(), words, otherwise="known")
-        raise InputError(f"{entry.place}: {entry.key}: no {what} {entry.value[:60]!r}{hint}")
-
-
-def _text(entry: Entry) -> None:
-    # A value becomes a line of other files: a line feed in it could bring further keywords. A sign
-    # of equality is that of a second keyword on the line.
-    if "=" in entry.value or not entry.value.isprintable():
-        raise InputError(
-            f"{entry.place}: {entry.key} must be printable text without '=', got "
-            f"{entry.value[:40]!r}"
-        )
-
-
-def _time(entry: Entry, scale: str) -> Epoch:
-    try:
-        return read_ccsds_time(entry.value, scale)
-    except InputError as error:
-        raise InputError(f"{entry.place}: {entry.key}: {error}") from error
-
-
 def _first(block: Block, key: str) -> Entry:
     for entry in block.entries:
         if entry.key == key:
@@ -343,18 +300,3 @@ def _decimals(time: str) -> int:
     """Return the number of decimals of a time, without zeros at its end."""
     match = _DIGITS.fullmatch(time[time.find(".") :]) if "." in time else None
     return len(match[1]) if match else 0
-
-
-def _number(entry: Entry, power: int) -> float:
-    """Read a number of kilometres to some power of ten metres."""
-    unit = UNITS[entry.key]
-    if entry.unit and entry.unit.lower() != unit:
-        raise InputError(
-            f"{entry.place}: {entry.key} must be in {unit}, got the unit {entry.unit[:40]!r}"
-        )
-    value = read_scaled(entry.value, power)
-    if not isfinite(value):
-        raise InputError(
-            f"{entry.place}: {entry.key} must be a finite number, got {entry.value[:40]!r}"
-        )
-    return value

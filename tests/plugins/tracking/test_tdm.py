@@ -135,7 +135,7 @@ def test_records_come_as_soon_as_their_line_is_there() -> None:
         ("2026-325T", "2026-400T", "f.tdm:21: the year 2026 has the days 001 to 365"),
         ("2026-11-21T09:00:00.000Z 35", "today 35", "f.tdm:17: expected a time"),
         ("RANGE_UNITS = km", "RANGE_UNITS = s", "f.tdm:19: RANGE_UNITS = s cannot be read"),
-        ("TIME_SYSTEM = UTC", "TIME_SYSTEM = GPS", "f.tdm:14: TIME_SYSTEM 'GPS' cannot be read"),
+        ("TIME_SYSTEM = UTC", "TIME_SYSTEM = SCLK", "f.tdm:14: TIME_SYSTEM 'SCLK' cannot be read"),
         ("TIME_SYSTEM = UTC\n", "", "f.tdm:13: TIME_SYSTEM '' cannot be read"),
         ("PARTICIPANT_1", "PARTICIPANT_3", "f.tdm:14: the metadata must name PARTICIPANT_1"),
         ("PATH = 2,1", "PATH = 3,1", "f.tdm:14: PATH must list numbers of participants"),
