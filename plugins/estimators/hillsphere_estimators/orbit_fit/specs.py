@@ -37,8 +37,8 @@ class DataSpec(Spec):
     )
 
     file: DataPath = data_path(
-        "tracking data message (CCSDS TDM, text or XML), or a table of angles (CSV with the columns "
-        "utc or time_s, azimuth_deg, elevation_deg and optionally sigma_deg)"
+        "tracking data message (CCSDS TDM, text or XML), or a table of angles (CSV with the "
+        "columns utc or time_s, azimuth_deg, elevation_deg and optionally sigma_deg)"
     )
     station: str = option(
         "of a table: the station that measured; left out: the only one", default="", max_length=60
@@ -95,7 +95,7 @@ class FitStartSpec(StartFormsSpec):
     )  # fmt: skip
     velocity_m_s: Vector3 | None = quantity("speed", "velocity in the plant's frame", default=None)
     file: DataPath | None = data_path(
-        "state message (CCSDS OEM) about the centre of the plant", default=None
+        "state message (CCSDS OPM or OEM) about the centre of the plant", default=None
     )
 
     @model_validator(mode="after")
@@ -273,8 +273,8 @@ class OrbitFitSpec(StageSpec):
     )  # fmt: skip
     aberration: Literal["none", "observer", "stars"] = option(
         "of directions: 'none', geometric lines to where the light left; 'observer', with the "
-        "aberration by the observer's velocity; 'stars', of right ascensions and declinations about "
-        "the Earth that were measured against the places of stars in a catalogue",
+        "aberration by the observer's velocity; 'stars', of right ascensions and declinations "
+        "about the Earth that were measured against the places of stars in a catalogue",
         default="none",
     )
     use_degraded: bool = option("whether data marked as degraded are used", default=False)

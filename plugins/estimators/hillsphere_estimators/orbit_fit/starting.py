@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.engine.start_states import TimedFrame, place_start
 from hillsphere.errors import InputError
 from hillsphere.formats.oem import OemSegment, read_oem
+from hillsphere.formats.opm import read_opm
 from hillsphere.interfaces import Array, Plant
 from hillsphere.time import Epoch
 from hillsphere_estimators.orbit_fit.reading import text_of
@@ -32,12 +34,10 @@ def start_epoch(start: FitStartSpec) -> Epoch:
             raise InputError(f"start.epoch: {error}") from error
     segment = _segment(start)
     tai = segment.epoch.to("TAI")
-    return Epoch(tai.day, tai.fraction + float(segment.t_s[0]) / 86400.0, "TAI")
+    return Epoch(tai.day, tai.fraction + float(segment.t_s[0]) / DAY_S, "TAI")
 
 
-def start_state(
-    start: FitStartSpec, plant: Plant, surroundings: Surroundings, t_s: float
-) -> Array:
+def start_state(start: FitStartSpec, plant: Plant, surroundings: Surroundings, t_s: float) -> Array:
     """Return the first guess (6,) in the plant's frame, SI.
 
     Parameters
@@ -76,8 +76,16 @@ def start_state(
 
 
 def _segment(start: FitStartSpec) -> OemSegment:
+    """Return the states of a file; a parameter message is an ephemeris of one state."""
     assert start.file is not None
-    segments = read_oem(text_of(start.file), start.file)
+    text = text_of(start.file)
+    if "CCSDS_OPM_VERS" in text[:1000] or "<opm" in text[:1000]:
+        opm = read_opm(text, start.file)
+        return OemSegment(
+            opm.object_name, opm.object_id, opm.center_name, opm.frame, opm.epoch,
+            np.zeros(1), opm.x[:, None],
+        )  # fmt: skip
+    segments = read_oem(text, start.file)
     if len(segments) != 1:
         raise InputError(f"start.file: {start.file} has {len(segments)} segments; expected one")
     return segments[0]
