@@ -9,25 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import TypeAlias
 from xml.parsers import expat
 
 from hillsphere.base.errors import InputError
 
-__all__ = ["XmlElement", "read_tree", "walk_xml"]
+__all__ = ["XmlElement", "XmlWalk", "read_tree", "walk_xml"]
+
+Start: TypeAlias = Callable[[str, str, dict[str, str]], object]
+End: TypeAlias = Callable[[str, str], object]
 
 
-def walk_xml(
-    text: str,
-    where: str,
-    start: Callable[[str, str, dict[str, str]], object],
-    end: Callable[[str, str], object],
-) -> None:
-    """Walk over the elements of a text, whatever encoding it declares.
+class XmlWalk:
+    """Walk over the elements of a text while it arrives.
 
     Parameters
     ----------
-    text : str
-        The decoded text, perhaps with a byte order mark and empty lines above it.
     where : str
         Name of the file, used in places and error messages.
     start : callable
@@ -35,6 +32,62 @@ def walk_xml(
     end : callable
         Called at each end tag with its name and the text directly within the element, stripped.
         Prefixes of names, which schemas may give, are left out.
+    above : int
+        Number of lines above the text.
+    """
+
+    def __init__(self, where: str, start: Start, end: End, above: int = 0) -> None:
+        self._where, self._above = where, above
+        self._parser = parser = expat.ParserCreate("utf-8")
+        within: list[list[str]] = [[]]
+
+        def at_start(name: str, attributes: dict[str, str]) -> None:
+            within.append([])
+            start(self.place, name.rpartition(":")[2], attributes)
+
+        def at_end(name: str) -> None:
+            end(name.rpartition(":")[2], "".join(within.pop()).strip())
+
+        def refuse(*_: object) -> None:
+            # Entities could make a small file huge; no message of these standards needs them.
+            raise InputError(f"{self.place}: a message must not contain a DOCTYPE; remove it")
+
+        parser.StartElementHandler = at_start
+        parser.EndElementHandler = at_end
+        parser.CharacterDataHandler = lambda piece: within[-1].append(piece)
+        parser.StartDoctypeDeclHandler = refuse
+
+    @property
+    def place(self) -> str:
+        """Where the walk is, as ``"file:line"``."""
+        return f"{self._where}:{self._parser.CurrentLineNumber + self._above}"
+
+    def feed(self, text: str, is_last: bool = False) -> None:
+        """Walk on over a piece of the text.
+
+        Raises
+        ------
+        InputError
+            If the text is not well-formed or has a DOCTYPE; the message names the line.
+        """
+        try:
+            self._parser.Parse(text.encode("utf-8", "surrogatepass"), is_last)
+        except expat.ExpatError as error:
+            raise InputError(
+                f"{self._where}:{error.lineno + self._above}: not well-formed XML: "
+                f"{expat.errors.messages[error.code]}"
+            ) from error
+
+
+def walk_xml(text: str, where: str, start: Start, end: End) -> None:
+    """Walk over the elements of a text, whatever encoding it declares.
+
+    Parameters
+    ----------
+    text : str
+        The decoded text, perhaps with a byte order mark and empty lines above it.
+    where, start, end
+        As for `XmlWalk`.
 
     Raises
     ------
@@ -43,34 +96,7 @@ def walk_xml(
     """
     body = text.lstrip("\ufeff \t\r\n")
     above = text[: len(text) - len(body)].count("\n")
-    parser = expat.ParserCreate("utf-8")
-    within: list[list[str]] = [[]]
-
-    def place() -> str:
-        return f"{where}:{parser.CurrentLineNumber + above}"
-
-    def at_start(name: str, attributes: dict[str, str]) -> None:
-        within.append([])
-        start(place(), name.rpartition(":")[2], attributes)
-
-    def at_end(name: str) -> None:
-        end(name.rpartition(":")[2], "".join(within.pop()).strip())
-
-    def refuse(*_: object) -> None:
-        # Entities could make a small file huge; no message of these standards needs them.
-        raise InputError(f"{place()}: an orbit message must not contain a DOCTYPE; remove it")
-
-    parser.StartElementHandler = at_start
-    parser.EndElementHandler = at_end
-    parser.CharacterDataHandler = lambda piece: within[-1].append(piece)
-    parser.StartDoctypeDeclHandler = refuse
-    try:
-        parser.Parse(body.encode("utf-8", "surrogatepass"), True)
-    except expat.ExpatError as error:
-        raise InputError(
-            f"{where}:{error.lineno + above}: not well-formed XML: "
-            f"{expat.errors.messages[error.code]}"
-        ) from error
+    XmlWalk(where, start, end, above).feed(body, True)
 
 
 @dataclass
