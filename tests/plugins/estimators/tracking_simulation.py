@@ -56,9 +56,7 @@ def horizon(name: str, line: Array, t: float) -> tuple[float, float]:
     """Return azimuth and elevation of a line in TEME."""
     now = when(t)
     north, east, up = wgs84.latlon(*PLACES[name]).rotation_at(now) @ TEME.rotation_at(now).T @ line
-    return float(np.arctan2(east, north) % (2 * np.pi)), float(
-        np.arcsin(up / np.linalg.norm(line))
-    )
+    return float(np.arctan2(east, north) % (2 * np.pi)), float(np.arcsin(up / np.linalg.norm(line)))
 
 
 @cache
@@ -108,7 +106,8 @@ def earth_plant() -> Any:
         body=create("body", "planet", orientation="constant",
                     ut1_minus_utc_s=float(when(600.0).dut1)),
         gravity=create("gravity", "harmonics", gm_m3_s2=GM, reference_radius_m=RADIUS,
-                       coefficients=[[2, 0, -J2, 0.0]]),
+                       normalisation="none", tide_system="none",
+                       coefficients=[{"n": 2, "m": 0, "c": -J2}]),
     )  # fmt: skip
 
 
@@ -130,7 +129,7 @@ def asteroid(t: float) -> Array:
     a, e = ASTEROID["a"], ASTEROID["e"]
     mean = ASTEROID["mean"] + np.sqrt(SUN / a**3) * t
     anomaly = mean
-    for _ in range(50):
+    for _ in range(20):
         anomaly = mean + e * np.sin(anomaly)
     flat = np.array([a * (np.cos(anomaly) - e), a * np.sqrt(1 - e * e) * np.sin(anomaly), 0.0])
 

@@ -66,7 +66,7 @@ def resolve_ranges(
         if not modulus:
             continue
         own = arc.record == k
-        number, sigma = arc.number[own], record.sigma[0, arc.number[own]]
+        number, sigma = arc.number[own], arc.sigma[own]
         values = record.values.copy()
         values[0, number, 0] -= modulus * np.rint(residual[own] * sigma / modulus)
         resolved[k] = replace(record, values=values)

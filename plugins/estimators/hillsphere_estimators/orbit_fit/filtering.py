@@ -70,7 +70,7 @@ def run_filter(
         innovations.append(innovation)
         x, t = model.advance(x, t, one.t_s, _NONE, np.zeros(1, dtype=int)), one.t_s
         off.append(belief.x - x)
-    judged = verdict(model, prior, sets, after, innovations, fit=False)
+    judged = verdict(model, prior, sets, after, innovations)
     return FilterRun(
         np.array([one.t_s[0] for one in sets]),
         np.array([np.linalg.norm(d[:3]) for d in off]),

@@ -17,6 +17,9 @@ from hillsphere_estimators.orbit_fit.residuals import Residuals, linearise_arc
 
 __all__ = ["EditedFit", "fit_and_edit"]
 
+TOLERANCE_SIGMAS = 1e-4
+"""A step that is shorter, in standard deviations, ends a fit. Places at 1 au are rounded to 30 µm,
+which moves a fit of precise ranges by some 1e-5."""
 _SHARE_OF_WORST = 0.3
 """A round leaves out only residuals above this share of the largest one, besides the threshold: an
 outlier draws the fit, and residuals of sound values near it are large until it is gone."""
@@ -79,7 +82,9 @@ def fit_and_edit(
     used: NDArray[np.bool_] = np.ones(len(arc.row), dtype=bool)
     start: Array | None = None
     for number in range(1, most_rounds + 1):
-        fit = batch_least_squares(model, prior, arc.only(used), start=start)
+        fit = batch_least_squares(
+            model, prior, arc.only(used), start=start, tolerance_sigmas=TOLERANCE_SIGMAS
+        )
         residual, rows = linearise_arc(model, prior, fit.belief, arc.sets)
         about = Residuals(residual, rows, used, free)
         advance(1)

@@ -11,7 +11,7 @@ from scipy.stats import chi2, norm
 
 from hillsphere.interfaces import Array
 from hillsphere_estimators.orbit_fit.fitting import EditedFit
-from hillsphere_estimators.orbit_fit.records import Arc, Record
+from hillsphere_estimators.orbit_fit.records import Arc
 
 __all__ = ["LEVEL", "Answer", "Judgement", "RowCheck", "judge_fit"]
 
@@ -87,7 +87,6 @@ class Judgement:
 def judge_fit(
     edited: EditedFit,
     arc: Arc,
-    records: Sequence[Record],
     threshold: float | None,
     free_of_prior: int,
     labels: Sequence[str],
@@ -104,8 +103,6 @@ def judge_fit(
         The fit.
     arc : Arc
         All data.
-    records : sequence of Record
-        The same by observable.
     threshold : float or None
         Of the editing.
     free_of_prior : int
@@ -123,7 +120,7 @@ def judge_fit(
     about, fit = edited.residuals, edited.fit
     normal = about.residual / np.maximum(about.sigma(), 1e-3)
     rows = tuple(
-        _check_row(edited, arc, records, normal, row) for row in range(len(labels))
+        _check_row(edited, arc, normal, row) for row in range(len(labels))
     )  # fmt: skip
     tests = 2 + 2 * len(rows)
     share = LEVEL / tests
@@ -184,19 +181,14 @@ def _doubts(edited: EditedFit, dof: int, free_of_prior: int) -> list[str]:
     return doubts
 
 
-def _check_row(
-    edited: EditedFit, arc: Arc, records: Sequence[Record], normal: Array, row: int
-) -> RowCheck:
+def _check_row(edited: EditedFit, arc: Arc, normal: Array, row: int) -> RowCheck:
     about = edited.residuals
     own = arc.row == row
     kept = own & about.used
     count, edit = int(own.sum()), int((own & ~about.used).sum())
     if not kept.any():
         return RowCheck(count, edit, np.nan, np.nan, np.nan)
-    record = records[int(arc.record[own][0])]
-    first = int(np.min(arc.row[arc.record == arc.record[own][0]]))
-    sigma = record.sigma[row - first, arc.number]
-    score, spread = about.constant_error(np.where(own, 1.0 / np.where(own, sigma, 1.0), 0.0))
+    score, spread = about.constant_error(np.where(own, 1.0 / arc.sigma, 0.0))
     values = normal[kept]
     correlation = np.nan
     if len(values) >= _FEWEST_IN_LINE:

@@ -9,7 +9,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -83,6 +83,13 @@ class Observable:
         return self.path[-1]
 
     @property
+    def travelled(self) -> tuple[str, ...]:
+        """The part of the path that counts: of angles the last leg, but where the sender tags."""
+        if self.kind == "angles" and self.tagged == "receive":
+            return self.path[-2:]
+        return self.path
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the rows, for tables."""
         if self.kind == "angles":
@@ -113,6 +120,7 @@ def expected_values(
     t_s: Array,
     aberration: Aberration,
     transmission: Transmission | None,
+    near: bool = True,
 ) -> Array:
     r"""Return the error-free values of an observable.
 
@@ -136,10 +144,12 @@ def expected_values(
     t_s : ndarray, shape (N,)
         Time tags.
     aberration : {"none", "observer", "stars"}
-        Of directions: none; by the observer's velocity; or, about the Earth, of directions that
-        were measured against stars, see `Surroundings.celestial`.
+        Of directions: none; by the observer's velocity; or of directions that were
+        measured against stars, see `Surroundings.celestial`.
     transmission : Transmission or None
         Of the frequency; its times count as `t_s`.
+    near : bool
+        Whether the signal keeps near the plant's centre, see `Surroundings.is_near`.
 
     Returns
     -------
@@ -154,8 +164,8 @@ def expected_values(
     nodes = [Node(states(name), r, s) for name, r, s in zip(o.path, receive, transmit, strict=True)]
     zero = np.zeros(len(t_s))
     if o.kind == "angles":
-        signal = follow_signal(_last_leg(nodes, o), zero, o.tagged)
-        return _angles(o, signal, surroundings, t_s, aberration)
+        signal = follow_signal(nodes[-len(o.travelled) :], zero, o.tagged)
+        return _angles(o, signal, surroundings, t_s, aberration, near)
     if not o.interval_s:
         signal = follow_signal(nodes, zero, o.tagged)
         if o.kind == "range":
@@ -181,17 +191,13 @@ def expected_values(
     return np.asarray(o.turnaround * (off * (1.0 - slowing) - reference * slowing)[None])
 
 
-def _last_leg(nodes: Sequence[Node], observable: Observable) -> Sequence[Node]:
-    """Return the two last nodes, which angles are of, unless the tags are those of the sender."""
-    return nodes if observable.tagged == "transmit" else nodes[-2:]
-
-
 def _angles(
     observable: Observable,
     signal: Signal,
     surroundings: Surroundings,
     t_s: Array,
     aberration: Aberration,
+    near: bool,
 ) -> Array:
     """Return the angles (2, N) of the last leg, rad."""
     line, there = signal.line_m, t_s + signal.at_antenna_s
@@ -201,5 +207,5 @@ def _angles(
         along = surroundings.horizon(observable.receiver, line, there)
     else:
         light = signal.light_time_s if aberration == "stars" else None
-        along = surroundings.celestial(observable.frame, line, there, light)
+        along = surroundings.celestial(observable.frame, line, there, light, near)
     return line_angles(along, observable.angle_type)

@@ -50,6 +50,8 @@ class Arc:
         that of the sets and of their rows.
     at : ndarray of int, shape (M,)
         Its set.
+    sigma : ndarray, shape (M,)
+        Its standard deviation, SI.
     active : dict of float to tuple of int
         Time → numbers of the observables measured then.
     """
@@ -59,6 +61,7 @@ class Arc:
     row: Integers
     number: Integers
     at: Integers
+    sigma: Array
     active: dict[float, tuple[int, ...]]
 
     def only(self, used: NDArray[np.bool_]) -> tuple[MeasurementSet, ...]:
@@ -108,4 +111,4 @@ def arrange(records: Sequence[Record]) -> Arc:
     )  # fmt: skip
     at, row = np.nonzero(~np.isnan(values[:, :, 0]))
     of_row = np.repeat(np.arange(len(records)), sizes)
-    return Arc(sets, of_row[row], row, number[at, row], at, active)
+    return Arc(sets, of_row[row], row, number[at, row], at, sigma[at, row], active)

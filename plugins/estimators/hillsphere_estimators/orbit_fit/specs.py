@@ -206,14 +206,14 @@ class OrbitFitSpec(StageSpec):
             "plant": "earth_orbit",
             "data": [{"file": "orbit-fit-ranges.tdm"}],
             "stations": [
-                {"name": "ALCANTARA", "latitude_deg": -2.18, "longitude_deg": -44.26,
+                {"name": "ALCANTARA", "latitude_deg": -2.2, "longitude_deg": -44.3,
                  "height_m": 39},
-                {"name": "CUIABA", "latitude_deg": -15.53, "longitude_deg": -56.07,
+                {"name": "CUIABA", "latitude_deg": -15.5, "longitude_deg": -56.1,
                  "height_m": 277},
             ],
-            "start": {"epoch": "1989-01-31T09:58:00", "position_km": [2600, 5500, 3500],
-                      "velocity_km_s": [-6.5, 3.6, -1.5]},
-            "noise": [{"range_m": 10, "range_rate_mm_s": 10}],
+            "start": {"epoch": "2024-03-01T00:00:00", "position_km": [1045, 6370, -3405],
+                      "velocity_km_s": [-6.264, 2.591, 2.941]},
+            "noise": [{"range_m": 5, "range_rate_cm_s": 1}],
             "two_way_range": "half",
             "two_way_range_rate": "half",
         },
@@ -274,7 +274,7 @@ class OrbitFitSpec(StageSpec):
     aberration: Literal["none", "observer", "stars"] = option(
         "of directions: 'none', geometric lines to where the light left; 'observer', with the "
         "aberration by the observer's velocity; 'stars', of right ascensions and declinations "
-        "about the Earth that were measured against the places of stars in a catalogue",
+        "that were measured against the places of stars in a catalogue",
         default="none",
     )
     use_degraded: bool = option("whether data marked as degraded are used", default=False)

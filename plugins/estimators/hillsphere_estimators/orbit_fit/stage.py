@@ -113,7 +113,7 @@ class OrbitFitStage:
         fitted = fit_and_edit(model, prior, arc, threshold, spec.editing_rounds, advance)
         labels = _labels(records)
         free = 6 if spec.position_sigma_m is None else 0
-        judged = judge_fit(fitted, arc, records, threshold, free, labels, doubts)
+        judged = judge_fit(fitted, arc, threshold, free, labels, doubts)
         run = NO_FILTER
         if spec.estimator is not None:
             ctx.info("the filter runs over the values that the fit has used")
@@ -336,11 +336,6 @@ def _labels(records: Sequence[Record]) -> list[str]:
 def _rows(records: Sequence[Record], arc: Arc, fitted: EditedFit, judged: Judgement) -> FittedRows:
     """Return the residuals of the product."""
     about = fitted.residuals
-    first = np.cumsum([0, *(len(r.observable.names) for r in records)])
-    sigma = np.array(
-        [records[k].sigma[row - first[k], number]
-         for k, row, number in zip(arc.record, arc.row, arc.number, strict=True)]
-    )  # fmt: skip
     channels = [c for record in records for c in record.observable.channels]
     return FittedRows(
         tuple(_labels(records)),
@@ -352,7 +347,7 @@ def _rows(records: Sequence[Record], arc: Arc, fitted: EditedFit, judged: Judgem
         np.array([row.correlation for row in judged.rows]),
         np.array([arc.sets[k].t_s[0] for k in arc.at]),
         arc.row.astype(float),
-        about.residual * sigma,
+        about.residual * arc.sigma,
         about.residual / np.maximum(about.sigma(), 1e-3),
         about.used.astype(float),
     )
@@ -390,4 +385,4 @@ def fit_records(
     """
     arc = arrange(records)
     fitted = fit_and_edit(model, prior, arc, threshold, rounds, lambda _: None)
-    return fitted, judge_fit(fitted, arc, records, threshold, 0, _labels(records))
+    return fitted, judge_fit(fitted, arc, threshold, 0, _labels(records))

@@ -1,13 +1,14 @@
 """Where the spacecraft of a plant and its observers are, in common inertial axes.
 
 About the Earth the axes are those of the plant, ``teme`` or ``gcrs``, with the origin in the
-Earth. About another body they are those of the ICRF. Their origin is then the barycentre of the
-Solar System, if a trajectory of the body relative to the Earth is given, and otherwise the body.
+Earth. About another body they are those of the ICRF. The origin is then that body for signals
+between spacecraft near it, and the barycentre of the Solar System for signals from and to the
+Earth.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 import erfa
@@ -54,7 +55,7 @@ class _HeliocentricFrame(Contract, Protocol):
         ...
 
     def heliocentric(self, t_s: Array) -> Mapping[str, Array]:
-        """Return ``"axes"`` (3, 3, N), columns, and ``"rate"`` (3, N), in the own axes."""
+        """Return the axes ``"axes"`` (3, 3, N) as columns, in heliocentric ones, and others."""
         ...
 
 
@@ -140,9 +141,8 @@ class Surroundings:
         self._stations, self._observers, self._centre = stations, observers, centre
         self.about_earth = is_about_earth(plant)
         self.axes: InertialFrame = "teme" if plant.frame == "teme" else "gcrs"
-        self._helio = plant if isinstance(plant, _HeliocentricFrame) else None
         self._turning = None
-        if not self.about_earth and self._helio is None:
+        if not self.about_earth and not isinstance(plant, _HeliocentricFrame):
             self._turning = frame_about_moon(plant, zero)[0]
         if not self.about_earth and centre is None:
             at_earth = [*stations, *(name for name, way in observers.items() if way is None)]
@@ -158,7 +158,12 @@ class Surroundings:
         fixed = earth_fixed(self.axes, zero, nodes, orientation)
         self._turn = self._spline(nodes, fixed)
         self._turn_rate = self._turn.derivative()
-        self._of_date = self._turn
+        self._of_date = self._frame = self._turn
+        if not self.about_earth and isinstance(plant, _HeliocentricFrame):
+            ecliptic = from_equator(np.eye(3)[:, :, None])[:, :, 0]
+            axes = np.einsum("ij,jkn->ikn", ecliptic, plant.heliocentric(nodes)["axes"])
+            self._frame = self._spline(nodes, axes)
+        self._frame_rate = self._frame.derivative()
         if self.axes == "teme" or self.about_earth:
             other = earth_fixed("gcrs" if self.axes == "teme" else "teme", zero, nodes, orientation)
             teme, gcrs = (fixed, other) if self.axes == "teme" else (other, fixed)
@@ -172,10 +177,14 @@ class Surroundings:
         """Return whether an observer is a station, which has a horizon."""
         return name in self._stations
 
-    def craft(self, x: Array, t_s: Array) -> Array:
-        """Return the inertial states (6, N) of the plant's states (n, N)."""
+    def is_near(self, names: Iterable[str]) -> bool:
+        """Return whether a signal of these observers keeps near the plant's centre."""
+        return self.about_earth or all(self._observers.get(name) is not None for name in names)
+
+    def craft(self, x: Array, t_s: Array, near: bool) -> Array:
+        """Return the inertial states (6, N) of the plant's states (n, N), see `is_near`."""
         states = self.inertial(x, t_s)
-        return states if self.about_earth else states + self._origin(t_s)
+        return states if near else states + self._origin(t_s)
 
     def inertial(self, x: Array, t_s: Array) -> Array:
         """Return the states (6, N) about the plant's centre, in `axes` or those of the ICRF."""
@@ -183,12 +192,10 @@ class Surroundings:
             return x[:6]
         if self._turning is not None:
             return self._turning.to_inertial(x[:6], t_s)
-        assert self._helio is not None
-        frame = self._helio.heliocentric(t_s)
-        ecliptic = from_equator(np.eye(3)[:, :, None])[:, :, 0]
-        turned = np.einsum("ij,jkn->ikn", ecliptic, frame["axes"])
-        speed = x[3:6] + np.cross(frame["rate"], x[:3], axis=0)
-        return np.concatenate([np.einsum("ijn,jn->in", turned, part) for part in (x[:3], speed)])
+        turn, rate = self._at(self._frame, t_s), self._at(self._frame_rate, t_s)
+        place = np.einsum("nij,jn->in", turn, x[:3])
+        speed = np.einsum("nij,jn->in", turn, x[3:6]) + np.einsum("nij,jn->in", rate, x[:3])
+        return np.concatenate([place, speed])
 
     def from_inertial(self, states: Array, t_s: Array) -> Array:
         """Return states (6, N) in the plant's frame; the inverse of `inertial`."""
@@ -220,8 +227,8 @@ class Surroundings:
                              "Earth, TEME")  # fmt: skip
         return self.from_inertial(states, t_s)
 
-    def observer(self, name: str, t_s: Array) -> Array:
-        """Return the inertial states (6, N) of an observer at times (N,)."""
+    def observer(self, name: str, t_s: Array, near: bool) -> Array:
+        """Return the inertial states (6, N) of an observer at times (N,), see `is_near`."""
         if name in self._stations:
             place = self._stations[name].ecef_m
             states = np.concatenate(
@@ -237,14 +244,16 @@ class Surroundings:
         states = way.states(t_s)
         if self.about_earth:
             return self._from_icrf(states, t_s) if self.axes == "teme" else states
-        return states + self._origin(t_s)
+        return states if near else states + self._origin(t_s)
 
     def horizon(self, name: str, line: Array, t_s: Array) -> Array:
         """Return lines (3, N) along east, north and up of a station."""
         turned = np.einsum("nij,jn->in", self._at(self._turn, t_s), line)
         return np.asarray(self._stations[name].axes @ turned)
 
-    def celestial(self, frame: str, line: Array, t_s: Array, light_time_s: Array | None) -> Array:
+    def celestial(
+        self, frame: str, line: Array, t_s: Array, light_time_s: Array | None, near: bool = True
+    ) -> Array:
         """Return lines (3, N) along the axes of a celestial frame.
 
         Parameters
@@ -256,20 +265,22 @@ class Surroundings:
         t_s : ndarray, shape (N,)
             Times.
         light_time_s : ndarray, shape (N,), optional
-            Of the lines. Given about the Earth, the Earth's motion meanwhile is taken from them:
-            so are directions that were measured against the places of stars in a catalogue, from
-            which the yearly aberration has been taken.
+            Of the lines. Given for signals near the plant's centre, the motion of that centre
+            meanwhile is taken from the lines: so are directions that were measured against the
+            places of stars in a catalogue, from which the yearly aberration has been taken.
+        near : bool
+            Whether they are such, see `is_near`; other lines hold that motion already.
 
         Raises
         ------
         InputError
-            If there is no such frame.
+            If there is no such frame, or the motion of the centre is not known.
         """
         if self.axes == "teme" and frame == "TEME" and light_time_s is None:
             return line
         line = self._to_icrf(line, t_s)
-        if light_time_s is not None and self.about_earth:
-            line = line - self._earth.states(t_s)[3:] * light_time_s
+        if light_time_s is not None and near:
+            line = line - self._centre_speed(t_s) * light_time_s
         bias = frame_bias(frame)
         if bias is not None:
             return np.asarray(bias.T @ line)
@@ -283,6 +294,17 @@ class Surroundings:
         days = self.zero.to("TT").seconds_since(J2000.to("TT")) / DAY_S + t_s / DAY_S
         turn = np.moveaxis(erfa.pnm06a(J2000_JD, days), 0, -1)
         return np.einsum("ijn,jn->in", turn, line)
+
+    def _centre_speed(self, t_s: Array) -> Array:
+        """Return the barycentric velocity (3, N) of the plant's centre."""
+        if self.about_earth:
+            return self._earth.states(t_s)[3:]
+        if self._centre is None:
+            raise InputError(
+                "centre: aberration = 'stars' needs the motion of the plant's centre; give its "
+                "trajectory relative to the Earth (OEM)"
+            )
+        return self._origin(t_s)[3:]
 
     def _origin(self, t_s: Array) -> Array:
         """Return the inertial states (6, N) of the plant's centre."""

@@ -59,6 +59,9 @@ class TrackingModel(PlantModel):
         self.observables, self.surroundings = tuple(observables), surroundings
         self._craft, self._aberration = craft, aberration
         self._transmissions, self._active = transmissions, active
+        self._near = [
+            surroundings.is_near(name for name in o.travelled if name != craft) for o in observables
+        ]
         ends = np.cumsum([0, *(len(o.names) for o in observables)]).tolist()
         self.rows = [slice(a, b) for a, b in pairwise(ends)]
         """Rows of each observable."""
@@ -78,22 +81,26 @@ class TrackingModel(PlantModel):
             some = self._active.get(first)
         numbers = range(len(self.observables)) if some is None else some
 
-        def states(name: str) -> Path:
-            if name != self._craft:
-                return lambda dt: self.surroundings.observer(name, t_s + dt)
-            return lambda dt: self._craft_at(x, t_s, dt, case)
+        def follow(near: bool) -> Callable[[str], Path]:
+            def states(name: str) -> Path:
+                if name != self._craft:
+                    return lambda dt: self.surroundings.observer(name, t_s + dt, near)
+                return lambda dt: self._craft_at(x, t_s, dt, case, near)
+
+            return states
 
         for number in numbers:
             o = self.observables[number]
+            near = self._near[number]
             rows[self.rows[number]] = expected_values(
-                o, states, self.surroundings, t_s, self._aberration,
-                self._transmissions.get(o.path[0]),
+                o, follow(near), self.surroundings, t_s, self._aberration,
+                self._transmissions.get(o.path[0]), near,
             )  # fmt: skip
         return rows
 
-    def _craft_at(self, x: Array, t_s: Array, dt: Array, case: Integers) -> Array:
+    def _craft_at(self, x: Array, t_s: Array, dt: Array, case: Integers, near: bool) -> Array:
         """Return the inertial states (6, K) of the spacecraft at times after the tags."""
         there = t_s + dt
         if dt.any():
             x = self.advance(x, t_s, there, np.zeros((0, x.shape[1])), case)
-        return self.surroundings.craft(x, there)
+        return self.surroundings.craft(x, there, near)
