@@ -67,7 +67,8 @@ def fit_and_edit(
         The data.
     threshold : float or None
         In standard deviations that a residual should have, see `Residuals.sigma`; None for no
-        editing. A value that was left out comes back if a later fit explains it.
+        editing. In the first half of the rounds a value that was left out comes back if a later fit
+        explains it.
     most_rounds : int
         Fits at most.
     advance : callable
@@ -93,6 +94,9 @@ def fit_and_edit(
         size = np.abs(residual) / np.maximum(about.sigma(), _LEAST_SIGMA)
         bound = max(threshold, _SHARE_OF_WORST * float(np.max(size[used], initial=0.0)))
         wanted = size <= np.where(used, bound, threshold)
+        if number > most_rounds // 2:
+            # two sets of values may bring each other back for ever: now none comes back
+            wanted &= used
         if (wanted == used).all() and bound == threshold:
             return EditedFit(fit, about, number, True)
         # with fewer values than unknowns there is nothing to edit by

@@ -196,7 +196,7 @@ def _take_segment(gathered: _Gathered, segment: TdmSegment, craft: str, where: s
     for keyword in wanted:
         if keyword == "ANGLE_2":
             continue
-        for observable, t, values in _observed(segment, keyword, craft, spec, where):
+        for observable, t, values in _split_series(segment, keyword, craft, spec, where):
             gathered.series.setdefault(observable, []).append(
                 (t + offset, values, np.full(values.shape, nan))
             )
@@ -206,7 +206,7 @@ def _take_segment(gathered: _Gathered, segment: TdmSegment, craft: str, where: s
 _SHAPES = ("ANGLE_1", "ANGLE_2", "RANGE", "DOPPLER_INSTANTANEOUS", "DOPPLER_INTEGRATED")
 
 
-def _observed(
+def _split_series(
     segment: TdmSegment, keyword: str, craft: str, spec: OrbitFitSpec, where: str
 ) -> Iterator[tuple[Observable, Array, Array]]:
     """Yield the observable of a keyword with times (K,), s, and values (r, K), SI."""
