@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 from scipy.stats import chi2, kstest
 from tests.plugins.estimators import tracking_simulation as sim
 
+import hillsphere as hs
 from hillsphere import create
 from hillsphere.base.geodetic import Station
 from hillsphere.base.paths import missions_directory
@@ -288,6 +290,7 @@ def stage(**keys: Any) -> Any:
     return create("stage", "orbit_fit", **{**given, **keys})
 
 
+@pytest.mark.slow  # the contracts run the same data in the short suite
 def test_a_message_is_fitted_and_written() -> None:
     """Packaged data: the true state within 4 σ without any prior; OPM and OEM read back."""
     one = stage()
@@ -320,13 +323,15 @@ def test_a_written_state_is_a_start(tmp_path: Path) -> None:
 
 
 def test_a_table_of_angles_is_fitted() -> None:
-    product = stage(
-        data=[{"file": "orbit-fit-angles.csv", "station": "ALCANTARA"}], noise=[],
-    ).run(RecordingContext())  # fmt: skip
+    one = stage(data=[{"file": "orbit-fit-angles.csv", "station": "ALCANTARA"}], noise=[])
+    product = one.run(RecordingContext())
     assert product.answer == "consistent", product.reasons
     sigma = np.sqrt(np.diag(product.covariance))
     assert (np.abs(product.mean - sim.START) < 4.0 * sigma).all()
     assert product.rows.labels[0] == "spacecraft → ALCANTARA, azimuth"
+    shown = one.present(product)
+    check_presentation(shown)
+    assert np.allclose(read_opm(shown.files["orbit-fit.opm"]).x, product.mean, rtol=1e-12)
 
 
 def message(tmp_path: Path, *changes: tuple[str, str]) -> str:
@@ -346,7 +351,7 @@ def message(tmp_path: Path, *changes: tuple[str, str]) -> str:
         ((), {"two_way_range": None}, "two_way_range: .*whole way or half"),
         ((), {"noise": [{"range_m": 5}]}, "noise: ALCANTARA measures range rate"),
         ((), {"stations": [{"name": "CUIABA", "latitude_deg": 0, "longitude_deg": 0}]},
-         "spacecraft: the participants are .* ALCANTARA and SAT are"),
+         "spacecraft: the participants of .* ALCANTARA and SAT are"),
         ((), {"spacecraft": "SAT", "stations": [
             {"name": "CUIABA", "latitude_deg": 0, "longitude_deg": 0}]},
          "stations: .*'ALCANTARA'"),
@@ -408,13 +413,29 @@ def test_an_ambiguous_range_is_resolved_by_the_prior(tmp_path: Path) -> None:
 
 @pytest.mark.slow  # ten passes of a filter
 def test_a_filter_agrees_with_the_fit() -> None:
-    """From a prior of 1 km and 1 m/s at the true state, where its updates are linear enough."""
-    start = {"epoch": sim.DATE, "position_m": (sim.START[:3] + 500.0).tolist(),
-             "velocity_m_s": (sim.START[3:] - 0.5).tolist()}  # fmt: skip
-    product = stage(
-        start=start, position_sigma_km=1, velocity_sigma_m_s=1,
+    """From a prior so narrow that updates are linear: 200 m, of which 1000 km away the curvature
+    turns a range by 200²/(2·10⁶) = 0.02 m, a hundredth of its noise.
+    """
+    start = {"epoch": sim.DATE, "position_m": (sim.START[:3] + 100.0).tolist(),
+             "velocity_m_s": (sim.START[3:] - 0.1).tolist()}  # fmt: skip
+    one = stage(
+        start=start, position_sigma_m=200, velocity_sigma_m_s=0.2,
         estimator=create("estimator", "unscented"),
-    ).run(RecordingContext())  # fmt: skip
+    )  # fmt: skip
+    product = one.run(RecordingContext())
     assert product.filter.answer == "consistent"
-    assert product.filter.distance < 0.3
-    check_presentation(stage().present(product))
+    assert product.filter.distance < 0.1
+    check_presentation(one.present(product))
+
+
+@pytest.mark.slow  # two missions of the guide
+@pytest.mark.parametrize("stage_name", ["ranges", "angles"])
+def test_the_mission_of_the_guide_runs(
+    stage_name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = Path(__file__).parents[3] / "docs" / "how-to" / "fit-an-orbit.md"
+    text = "\n".join(re.findall(r"```toml\n(.*?)```\n", page.read_text("utf-8"), re.DOTALL))
+    (tmp_path / "fit.toml").write_text(text, "utf-8")
+    monkeypatch.chdir(tmp_path)
+    result = hs.run("fit.toml", executor="serial")
+    assert result.product(stage_name).answer == "consistent"

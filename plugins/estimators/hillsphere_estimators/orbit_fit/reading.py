@@ -117,7 +117,7 @@ def read_tracking_data(spec: OrbitFitSpec, zero: Epoch) -> TrackingData:
         Naming file or key, if something cannot be read or is not said.
     """
     gathered = _Gathered(spec, zero)
-    craft = spec.spacecraft
+    craft, files = spec.spacecraft, ", ".join(data.file for data in spec.data)
     messages: list[tuple[str, list[TdmSegment]]] = []
     tables: list[tuple[DataSpec, str]] = []
     for data in spec.data:
@@ -127,7 +127,7 @@ def read_tracking_data(spec: OrbitFitSpec, zero: Epoch) -> TrackingData:
             messages.append((data.file, read_tdm(text, data.file)))
         else:
             tables.append((data, text))
-    craft = craft or _only_craft(spec, [s for _, segments in messages for s in segments])
+    craft = craft or _only_craft(spec, [s for _, segments in messages for s in segments], files)
     for file, segments in messages:
         for number, segment in enumerate(segments, start=1):
             _take_segment(gathered, segment, craft, f"{file}, segment {number}")
@@ -135,10 +135,10 @@ def read_tracking_data(spec: OrbitFitSpec, zero: Epoch) -> TrackingData:
         _take_table(gathered, data, text, craft)
     if not gathered.series:
         why = "; ".join(f"{what}: {reason}" for what, reason in gathered.left_out)
-        raise InputError(f"data: nothing that can be fitted{': ' if why else ''}{why}")
+        raise InputError(f"data: {files}: nothing that can be fitted{': ' if why else ''}{why}")
     transmissions = _transmissions(gathered.sent)
     records = tuple(
-        _less_reference(_record(observable, parts, spec.noise), transmissions)
+        _less_reference(_record(observable, parts, spec.noise, files), transmissions, files)
         for observable, parts in gathered.series.items()
     )
     return TrackingData(
@@ -146,7 +146,7 @@ def read_tracking_data(spec: OrbitFitSpec, zero: Epoch) -> TrackingData:
     )
 
 
-def _only_craft(spec: OrbitFitSpec, segments: Sequence[TdmSegment]) -> str:
+def _only_craft(spec: OrbitFitSpec, segments: Sequence[TdmSegment], files: str) -> str:
     """Return the only participant that is neither station nor observer."""
     known = [item.name for item in (*spec.stations, *spec.observers)]
     names = dict.fromkeys(name for one in segments for name in one.meta.participants)
@@ -155,7 +155,7 @@ def _only_craft(spec: OrbitFitSpec, segments: Sequence[TdmSegment]) -> str:
         return "spacecraft"
     if len(others) != 1:
         raise InputError(
-            f"spacecraft: the participants are {', '.join(names)}, of which "
+            f"spacecraft: the participants of {files} are {', '.join(names)}, of which "
             f"{' and '.join(others) or 'none'} "
             f"{'are' if len(others) > 1 else 'is'} neither station nor observer; name the "
             "spacecraft, and give a place to each other one that measures"
@@ -374,6 +374,7 @@ def _record(
     observable: Observable,
     parts: list[tuple[Array, Array, Array]],
     noise: Sequence[NoiseSpec],
+    files: str,
 ) -> Record:
     """Return a record in order of time, with its standard deviations."""
     t = np.concatenate([part[0] for part in parts])
@@ -384,7 +385,7 @@ def _record(
     repeated = np.flatnonzero(np.diff(t) <= 0.0)
     if len(repeated):
         raise InputError(
-            f"data: {observable.label} has two values of {observable.names[0]} at "
+            f"data: {files}: {observable.label} has two values of {observable.names[0]} at "
             f"{t[repeated[0]]:.12g} s after the plant's epoch; is a file given twice?"
         )
     if np.isnan(sigma).any():
@@ -395,7 +396,7 @@ def _record(
         if not given:
             raise InputError(
                 f"noise: {observable.receiver} measures {' and '.join(observable.names)}, and no "
-                f"standard deviation is given; give noise.{key}, or another unit"
+                f"standard deviation is given in {files}; give noise.{key}, or another unit"
             )
         stated = np.full(sigma.shape, given[0])
         if observable.kind == "angles":
@@ -441,7 +442,9 @@ def _transmissions(sent: Mapping[str, list[tuple[Array, Array, Array]]]) -> dict
     return made
 
 
-def _less_reference(record: Record, transmissions: Mapping[str, Transmission]) -> Record:
+def _less_reference(
+    record: Record, transmissions: Mapping[str, Transmission], files: str
+) -> Record:
     """Return received frequencies less that of the first transmission, see `expected_values`.
 
     Raises
@@ -455,7 +458,8 @@ def _less_reference(record: Record, transmissions: Mapping[str, Transmission]) -
     sender = observable.path[0]
     if sender not in transmissions:
         raise InputError(
-            f"data: {observable.label} has received frequencies, and no TRANSMIT_FREQ of {sender}"
+            f"data: {files}: {observable.label} has received frequencies, and no TRANSMIT_FREQ of "
+            f"{sender}"
         )
     reference = observable.turnaround * transmissions[sender].reference_hz
     return replace(record, values=record.values - reference)
