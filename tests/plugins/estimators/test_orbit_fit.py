@@ -413,8 +413,10 @@ def test_an_ambiguous_range_is_resolved_by_the_prior(tmp_path: Path) -> None:
 
 @pytest.mark.slow  # ten passes of a filter
 def test_a_filter_agrees_with_the_fit() -> None:
-    """From a prior so narrow that updates are linear: 200 m, of which 1000 km away the curvature
-    turns a range by 200²/(2·10⁶) = 0.02 m, a hundredth of its noise.
+    """From a prior so narrow that updates are linear.
+
+    200 m across a line of 1000 km change its length by 200²/(2·10⁶) = 0.02 m, a hundredth of its
+    noise.
     """
     start = {"epoch": sim.DATE, "position_m": (sim.START[:3] + 100.0).tolist(),
              "velocity_m_s": (sim.START[3:] - 0.1).tolist()}  # fmt: skip
@@ -439,3 +441,87 @@ def test_the_mission_of_the_guide_runs(
     monkeypatch.chdir(tmp_path)
     result = hs.run("fit.toml", executor="serial")
     assert result.product(stage_name).answer == "consistent"
+
+
+FREQUENCIES = """CCSDS_TDM_VERS = 2.0
+CREATION_DATE = 2026-11-28T00:00:00
+ORIGINATOR = TEST
+
+META_START
+TIME_SYSTEM = UTC
+PARTICIPANT_1 = A
+PARTICIPANT_2 = SAT
+MODE = SEQUENTIAL
+PATH = 1,2,1
+TIMETAG_REF = TRANSMIT
+META_STOP
+DATA_START
+TRANSMIT_FREQ_1 = 2024-03-01T00:00:00.000 2.1E9
+TRANSMIT_FREQ_RATE_1 = 2024-03-01T00:00:00.000 2.0E2
+DATA_STOP
+
+META_START
+TIME_SYSTEM = UTC
+PARTICIPANT_1 = A
+PARTICIPANT_2 = SAT
+MODE = SEQUENTIAL
+PATH = 1,2,1
+TIMETAG_REF = RECEIVE
+INTEGRATION_INTERVAL = 10.0
+INTEGRATION_REF = END
+FREQ_OFFSET = 2.28E9
+TURNAROUND_NUMERATOR = 240
+TURNAROUND_DENOMINATOR = 221
+META_STOP
+DATA_START
+{rows}
+DATA_STOP
+"""
+
+
+def received(t: float) -> float:
+    """Return the mean frequency over ten seconds before t, by the cycles that were sent."""
+    path = [sim.station("A"), sim.satellite(), sim.station("A")]
+    first, last = (s - sim.elapsed(path, s) for s in (t - 10.0, t))
+    return 240.0 / 221.0 * (last - first) * (2.1e9 + 100.0 * (first + last)) / 10.0
+
+
+def test_received_frequencies_of_a_message_are_expected(tmp_path: Path) -> None:
+    """Ramp, turnaround, offset and interval of the message, against counted cycles.
+
+    Differences of Earth orientation of 1e-9 rad turn a range rate by 1e-5 m/s, 2e-4 Hz.
+    """
+    times = (520.0, 640.0, 760.0)
+    zero = Epoch.parse(sim.DATE, "UTC")
+    rows = [f"RECEIVE_FREQ_1 = {zero.isot(np.array([t]), 3)[0]} {received(t) - 2.28e9:.6f}"
+            for t in times]  # fmt: skip
+    path = tmp_path / "frequencies.tdm"
+    path.write_text(FREQUENCIES.format(rows="\n".join(rows)), "utf-8")
+    place = sim.PLACES["A"]
+    one = stage(
+        data=[{"file": str(path)}], noise=[{"frequency_hz": 0.05}], spacecraft="SAT",
+        stations=[{"name": "A", "latitude_deg": place[0], "longitude_deg": place[1],
+                   "height_m": place[2]}],
+        start={"epoch": sim.DATE, "position_m": sim.START[:3].tolist(),
+               "velocity_m_s": sim.START[3:].tolist()},
+        position_sigma_m=1e-3, velocity_sigma_m_s=1e-6, editing_sigmas=0,
+    )  # fmt: skip
+    product = one.run(RecordingContext())
+    assert np.abs(product.rows.residual).max() < 1e-3
+    # without the message's offset all would be off by 2.28 GHz, and the start of the ramp matters
+    late = FREQUENCIES.replace("01T00:00:00.000 2", "01T00:10:00.000 2")
+    path.write_text(late.format(rows="\n".join(rows)), "utf-8")
+    with pytest.raises(InputError, match="before the first TRANSMIT_FREQ"):
+        one.run(RecordingContext())
+
+
+def test_a_fit_that_diverges_says_so() -> None:
+    """A start at rest falls into the Earth."""
+    start = {"epoch": sim.DATE, "position_km": [6400, 0, 0], "velocity_m_s": [1, 0, 0]}
+    try:
+        product = stage(start=start, noise=[{"range_m": 1e-3, "range_rate_mm_s": 1e-3}],
+                        editing_rounds=1).run(RecordingContext())  # fmt: skip
+    except InputError as error:
+        assert "the fit diverges from this start" in str(error)
+    else:
+        assert product.answer in ("undecided", "inconsistent")

@@ -253,7 +253,7 @@ def test_a_spacecraft_about_phobos_seen_from_the_earth() -> None:
         "body", "moon", name="phobos", primary_gm_km3_s2=42828.37, semi_major_axis_km=9377.0,
         pole_right_ascension_deg=317.68, pole_declination_deg=52.90, prime_meridian_deg=35.06,
     )  # fmt: skip
-    plant = create("plant", "hill", body=moon,
+    plant: Any = create("plant", "hill", body=moon,
                    gravity=create("gravity", "point_mass", gm_km3_s2=7.1e-4))  # fmt: skip
     t = np.linspace(-9000.0, 9000.0, 61)
     start = np.array([1e11, -8e10, 3e10, 9e3, 1.1e4, -4e3])
@@ -296,7 +296,7 @@ def test_a_spacecraft_about_phobos_seen_from_the_earth() -> None:
 
     def probe(s: float) -> Array:
         place = node @ body_fixed(meridian + n * s, 1) @ flown(s)[:3]
-        return place + earth(s) + start[:3] + start[3:] * s + 0.5 * pull * s * s
+        return np.asarray(place + earth(s) + start[:3] + start[3:] * s + 0.5 * pull * s * s)
 
     t2 = 50.0 - brentq(
         lambda tau: np.linalg.norm(probe(50.0 - tau) - earth(50.0)) - C * tau, 0, 900, xtol=1e-14

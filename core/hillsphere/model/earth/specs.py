@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import pi
-from typing import Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import model_validator
 
@@ -16,7 +16,7 @@ __all__ = ["GroundStationSpec", "PlanetSpec"]
 class GroundStationSpec(Spec):
     """A ground station: its name and location."""
 
-    examples = (
+    examples: ClassVar[tuple[dict[str, Any], ...]] = (
         {"name": "Alcantara", "latitude_deg": -2.18, "longitude_deg": -44.26, "height_m": 39},
     )
 

@@ -7,7 +7,7 @@ import numpy as np
 from hillsphere.formats.oem import OemCovariance, OemSegment, write_oem
 from hillsphere.formats.opm import Opm, write_opm
 from hillsphere.interfaces import Array
-from hillsphere.presentation import Metric, Presentation
+from hillsphere.presentation import Metric, Presentation, Table
 from hillsphere.show.tables import column, tabulate, text_column
 from hillsphere.time import Epoch
 from hillsphere_estimators.orbit_fit.figures import filter_chart, residual_chart
@@ -43,7 +43,7 @@ def present_fit(product: OrbitFit) -> Presentation:
     }
     names = [f"{name} ({unit})" for name, unit in zip(
         product.states[:6], ["km"] * 3 + ["km/s"] * 3, strict=True)]  # fmt: skip
-    tables = {
+    tables: dict[str, Table] = {
         "fit_state": tabulate(
             f"State of {product.spacecraft} at {product.epoch} {product.time_scale}, frame "
             f"{product.frame}",
@@ -89,7 +89,7 @@ def present_fit(product: OrbitFit) -> Presentation:
     )  # fmt: skip
 
 
-def _residual_table(product: OrbitFit) -> object:
+def _residual_table(product: OrbitFit) -> Table:
     rows = product.rows
     return tabulate(
         "Residuals",

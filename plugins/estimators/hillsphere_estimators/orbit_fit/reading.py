@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import cos, nan
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -34,6 +35,8 @@ _UNUSED = {
 }
 """Measurements of the standard that no observable here expects; other keywords (weather, signal
 levels, magnitudes) say nothing of the orbit and are not counted."""
+_MOST_DEPARTURES = 5
+"""Of a message from the standard that are told; a program that writes one repeats it."""
 _LEAST_COSINE = 1e-3
 """Of a second angle, in the standard deviation of the first: 0.06° from the zenith or the pole."""
 
@@ -124,7 +127,10 @@ def read_tracking_data(spec: OrbitFitSpec, zero: Epoch) -> TrackingData:
         text = text_of(data.file)
         beginning = text.lstrip()
         if beginning.startswith(("CCSDS_", "<", "COMMENT")):
-            messages.append((data.file, read_tdm(text, data.file)))
+            departures: list[str] = []
+            segments = read_tdm(text, data.file, lenient=True, warn=departures.append)
+            messages.append((data.file, segments))
+            gathered.notes |= dict.fromkeys(departures[:_MOST_DEPARTURES])
         else:
             tables.append((data, text))
     craft = craft or _only_craft(spec, [s for _, segments in messages for s in segments], files)
@@ -146,9 +152,14 @@ def read_tracking_data(spec: OrbitFitSpec, zero: Epoch) -> TrackingData:
     )
 
 
+def _names(spec: OrbitFitSpec) -> list[str]:
+    """Return the names of all observers."""
+    return [s.name for s in spec.stations] + [o.name for o in spec.observers]
+
+
 def _only_craft(spec: OrbitFitSpec, segments: Sequence[TdmSegment], files: str) -> str:
     """Return the only participant that is neither station nor observer."""
-    known = [item.name for item in (*spec.stations, *spec.observers)]
+    known = _names(spec)
     names = dict.fromkeys(name for one in segments for name in one.meta.participants)
     others = [name for name in names if name not in known]
     if not segments:
@@ -213,7 +224,7 @@ def _split_series(
     meta = segment.meta
     path = _path(segment, keyword, craft, spec, where)
     numbers = meta.path or tuple(meta.participants.index(name) + 1 for name in path)
-    common = {
+    common: dict[str, Any] = {
         "path": path,
         "tagged": "transmit" if meta.timetag_ref == "TRANSMIT" else "receive",
         "receive_delays_s": tuple(meta.receive_delays_s.get(n, 0.0) for n in numbers),
@@ -241,7 +252,7 @@ def _split_series(
             Observable("angles", angle_type=kind, frame=frame, **common),
             t,
             np.array([first, second]),
-        )  # type: ignore[arg-type]  # of the common keys
+        )
         return
     series = segment.corrected(keyword)
     interval = 0.0
@@ -260,7 +271,7 @@ def _split_series(
                 "TURNAROUND_DENOMINATOR"
             )
         ratio = top / bottom if len(path) > 2 else 1.0
-        observable = Observable("frequency", turnaround=ratio, **common)  # type: ignore[arg-type]
+        observable = Observable("frequency", turnaround=ratio, **common)
         yield observable, series.t_s, values + meta.freq_offset_hz
         return
     if keyword == "RANGE":
@@ -275,10 +286,10 @@ def _split_series(
             ),
             series.t_s,
             values * unit,
-        )  # type: ignore[arg-type]
+        )
         return
     share = _share(spec.two_way_range_rate, "two_way_range_rate", path, where)
-    yield Observable("range_rate", share=share, **common), series.t_s, values  # type: ignore[arg-type]
+    yield Observable("range_rate", share=share, **common), series.t_s, values
 
 
 def _path(
@@ -286,7 +297,7 @@ def _path(
 ) -> tuple[str, ...]:
     """Return the names along the path, after a check that each has a place."""
     meta = segment.meta
-    known = [craft, *(item.name for item in (*spec.stations, *spec.observers))]
+    known = [craft, *_names(spec)]
     if meta.path:
         path = tuple(meta.participants[n - 1] for n in meta.path)
     elif keyword == "ANGLE_1":

@@ -194,7 +194,7 @@ class OrbitFitSpec(StageSpec):
             "fit_filter_distance",
         ),
         tables={
-            "fit_state": ("state", "value", "sigma"),
+            "fit_state": ("state", "value", "sigma", "change"),
             "fit_biases": (),
             "fit_residuals": (),
             "fit_left_out": (),
@@ -202,6 +202,24 @@ class OrbitFitSpec(StageSpec):
     )
     produces = "hillsphere_estimators.orbit_fit.products:OrbitFit"
     examples = (
+        # of any plant about the Earth: data so coarse that the prior decides
+        {
+            "plant": "earth_orbit",
+            "data": [{"file": "orbit-fit-ranges.tdm"}],
+            "stations": [
+                {"name": "ALCANTARA", "latitude_deg": -2.2, "longitude_deg": -44.3,
+                 "height_m": 39},
+                {"name": "CUIABA", "latitude_deg": -15.5, "longitude_deg": -56.1,
+                 "height_m": 277},
+            ],
+            "start": {"epoch": "2024-03-01T00:00:00", "position_km": [1045, 6370, -3405],
+                      "velocity_km_s": [-6.264, 2.591, 2.941]},
+            "noise": [{"range_km": 1000, "range_rate_km_s": 10}],
+            "position_sigma_km": 1,
+            "velocity_sigma_m_s": 1,
+            "two_way_range": "half",
+            "two_way_range_rate": "half",
+        },
         {
             "plant": "earth_orbit",
             "data": [{"file": "orbit-fit-ranges.tdm"}],
@@ -308,7 +326,7 @@ class OrbitFitSpec(StageSpec):
 
     @model_validator(mode="after")
     def _names_and_pairs(self) -> Self:
-        names = [item.name for item in (*self.stations, *self.observers)]
+        names = [s.name for s in self.stations] + [o.name for o in self.observers]
         if not names:
             raise rule("stations", "who measured? give stations or observers")
         for key, given in (("stations", names), ("noise", [n.station for n in self.noise])):

@@ -10,7 +10,7 @@ import numpy as np
 from hillsphere.base.constants import DAY_S
 from hillsphere.base.geodetic import WGS84, Station
 from hillsphere.base.orientation import OrientationTable
-from hillsphere.errors import InputError
+from hillsphere.errors import InputError, PropagationError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.model.earth.planet import StationedPlanet
@@ -25,7 +25,7 @@ from hillsphere_estimators.orbit_fit.filtering import NO_FILTER, run_filter
 from hillsphere_estimators.orbit_fit.fitting import EditedFit, fit_and_edit
 from hillsphere_estimators.orbit_fit.judgement import Judgement, judge_fit
 from hillsphere_estimators.orbit_fit.presentation import present_fit
-from hillsphere_estimators.orbit_fit.products import FittedRows, OrbitFit
+from hillsphere_estimators.orbit_fit.products import FilterRun, FittedRows, OrbitFit
 from hillsphere_estimators.orbit_fit.reading import TrackingData, read_tracking_data, text_of
 from hillsphere_estimators.orbit_fit.records import Arc, Record, arrange
 from hillsphere_estimators.orbit_fit.specs import OrbitFitSpec
@@ -99,7 +99,7 @@ class OrbitFitStage:
         here = self._situation()
         count = sum(record.values.size for record in here.data.records)
         ctx.info(f"{count} values of {here.data.craft} are fitted")
-        records, doubts, fitted = here.data.records, (), None
+        records, doubts = here.data.records, tuple[str, ...]()
         if any(record.observable.modulus_m for record in records):
             arc = arrange(records)
             model, prior, _ = self._model_and_prior(here, records, arc)
@@ -110,7 +110,15 @@ class OrbitFitStage:
         model, prior, names = self._model_and_prior(here, records, arc)
         threshold = spec.editing_sigmas or None
         advance = ctx.track("fits", spec.editing_rounds)
-        fitted = fit_and_edit(model, prior, arc, threshold, spec.editing_rounds, advance)
+        try:
+            # a fit that diverges may overflow before it fails
+            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+                fitted = fit_and_edit(model, prior, arc, threshold, spec.editing_rounds, advance)
+        except (InputError, PropagationError) as error:
+            raise InputError(
+                f"start: the fit diverges from this start ({error}); check plant, stations and "
+                "epochs, give a nearer start or a prior"
+            ) from error
         labels = _labels(records)
         free = 6 if spec.position_sigma_m is None else 0
         judged = judge_fit(fitted, arc, threshold, free, labels, doubts)
@@ -208,7 +216,7 @@ class OrbitFitStage:
         names: tuple[list[str], list[str]],
         fitted: EditedFit,
         judged: Judgement,
-        run: object,
+        run: FilterRun,
     ) -> OrbitFit:
         """Return the product."""
         spec, belief = self.spec, fitted.fit.belief
@@ -243,7 +251,7 @@ class OrbitFitStage:
             left_out_why=tuple(why for _, why in left),
             left_out_count=np.array(list(left.values()), dtype=float),
             notes=here.data.notes,
-            filter=run,  # type: ignore[arg-type]
+            filter=run,
             ephemeris_t_s=t,
             ephemeris=states,
             ephemeris_covariance=covariance,

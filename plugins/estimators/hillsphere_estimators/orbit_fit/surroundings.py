@@ -285,7 +285,7 @@ class Surroundings:
         if bias is not None:
             return np.asarray(bias.T @ line)
         if frame == "TEME":
-            return np.einsum("nij,jn->in", self._teme_axes(t_s), line)
+            return np.asarray(np.einsum("nij,jn->in", self._teme_axes(t_s), line))
         if frame not in OF_DATE:
             raise InputError(
                 f"reference_frame: expected ICRF, GCRF, EME2000, {' or '.join(OF_DATE)}, got "
@@ -293,7 +293,7 @@ class Surroundings:
             )
         days = self.zero.to("TT").seconds_since(J2000.to("TT")) / DAY_S + t_s / DAY_S
         turn = np.moveaxis(erfa.pnm06a(J2000_JD, days), 0, -1)
-        return np.einsum("ijn,jn->in", turn, line)
+        return np.asarray(np.einsum("ijn,jn->in", turn, line))
 
     def _centre_speed(self, t_s: Array) -> Array:
         """Return the barycentric velocity (3, N) of the plant's centre."""
@@ -327,7 +327,7 @@ class Surroundings:
     def _to_icrf(self, line: Array, t_s: Array) -> Array:
         if self.axes == "gcrs":
             return line
-        return np.einsum("nji,jn->in", self._teme_axes(t_s), line)
+        return np.asarray(np.einsum("nji,jn->in", self._teme_axes(t_s), line))
 
     def _from_icrf(self, states: Array, t_s: Array) -> Array:
         return self._turned(self._teme_axes(t_s), states)

@@ -145,7 +145,7 @@ def earth_trajectory(zero: Epoch, begin_s: float, end_s: float) -> Trajectory:
         Span of the times.
     """
     count = max(2 * _DEGREE, int(np.ceil((end_s - begin_s) / _EARTH_STEP_S)) + 2 * _DEGREE)
-    t = begin_s + _EARTH_STEP_S * (np.arange(count) - _DEGREE + 1.0)
+    t = np.asarray(begin_s + _EARTH_STEP_S * (np.arange(count) - _DEGREE + 1.0), dtype=np.float64)
     days = zero.to("TDB").seconds_since(J2000) / DAY_S + t / DAY_S
     _, barycentric = erfa.epv00(J2000_JD, days)
     x = np.concatenate([barycentric["p"].T * AU_M, barycentric["v"].T * (AU_M / DAY_S)])
