@@ -57,6 +57,8 @@ def fit_and_edit(
 ) -> EditedFit:
     """Fit, leave out what is beyond the threshold, and fit again until nothing changes.
 
+    A fit that has not converged is returned as it is.
+
     Parameters
     ----------
     model : FixedStepModel
@@ -89,7 +91,8 @@ def fit_and_edit(
         residual, rows = linearise_arc(model, prior, fit.belief, arc.sets)
         about = Residuals(residual, rows, used, free)
         advance(1)
-        if threshold is None:
+        # residuals about states that are no solution say nothing of single values
+        if threshold is None or not fit.settled[0]:
             return EditedFit(fit, about, number, True)
         size = np.abs(residual) / np.maximum(about.sigma(), _LEAST_SIGMA)
         bound = max(threshold, _SHARE_OF_WORST * float(np.max(size[used], initial=0.0)))

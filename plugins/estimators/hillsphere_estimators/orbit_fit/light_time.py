@@ -30,7 +30,7 @@ import numpy as np
 from hillsphere.base.constants import SPEED_OF_LIGHT_M_S
 from hillsphere.interfaces import Array
 
-__all__ = ["Node", "Signal", "follow_signal"]
+__all__ = ["FARTHEST_S", "Node", "Signal", "follow_signal"]
 
 _ROUNDS = 5
 """Newton steps of a light time at most. Its error falls from the light time τ itself to a τ²/(2c)
@@ -38,6 +38,9 @@ and then quadratically: with a = 10 m/s² and τ = 1000 s to 0.02 s, 6e-12 s and
 _CLOSE_S = 1e-8
 """Step after which no other one is made: the next would be 1e-24 s, and the change of a velocity
 meanwhile, 1e-7 m/s at 10 m/s², is below the rounding of what is measured."""
+FARTHEST_S = 1.5e4
+"""Longest light time of a leg, to Neptune; what is beyond it, such as the states of a step of a fit
+that is too long, has no number."""
 
 Path: TypeAlias = Callable[[Array], Array]
 """Times (N,), s after the tag → inertial states (6, N), m and m/s."""
@@ -107,7 +110,7 @@ def follow_signal(nodes: Sequence[Node], tag_s: Array, tagged: str = "receive") 
     Returns
     -------
     Signal
-        Its times and its last leg.
+        Its times and its last leg; NaN where a leg is longer than `FARTHEST_S`.
     """
     first, last = nodes[0], nodes[-1]
     slowing = np.zeros(np.shape(tag_s))
@@ -162,11 +165,12 @@ def _solve(held: Array, states: Path, now: Array, direction: float) -> tuple[Arr
         opening = direction * np.sum(way * there[3:], axis=0) / distance
         off = SPEED_OF_LIGHT_M_S * light_time - distance
         step = -off / (SPEED_OF_LIGHT_M_S - opening)
-        light_time = light_time + step
-        if np.max(np.abs(step)) < _CLOSE_S:
+        further = np.clip(light_time + step, 0.0, FARTHEST_S)
+        step, light_time = further - light_time, further
+        if not np.max(np.abs(step)) >= _CLOSE_S:
             break
     # over the last step the other end moves uniformly
-    there = there.copy()
+    there = np.where(light_time < FARTHEST_S, there, np.nan)
     there[:3] += direction * step * there[3:]
     return light_time, there
 

@@ -25,6 +25,7 @@ from hillsphere.model.earth.rotation import InertialFrame, earth_fixed
 from hillsphere.model.ephemeris import from_equator
 from hillsphere.model.inertial import frame_about_moon
 from hillsphere.time import J2000, Epoch
+from hillsphere_estimators.orbit_fit.light_time import FARTHEST_S
 from hillsphere_estimators.orbit_fit.trajectory import Trajectory, earth_trajectory, frame_bias
 
 __all__ = ["OF_DATE", "Surroundings", "is_about_earth", "zero_of"]
@@ -32,9 +33,9 @@ __all__ = ["OF_DATE", "Surroundings", "is_about_earth", "zero_of"]
 OF_DATE = ("TEME", "TOD", "TOD_EARTH")
 """Frames of right ascension and declination that follow the Earth's axis."""
 _EARTH_FRAMES = ("teme", "gcrs")
-_MARGIN_S = 0.2 * DAY_S
-"""Before and after the data the Earth's place and rotation are known for this long: light from
-Neptune takes 0.17 d."""
+_MARGIN_S = 2.5 * FARTHEST_S
+"""Before and after the data the Earth's place and rotation are known for this long: the longest
+round trip, and some more."""
 _TURN_STEP_S = 600.0
 """Spacing of the Earth's rotation, which is interpolated by a spline of degree 7: its error, 1e-14
 by (ω h)⁸/8!, is below the rounding of positions."""

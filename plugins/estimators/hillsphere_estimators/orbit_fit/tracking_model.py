@@ -100,7 +100,10 @@ class TrackingModel(PlantModel):
 
     def _craft_at(self, x: Array, t_s: Array, dt: Array, case: Integers, near: bool) -> Array:
         """Return the inertial states (6, K) of the spacecraft at times after the tags."""
-        there = t_s + dt
+        lost = ~np.isfinite(dt)
+        there = t_s + np.where(lost, 0.0, dt)
         if dt.any():
             x = self.advance(x, t_s, there, np.zeros((0, x.shape[1])), case)
-        return self.surroundings.craft(x, there, near)
+        states = self.surroundings.craft(x, there, near)
+        # a signal that is further away than `FARTHEST_S` has no states
+        return np.where(lost, np.nan, states) if lost.any() else states
