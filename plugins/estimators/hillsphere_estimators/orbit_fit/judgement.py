@@ -160,8 +160,8 @@ def judge_fit(
         answer = "inconsistent"
     elif small:
         answer = "cautious"
-    reasons = (*doubts, *wrong, *small) or ("no test fails its limit",)
-    return Judgement(answer, tuple(reasons), squares, low, high, dof, rows)
+    reasons = tuple(doubts or [*wrong, *small] or ["no test fails its limit"])
+    return Judgement(answer, reasons, squares, low, high, dof, rows)
 
 
 def _doubts(edited: EditedFit, dof: int, free_of_prior: int) -> list[str]:
