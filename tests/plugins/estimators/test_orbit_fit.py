@@ -19,8 +19,9 @@ from hillsphere.base.geodetic import Station
 from hillsphere.base.paths import missions_directory
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
-from hillsphere.formats.oem import read_oem
+from hillsphere.formats.oem import OemSegment, read_oem, write_oem
 from hillsphere.formats.opm import read_opm
+from hillsphere.formats.tdm import Series, TdmMeta, TdmSegment, write_tdm
 from hillsphere.interfaces import Array
 from hillsphere.testing import RecordingContext, check_presentation
 from hillsphere.time import Epoch
@@ -525,3 +526,51 @@ def test_a_hopeless_start_is_undecided_or_refused() -> None:
         except InputError as error:
             answer = str(error).partition(" (")[0]
     assert answer in ("undecided", "start: the fit diverges from this start")
+
+
+@pytest.mark.slow  # six states from files of three kinds
+def test_a_spacecraft_at_an_asteroid_is_fitted_from_messages(tmp_path: Path) -> None:
+    """Directions from another spacecraft and ranges from the Earth's centre, all from files."""
+    zero, nodes = Epoch.parse(sim.DATE, "TDB"), np.linspace(-6e4, 2.6e5, 81)
+    for name, motion, h in (("o", sim.observer, 10.0), ("centre", sim.centre_from_earth, 1000.0)):
+        x = np.array([np.concatenate([motion(t), sim.derivative(motion, t, h)]) for t in nodes]).T
+        segment = OemSegment(name.upper(), "1", "STONE", "ICRF", zero, nodes, x)
+        (tmp_path / f"{name}.oem").write_text(write_oem([segment]), "utf-8")
+    angles, ranges = (
+        replace(r, values=made.values) for r, made in zip(
+            Problem("small body").records, Problem("small body").measured(1, 3), strict=True)
+    )  # fmt: skip
+    first = TdmMeta(("O", "S"), (2, 1), "TDB", mode="SEQUENTIAL", angle_type="RADEC",
+                    reference_frame="ICRF")  # fmt: skip
+    second = TdmMeta(("E", "S"), (1, 2, 1), "TDB", mode="SEQUENTIAL", range_units="s")
+    seconds = ranges.values[0, :, 0] / sim.C
+    message = write_tdm([
+        TdmSegment(first, zero, {
+            "ANGLE_1": Series(angles.t_s, angles.values[0, :, 0] % (2 * np.pi)),
+            "ANGLE_2": Series(angles.t_s, angles.values[1, :, 0])}),
+        TdmSegment(second, zero, {"RANGE": Series(ranges.t_s, seconds)}),
+    ])  # fmt: skip
+    (tmp_path / "all.tdm").write_text(message, "utf-8")
+    truth = Problem("small body").truth
+    keys: dict[str, Any] = {
+        "plant": sim.small_body_plant(), "data": [{"file": str(tmp_path / "all.tdm")}],
+        "observers": [{"name": "O", "file": str(tmp_path / "o.oem")},
+                      {"name": "E", "geocentre": True}],
+        "start": {"epoch": sim.DATE, "time_scale": "TDB", "position_m": (truth[:3] + 50).tolist(),
+                  "velocity_m_s": (truth[3:] * 1.01).tolist()},
+        "noise": [{"angle_arcsec": 1, "range_m": 10}], "two_way_range": "whole",
+        "step_s": 2000, "ephemeris_interval_s": 20000,
+    }  # fmt: skip
+    with pytest.raises(InputError, match="centre: 'E' is at the Earth"):
+        create("stage", "orbit_fit", **keys).run(RecordingContext())
+    one = create("stage", "orbit_fit", **keys, centre=str(tmp_path / "centre.oem"))
+    product = one.run(RecordingContext())
+    assert product.answer == "consistent", product.reasons
+    assert (np.abs(product.mean - truth) < 4.0 * np.sqrt(np.diag(product.covariance))).all()
+    craft = sim.prober(2.2e5)
+    off = [x[:3] - craft(t) for t, x in zip(product.ephemeris_t_s, product.ephemeris.T, strict=True)
+           if t < 2.2e5]  # fmt: skip
+    assert np.max(np.linalg.norm(off, axis=1)) < 40.0
+    shown = one.present(product)
+    check_presentation(shown)
+    assert "CENTER_NAME = STONE" in shown.files["orbit-fit.oem"]
