@@ -22,7 +22,7 @@ from hillsphere_estimators.orbit_fit.observables import INTEGRATION, Observable
 from hillsphere_estimators.orbit_fit.records import Record
 from hillsphere_estimators.orbit_fit.sight import HORIZON
 from hillsphere_estimators.orbit_fit.specs import DataSpec, NoiseSpec, OrbitFitSpec
-from hillsphere_estimators.orbit_fit.uplink import Transmission
+from hillsphere_estimators.orbit_fit.uplink import Transmission, join_transmissions, split_ramps
 
 __all__ = ["TrackingData", "read_tracking_data", "text_of"]
 
@@ -142,7 +142,7 @@ def read_tracking_data(spec: OrbitFitSpec, zero: Epoch) -> TrackingData:
     if not gathered.series:
         why = "; ".join(f"{what}: {reason}" for what, reason in gathered.left_out)
         raise InputError(f"data: {files}: nothing that can be fitted{': ' if why else ''}{why}")
-    transmissions = _transmissions(gathered.sent)
+    transmissions = join_transmissions(gathered.sent)
     records = tuple(
         _less_reference(_record(observable, parts, spec.noise, files), transmissions, files)
         for observable, parts in gathered.series.items()
@@ -184,7 +184,7 @@ def _take_segment(gathered: _Gathered, segment: TdmSegment, craft: str, where: s
         rate = segment.series.get(keyword.replace("FREQ", "FREQ_RATE"))
         own = segment.corrected(keyword)
         name = meta.participants[int(keyword[-1]) - 1]
-        gathered.sent.setdefault(name, []).append(_ramps(own.t_s, own.values, rate, offset))
+        gathered.sent.setdefault(name, []).append(split_ramps(own.t_s, own.values, rate, offset))
     for keyword in segment.series:
         reason = _UNUSED.get(keyword.rstrip("_12345"))
         if reason:
@@ -414,43 +414,6 @@ def _record(
             stated[0] /= np.maximum(np.abs(np.cos(values[1])), _LEAST_COSINE)
         sigma = np.where(np.isnan(sigma), stated, sigma)
     return Record(observable, t, values[:, :, None], sigma)
-
-
-def _ramps(
-    t_s: Array, values: Array, rates: tuple[Array, Array] | None, offset: float
-) -> tuple[Array, Array, Array]:
-    """Return times, frequencies and rates of the pieces of a transmitted frequency.
-
-    A rate holds from its time to that of the next rate. Where frequency or rate begins alone, the
-    other goes on.
-    """
-    if rates is None:
-        return t_s + offset, values, np.zeros(len(t_s))
-    times = np.unique(np.concatenate([t_s, rates[0]]))
-    times = times[times >= t_s[0]]
-    slope = np.zeros(len(times))
-    place = np.searchsorted(rates[0], times, side="right") - 1
-    slope[place >= 0] = rates[1][place[place >= 0]]
-    frequency = np.empty(len(times))
-    for k, t in enumerate(times):
-        own = np.searchsorted(t_s, t, side="right") - 1
-        given = own >= 0 and t_s[own] == t
-        frequency[k] = (
-            values[own] if given else frequency[k - 1] + slope[k - 1] * (t - times[k - 1])
-        )
-    return times + offset, frequency, slope
-
-
-def _transmissions(sent: Mapping[str, list[tuple[Array, Array, Array]]]) -> dict[str, Transmission]:
-    """Return the transmitted frequencies of each participant, in order of time."""
-    made = {}
-    for name, parts in sent.items():
-        t, values, rates = (np.concatenate([part[k] for part in parts]) for k in range(3))
-        order = np.argsort(t, kind="stable")
-        t, values, rates = t[order], values[order], rates[order]
-        new = np.concatenate([[True], np.diff(t) > 0.0])
-        made[name] = Transmission(t[new], values[new], rates[new])
-    return made
 
 
 def _less_reference(

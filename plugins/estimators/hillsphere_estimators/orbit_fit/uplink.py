@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 
-__all__ = ["Transmission"]
+__all__ = ["Transmission", "join_transmissions", "split_ramps"]
 
 _EARLY_S = 1.0
 """Time before the first frequency for which it is taken: steps of differences, and the rounding of
@@ -80,3 +82,62 @@ class Transmission:
         since = t_s - self.t_s[piece]
         grown = self._off[piece] * since + 0.5 * self._rate[piece] * since**2
         return np.asarray(self._cycles[piece] + grown)
+
+
+def split_ramps(
+    t_s: Array, values: Array, rates: tuple[Array, Array] | None, offset: float
+) -> tuple[Array, Array, Array]:
+    """Return times, frequencies and rates of the pieces of a transmitted frequency.
+
+    A rate holds from its time to that of the next rate. Where frequency or rate begins alone, the
+    other goes on.
+
+    Parameters
+    ----------
+    t_s, values : ndarray, shape (K,)
+        Times and frequencies, s and Hz.
+    rates : tuple of ndarray or None
+        Times (L,) and rates (L,), s and Hz/s.
+    offset : float
+        Added to the times, s.
+
+    Returns
+    -------
+    t_s, frequency_hz, rate_hz_s : ndarray, shape (P,)
+        As `Transmission` takes them.
+    """
+    if rates is None:
+        return t_s + offset, values, np.zeros(len(t_s))
+    times = np.unique(np.concatenate([t_s, rates[0]]))
+    times = times[times >= t_s[0]]
+    slope = np.zeros(len(times))
+    place = np.searchsorted(rates[0], times, side="right") - 1
+    slope[place >= 0] = rates[1][place[place >= 0]]
+    frequency = np.empty(len(times))
+    for k, t in enumerate(times):
+        own = np.searchsorted(t_s, t, side="right") - 1
+        given = own >= 0 and t_s[own] == t
+        frequency[k] = (
+            values[own] if given else frequency[k - 1] + slope[k - 1] * (t - times[k - 1])
+        )
+    return times + offset, frequency, slope
+
+
+def join_transmissions(
+    sent: Mapping[str, list[tuple[Array, Array, Array]]],
+) -> dict[str, Transmission]:
+    """Return the transmitted frequencies of each participant, in order of time.
+
+    Parameters
+    ----------
+    sent : mapping of str to list
+        Name of the participant → pieces of `split_ramps`.
+    """
+    made = {}
+    for name, parts in sent.items():
+        t, values, rates = (np.concatenate([part[k] for part in parts]) for k in range(3))
+        order = np.argsort(t, kind="stable")
+        t, values, rates = t[order], values[order], rates[order]
+        new = np.concatenate([[True], np.diff(t) > 0.0])
+        made[name] = Transmission(t[new], values[new], rates[new])
+    return made
