@@ -22,6 +22,7 @@ from hillsphere.formats.obj import read_obj
 from hillsphere.formats.oem import OemSegment, read_oem, write_oem
 from hillsphere.formats.plates import read_plates, read_shape
 from hillsphere.formats.shape_harmonics import read_shape_harmonics
+from hillsphere.formats.tdm import read_tdm
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere.mission import load_mission
@@ -42,7 +43,6 @@ from hillsphere_tracking.live.inputs import input_of
 from hillsphere_tracking.memory import read_memory
 from hillsphere_tracking.passes.sources import orbits_of_file
 from hillsphere_tracking.pointing.pass_log import read_pass_log
-from hillsphere_tracking.tdm import read_tdm
 
 __all__ = ["NO_READERS", "READERS", "Reader"]
 
@@ -200,8 +200,8 @@ PARTICIPANT_1 = ALCANTARA
 PARTICIPANT_2 = SCD1
 MODE = SEQUENTIAL
 PATH = 2,1
-ANGLE_TYPE = AZEL
 RANGE_UNITS = km
+ANGLE_TYPE = AZEL
 META_STOP
 DATA_START
 ANGLE_1 = 2026-11-21T09:00:00.000Z 359.5
@@ -219,7 +219,7 @@ TDM_XML = """<?xml version="1.0" encoding="UTF-8"?>
 <PARTICIPANT_1>ALCANTARA</PARTICIPANT_1><PARTICIPANT_2>SCD1</PARTICIPANT_2>
 <MODE>SEQUENTIAL</MODE><PATH>2,1</PATH><ANGLE_TYPE>AZEL</ANGLE_TYPE></metadata>
 <data>
-<observation><EPOCH>2026-11-21T09:00:00</EPOCH><ANGLE_1 units="deg">359.5</ANGLE_1></observation>
+<observation><EPOCH>2026-11-21T09:00:00</EPOCH><ANGLE_1>359.5</ANGLE_1></observation>
 <observation><EPOCH>2026-11-21T09:00:00</EPOCH><ANGLE_2>5.25</ANGLE_2></observation>
 <observation><EPOCH>2026-11-21T09:00:01.5</EPOCH><ANGLE_1>-0.25</ANGLE_1></observation>
 <observation><EPOCH>2026-11-21T09:00:01.5</EPOCH><ANGLE_2>90</ANGLE_2></observation>
@@ -367,9 +367,12 @@ READERS = (
     Reader("oem_xml", "flight.xml", _oem, _of_text(read_oem), (FORMATS + "ccsds_xml",),
            of_text=True),
     Reader("tdm", "pass.tdm", _text(TDM), _of_text(read_tdm),
-           (FORMATS + "tdm", FORMATS + "tdm_records", FORMATS + "tdm_entries"), of_text=True),
+           (FORMATS + "tdm", FORMATS + "tdm_reading", FORMATS + "tdm_entries"), of_text=True),
     Reader("tdm_xml", "pass.xml", _text(TDM_XML), _of_text(read_tdm), (FORMATS + "tdm_entries",),
            of_text=True),
+    Reader("tdm_lenient", "pass.tdm", _text(TDM),
+           _of_text(lambda text: read_tdm(text, lenient=True, warn=len)),
+           (FORMATS + "tdm_columns",), of_text=True),
     Reader("product", "family.npz", _product, load_product, ("hillsphere.products.product_codec",),
     True), Reader("system_npz", "system.npz", _npz, system_from_file,
            ("hillsphere_controllers.stages.linear_models.systems",), True),

@@ -46,14 +46,18 @@ class Leniency:
         self.strict = strict
         self.warnings: list[str] = []
         self._warn = warn
+        self._kinds: set[str] = set()
 
-    def tolerate(self, message: str) -> None:
-        """Record a departure, once, and tell of it.
+    def tolerate(self, message: str, kind: str = "") -> None:
+        """Record a departure and tell of it.
 
         Parameters
         ----------
         message : str
             ``"file:line: what is wrong"``.
+        kind : str
+            Of departures of the same kind only the first is recorded; by default each message is
+            its own kind.
 
         Raises
         ------
@@ -62,8 +66,10 @@ class Leniency:
         """
         if self.strict:
             raise InputError(message)
-        if message in self.warnings:
+        kind = kind or message
+        if kind in self._kinds:
             return
+        self._kinds.add(kind)
         self.warnings.append(message)
         if self._warn is None:
             warnings.warn(message, stacklevel=2)

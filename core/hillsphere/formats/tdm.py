@@ -79,6 +79,7 @@ def read_tdm(
     """
     leniency = Leniency(not lenient, warn)
     segments = _Segments(where, leniency)
+    number = 0
     if text[:1000].lstrip("\ufeff \t\r\n").startswith("<"):
         for entry in entries_of((line for _, line in _numbered_lines(text)), where):
             segments.take(entry)
@@ -92,7 +93,7 @@ def read_tdm(
                     continue
             if bare := line.strip():
                 segments.take(entry_of_line(bare, f"{where}:{number}"))
-    segments.finish()
+    segments.finish("" if number == 0 else f"{where}:{number}")
     if not segments.complete:
         raise InputError(f"{where}: the message has no record of the data that can be read")
     return segments.complete
@@ -160,11 +161,11 @@ class _Segments:
         blocks.take(entry)
         self._follow()
 
-    def finish(self) -> None:
+    def finish(self, place: str) -> None:
         """Take the end of the message."""
         if self.columns is not None and self._leniency.strict:
             self.columns.flush()
-        self.blocks.finish()
+        self.blocks.finish(place)
         self._follow()
 
     def _record(self, entry: Entry, columns: Columns) -> None:

@@ -118,7 +118,7 @@ class Columns:
         series, counts = {}, {}
         for key in sorted(whole, key=list(DATA).index):
             day, fraction, values, texts = whole.pop(key)
-            series[key] = Series(_elapsed(day, fraction, epoch), values)
+            series[key] = Series(_seconds_since(day, fraction, epoch), values)
             if DATA[key].is_count:
                 counts[key] = texts
         return TdmSegment(
@@ -213,7 +213,7 @@ def _decimals(time: str) -> int:
     return len(time.rstrip("Z").partition(".")[2].rstrip("0"))
 
 
-def _elapsed(day: Array, fraction: Array, epoch: Epoch) -> Array:
+def _seconds_since(day: Array, fraction: Array, epoch: Epoch) -> Array:
     """Return SI seconds since an epoch, by the steps of `Epoch.seconds_since`."""
     if epoch.scale == "UTC":
         with warnings.catch_warnings():

@@ -22,18 +22,18 @@ HEADER = ("CREATION_DATE", "ORIGINATOR", "MESSAGE_ID")
 """Keywords of the header after the version, in order."""
 
 
-def _numbered(key: str) -> tuple[str, ...]:
+def _index_keys(key: str) -> tuple[str, ...]:
     return tuple(f"{key}_{n}" for n in range(1, 6))
 
 
 METADATA = (
     "TRACK_ID", "DATA_TYPES", "TIME_SYSTEM", "START_TIME", "STOP_TIME",
-    *_numbered("PARTICIPANT"), "MODE", "PATH", "PATH_1", "PATH_2", *_numbered("EPHEMERIS_NAME"),
+    *_index_keys("PARTICIPANT"), "MODE", "PATH", "PATH_1", "PATH_2", *_index_keys("EPHEMERIS_NAME"),
     "TRANSMIT_BAND", "RECEIVE_BAND", "TURNAROUND_NUMERATOR", "TURNAROUND_DENOMINATOR",
     "TIMETAG_REF", "INTEGRATION_INTERVAL", "INTEGRATION_REF", "FREQ_OFFSET", "RANGE_MODE",
     "RANGE_MODULUS", "RANGE_UNITS", "ANGLE_TYPE", "REFERENCE_FRAME", "INTERPOLATION",
     "INTERPOLATION_DEGREE", "DOPPLER_COUNT_BIAS", "DOPPLER_COUNT_SCALE", "DOPPLER_COUNT_ROLLOVER",
-    *_numbered("TRANSMIT_DELAY"), *_numbered("RECEIVE_DELAY"), "DATA_QUALITY",
+    *_index_keys("TRANSMIT_DELAY"), *_index_keys("RECEIVE_DELAY"), "DATA_QUALITY",
     *(f"CORRECTION_{what}" for what in (
         "ANGLE_1", "ANGLE_2", "DOPPLER", "MAG", "RANGE", "RCS", "RECEIVE", "TRANSMIT",
         "ABERRATION_YEARLY", "ABERRATION_DIURNAL",
@@ -99,14 +99,16 @@ DATA: Mapping[str, Quantity] = MappingProxyType(
         "RANGE": Quantity("km", "m", 3),
         "RCS": Quantity("m**2", "m^2", least=0.0, is_above=True),
         "RECEIVE_FREQ": _FREQUENCY,
-        **dict.fromkeys(_numbered("RECEIVE_FREQ"), _FREQUENCY),
-        **dict.fromkeys(_numbered("RECEIVE_PHASE_CT"), _PHASE),
+        **dict.fromkeys(_index_keys("RECEIVE_FREQ"), _FREQUENCY),
+        **dict.fromkeys(_index_keys("RECEIVE_PHASE_CT"), _PHASE),
         "RHUMIDITY": Quantity("%", "1", -2, least=0.0, most=100.0),
         "STEC": Quantity("TECU", "1/m^2", 16, least=0.0),
         "TEMPERATURE": Quantity("K", "K", least=0.0, is_above=True),
-        **dict.fromkeys(_numbered("TRANSMIT_FREQ"), Quantity("Hz", "Hz", least=0.0, is_above=True)),
-        **dict.fromkeys(_numbered("TRANSMIT_FREQ_RATE"), Quantity("Hz/s", "Hz/s")),
-        **dict.fromkeys(_numbered("TRANSMIT_PHASE_CT"), _PHASE),
+        **dict.fromkeys(
+            _index_keys("TRANSMIT_FREQ"), Quantity("Hz", "Hz", least=0.0, is_above=True)
+        ),
+        **dict.fromkeys(_index_keys("TRANSMIT_FREQ_RATE"), Quantity("Hz/s", "Hz/s")),
+        **dict.fromkeys(_index_keys("TRANSMIT_PHASE_CT"), _PHASE),
         "TROPO_DRY": Quantity("m", "m", least=0.0),
         "TROPO_WET": Quantity("m", "m", least=0.0),
         "VLBI_DELAY": Quantity("s", "s"),

@@ -66,7 +66,8 @@ def read_time_tag(text: str, system: str, place: str, key: str, leniency: Lenien
         )
     if match[2] and system != "UTC":
         leniency.tolerate(
-            f"{place}: {key}: the Z after {text[:40]} says UTC, TIME_SYSTEM says {system}"
+            f"{place}: {key}: the Z after {text[:40]} says UTC, TIME_SYSTEM says {system}",
+            f"Z {key}",
         )
     try:
         epoch = read_ccsds_time(match[1], "TAI" if system == "GPS" else system)

@@ -92,7 +92,7 @@ class MessageBlocks:
         self._where, self._leniency = where, leniency
         self.meta: TdmMeta | None = None
         self.comments: list[str] = []
-        self._place = where
+        self._place = f"{where}:1"
         self._messages = 0
         self._restart()
 
@@ -142,14 +142,15 @@ class MessageBlocks:
                 f"{(key or entry.value)[:40]!r}{hint if 'mean' in hint else ''}"
             )
 
-    def finish(self) -> None:
-        """Take the end of the input.
+    def finish(self, place: str = "") -> None:
+        """Take the end of the input, at its last line if a place is given.
 
         Raises
         ------
         InputError
             If the message is not complete.
         """
+        self._place = place or self._place
         if self._block or not self._messages:
             self._end_message()
 
@@ -174,7 +175,9 @@ class MessageBlocks:
         }.get(self._block, False)  # fmt: skip
         if not at_beginning:
             self._leniency.tolerate(
-                f"{entry.place}: a COMMENT stands at the beginning of header, metadata or data only"
+                f"{entry.place}: a COMMENT stands at the beginning of header, metadata or data "
+                "only",
+                "COMMENT",
             )
         (self.comments if self._block.startswith("data") else self._comments).append(entry.value)
 
@@ -264,7 +267,8 @@ def read_record(entry: Entry, meta: TdmMeta, leniency: Leniency) -> TdmRecord | 
         )
     if key not in DATA:
         hint = did_you_mean(key, DATA, otherwise="keywords")
-        leniency.tolerate(f"{place}: no data keyword {key[:40]!r} in this standard{hint}")
+        # a keyword of a user may stand in every record: one warning is enough
+        leniency.tolerate(f"{place}: no data keyword {key[:40]!r} in this standard{hint}", key)
         return None
     words = entry.value.split()
     if len(words) != 2:
@@ -275,7 +279,9 @@ def read_record(entry: Entry, meta: TdmMeta, leniency: Leniency) -> TdmRecord | 
             raise InputError(
                 f"{place}: {key} must be in {expected or 'no unit'}, got {entry.unit[:40]!r}"
             )
-        leniency.tolerate(f"{place}: {key} has no attribute units in this standard; remove it")
+        leniency.tolerate(
+            f"{place}: {key} has no attribute units in this standard; remove it", f"units {key}"
+        )
     epoch = read_time_tag(words[0], meta.time_system, place, key, leniency)
     return TdmRecord(
         place, meta, key, epoch, _value(key, words[1], meta, place, leniency), words[1]
@@ -335,7 +341,9 @@ def records_and_faults(
     """
     leniency = leniency or Leniency()
     blocks = MessageBlocks(where, leniency)
+    place = ""
     for entry in entries_of(lines, where):
+        place = entry.place
         if not is_record(blocks, entry):
             blocks.take(entry)
             continue
@@ -348,7 +356,7 @@ def records_and_faults(
         blocks.records += 1
         if record is not None:
             yield record
-    blocks.finish()
+    blocks.finish(place)
 
 
 def is_record(blocks: MessageBlocks, entry: Entry) -> bool:

@@ -12,13 +12,14 @@ import pytest
 from numpy.testing import assert_allclose
 
 from hillsphere.errors import InputError
+from hillsphere.formats.tdm import TdmMeta, TdmSegment, angle_series, write_tdm
 from hillsphere.time import Epoch
 from hillsphere_tracking.live.feed import LiveFeed, ReplayFeed
 from hillsphere_tracking.live.gate import Gate
 from hillsphere_tracking.live.measurements import Measurement, measurements
-from hillsphere_tracking.tdm import TdmMeta, TdmSegment, write_tdm
 
 START = Epoch.parse("2026-11-21T09:00:00", "UTC")
+META = TdmMeta(("A", "B"), (2, 1), mode="SEQUENTIAL", angle_type="AZEL")
 
 
 def read(text: str, epoch: Epoch | None = None) -> list[Measurement]:
@@ -55,16 +56,16 @@ def test_tables(text: str, epoch: Epoch | None) -> None:
 
 def test_messages() -> None:
     angles = np.array([0.1, 0.2])
-    segment = TdmSegment(TdmMeta(("A", "B")), START, np.array([0.0, 1.0]), angles, angles / 2.0)
+    segment = TdmSegment(META, START, angle_series(np.array([0.0, 1.0]), angles, angles / 2.0))
     found = read(write_tdm([segment]))
     assert_allclose([m.azimuth_rad for m in found], angles, rtol=0.0, atol=1e-10)
-    assert found[0].place == "m.csv:15"
+    assert found[0].place == "m.csv:16"
 
 
 @pytest.mark.parametrize("keyword", ["ANGLE_1", "ANGLE_2"])
 def test_a_message_goes_on_after_a_bad_record(keyword: str) -> None:
     angles = 0.1 * np.arange(1.0, 6.0)
-    segment = TdmSegment(TdmMeta(("A", "B")), START, np.arange(5.0), angles, angles / 2.0)
+    segment = TdmSegment(META, START, angle_series(np.arange(5.0), angles, angles / 2.0))
     lines = write_tdm([segment]).splitlines()
     bad = [k for k, line in enumerate(lines) if line.lstrip().startswith(keyword)][2]
     lines[bad] = lines[bad].rpartition(" ")[0] + " 4000"
@@ -80,7 +81,7 @@ def test_a_message_goes_on_after_a_bad_record(keyword: str) -> None:
             break
         found.append(one.epoch.seconds_since(START))
     assert_allclose(found, [0.0, 1.0, 3.0, 4.0], rtol=0.0, atol=1e-6)
-    assert f"m.tdm:{bad + 1}: {keyword}: " in faults[0]
+    assert f"m.tdm:{bad + 1}: {keyword} must be" in faults[0]
     assert len(faults) == 2
     assert "of the same time; both are needed" in faults[1]
 
@@ -104,7 +105,7 @@ GOOD = "2026-11-21T09:00:01,350.5,5\n"
         ("a b c\n", "m.csv:1: expected time, azimuth, elevation"),
         ("utc,azimuth_deg\n", "m.csv:1: the header must have"),
         ("utc,time,azimuth_deg,elevation_deg\n", "m.csv:1: the header must have"),
-        ("CCSDS_TDM_VERS = 2.0\nMETA_STOP\n", "m.csv:2: TIME_SYSTEM"),
+        ("CCSDS_TDM_VERS = 2.0\nMETA_STOP\n", "m.csv:2: META_STOP cannot stand"),
     ],
 )
 def test_refuses(text: str, message: str) -> None:

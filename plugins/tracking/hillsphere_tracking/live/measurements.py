@@ -11,8 +11,10 @@ from itertools import chain
 
 from hillsphere.errors import InputError
 from hillsphere.formats.angle_table import AngleRow, AngleTable
+from hillsphere.formats.ccsds_entries import Leniency
+from hillsphere.formats.tdm_reading import records_and_faults
 from hillsphere.time import Epoch
-from hillsphere_tracking.tdm_records import PairedAngles, tdm_records_and_faults
+from hillsphere_tracking.live.angle_pairs import PairedAngles
 
 __all__ = ["Measurement", "measurements"]
 
@@ -65,7 +67,9 @@ class _Message(Iterator[Measurement]):
     """Iterator over the measurements of a tracking data message."""
 
     def __init__(self, lines: Iterable[str], where: str) -> None:
-        self._records = tdm_records_and_faults(lines, where)
+        # What is harmless stops no pass: unknown keywords, their order, comments anywhere.
+        leniency = Leniency(strict=False, warn=lambda message: None)
+        self._records = records_and_faults(lines, where, leniency)
         self._faults: deque[InputError] = deque()
         self._pairing = PairedAngles(self._faults.append)
 
