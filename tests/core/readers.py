@@ -37,6 +37,8 @@ from hillsphere.time import Epoch
 from hillsphere.uncertainty.samples import read_columns
 from hillsphere_controllers.stages.linear_models.systems import system_from_file
 from hillsphere_estimators.navigation_comparison.stage import read_published_errors
+from hillsphere_estimators.orbit_fit.reading import read_tracking_data
+from hillsphere_estimators.orbit_fit.specs import OrbitFitSpec
 from hillsphere_gravity.coefficient_rows import read_coefficient_rows
 from hillsphere_gravity.cof import read_cof
 from hillsphere_gravity.icgem import read_icgem
@@ -329,6 +331,16 @@ def _measured(path: Path) -> None:
         feed.until(feed.first.epoch, 1e6)
 
 
+def _fitted(path: Path) -> None:
+    """Read as the stage ``orbit_fit`` does."""
+    keys = {
+        "plant": "none", "data": [{"file": str(path)}], "noise": [{"angle_deg": 0.1, "range_m": 9}],
+        "stations": [{"name": "ALCANTARA", "latitude_deg": -2, "longitude_deg": -44}],
+        "start": {"epoch": "2026-11-21", "position_m": [1, 0, 0], "velocity_m_s": [0, 0, 0]},
+    }  # fmt: skip
+    read_tracking_data(OrbitFitSpec.model_validate(keys), Epoch.parse("2026-11-21", "UTC"))
+
+
 FORMATS = "hillsphere.formats."
 READERS = (
     Reader("mission", "small.toml", _text(MISSION), load_mission,
@@ -422,6 +434,10 @@ READERS = (
     Reader("format_oem_xml", "flight.xml", _oem,
            lambda path: create("format", "oem_xml").read(path),
            ("hillsphere_orbits.ephemeris.state_formats",)),
+    Reader("fit_angles", "angles.csv", _text(ANGLES), _fitted,
+           ("hillsphere_estimators.orbit_fit.reading", FORMATS + "angle_table")),
+    Reader("fit_tdm", "pass.tdm", _text(TDM), _fitted,
+           ("hillsphere_estimators.orbit_fit.reading",)),
     Reader("memory", "stations.json", _memory, read_memory, ("hillsphere_tracking.memory",)),
     Reader("pass_log", "pass.csv", _pass_log, read_pass_log,
            ("hillsphere_tracking.pointing.pass_log",)),

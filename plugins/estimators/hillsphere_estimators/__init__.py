@@ -60,6 +60,13 @@ def hillsphere_components() -> list[Component]:
         ),
         Component(
             "stage",
+            "orbit_fit",
+            "hillsphere_estimators.orbit_fit.stage:OrbitFitStage",
+            "hillsphere_estimators.orbit_fit.specs:OrbitFitSpec",
+            "an orbit from recorded tracking data, by least squares and by a filter",
+        ),
+        Component(
+            "stage",
             "navigation",
             "hillsphere_estimators.navigation.stage:NavigationStage",
             "hillsphere_estimators.navigation.specs:NavigationSpec",

@@ -13,9 +13,15 @@ from hillsphere.interfaces import Array, EstimationModel, LinearisedModel
 from hillsphere_estimators.differences import Layout
 from hillsphere_estimators.state_angles import state_angles, wrap_differences
 
-__all__ = ["noise_between", "predict_measurement", "sensitivity", "transition"]
+__all__ = [
+    "DIFFERENCE_SIGMAS",
+    "noise_between",
+    "predict_measurement",
+    "sensitivity",
+    "transition",
+]
 
-_STEP = 0.03
+DIFFERENCE_SIGMAS = 0.03
 """Step of the differences in standard deviations of the belief. Their error is of fourth order: the
 fifth derivative times 0.03⁴, about 1e-6, which is small beside the linearisation itself. A much
 smaller step would lose the difference in the rounding of the states."""
@@ -161,7 +167,9 @@ def _points(belief: Belief) -> tuple[Array, Array]:
     n, cases = belief.x.shape
     sigma = belief.sigma
     # a state of zero variance still needs a step: 1e-3 of its size
-    steps = _STEP * np.where(sigma > 0.0, sigma, 1e-3 * np.maximum(np.abs(belief.x), 1.0))
+    steps = DIFFERENCE_SIGMAS * np.where(
+        sigma > 0.0, sigma, 1e-3 * np.maximum(np.abs(belief.x), 1.0)
+    )
     # at least 64 roundings of the state; the step is then what is truly added, after rounding
     steps = (belief.x + np.maximum(steps, 64.0 * np.spacing(np.abs(belief.x)))) - belief.x
     points = np.repeat(belief.x[:, None], 4 * n + 1, axis=1)

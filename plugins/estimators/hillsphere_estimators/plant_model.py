@@ -43,8 +43,8 @@ class PlantModel:
     ----------
     plant : Plant
         Its equations, at nominal parameters.
-    suite : SensorSuite
-        Its sensors.
+    suite : SensorSuite or None
+        Its sensors; None for a model with an `observe` of its own.
     law : ContinuousLaw, optional
         Law that commands it.
     noise : callable, optional
@@ -71,7 +71,7 @@ class PlantModel:
     def __init__(
         self,
         plant: Plant,
-        suite: SensorSuite,
+        suite: SensorSuite | None,
         *,
         law: ContinuousLaw | None = None,
         noise: Callable[[Array], Array] | None = None,
@@ -81,13 +81,26 @@ class PlantModel:
     ) -> None:
         if not (step_s > 0.0 and noise_step_s > 0.0):
             raise InputError(f"steps must be positive, got {step_s} and {noise_step_s} s")
-        self.plant, self.suite, self.law = plant, suite, law
+        self.plant, self._suite, self.law = plant, suite, law
         self.step_s, self.noise_step_s = step_s, noise_step_s
         self._noise = noise
         self._scene: Scene = {}
         self._n, self._p = len(plant.states), len(plant.controls)
         self._velocities = velocity_rows(plant)
         self._flow = PlantFlow(plant, law, method)
+
+    @property
+    def suite(self) -> SensorSuite:
+        """The sensors.
+
+        Raises
+        ------
+        InputError
+            If there are none.
+        """
+        if self._suite is None:
+            raise InputError(f"a {type(self).__name__} without a suite has no sensors")
+        return self._suite
 
     def within(self, scene: Scene) -> Self:
         """Return the same model with another scene of the sensors, arrays (…, N) or (…, 1)."""

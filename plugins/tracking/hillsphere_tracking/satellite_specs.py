@@ -12,8 +12,8 @@ from hillsphere.base.ranges import (
     ORBIT_RADIUS_M,
     PLANET_GM_M3_S2,
     PLANET_RADIUS_M,
-    STATION_HEIGHT_M,
 )
+from hillsphere.model.earth.specs import GroundStationSpec
 from hillsphere.spec import DataPath, Spec, data_path, option, quantity, rule
 from hillsphere_tracking.tle import Checksum
 
@@ -145,7 +145,7 @@ class BlindSectorSpec(Spec):
         return self
 
 
-class StationSpec(Spec):
+class StationSpec(GroundStationSpec):
     """A ground station: location, horizon mask, blind sectors and limits of its antenna."""
 
     examples = (
@@ -169,12 +169,6 @@ class StationSpec(Spec):
         },
     )
 
-    name: str = option("name of the station", min_length=1, max_length=60)
-    latitude_rad: float = quantity("angle", "geodetic latitude", ge=-pi / 2, le=pi / 2)
-    longitude_rad: float = quantity("angle", "longitude, east positive", ge=-2 * pi, le=2 * pi)
-    height_m: float = quantity(
-        "length", "height above the ellipsoid", default=0.0, **STATION_HEIGHT_M
-    )
     mask_elevation_rad: tuple[float, ...] = quantity(
         "angle",
         "least visible elevation: a single one, or one for each azimuth of the mask, with linear "

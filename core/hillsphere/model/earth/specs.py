@@ -1,15 +1,31 @@
-"""Spec of the body ``planet``, the keys of its table ``[body.NAME]``."""
+"""Specs of the body ``planet``, the keys of its table ``[body.NAME]``, and of stations on it."""
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from math import pi
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import model_validator
 
-from hillsphere.base.ranges import PLANET_GM_M3_S2, PLANET_RADIUS_M
+from hillsphere.base.ranges import PLANET_GM_M3_S2, PLANET_RADIUS_M, STATION_HEIGHT_M
 from hillsphere.spec.base import DataPath, Spec, data_path, option, quantity, rule
 
-__all__ = ["PlanetSpec"]
+__all__ = ["GroundStationSpec", "PlanetSpec"]
+
+
+class GroundStationSpec(Spec):
+    """A ground station: its name and location."""
+
+    examples: ClassVar[tuple[dict[str, Any], ...]] = (
+        {"name": "Alcantara", "latitude_deg": -2.18, "longitude_deg": -44.26, "height_m": 39},
+    )
+
+    name: str = option("name of the station", min_length=1, max_length=60)
+    latitude_rad: float = quantity("angle", "geodetic latitude", ge=-pi / 2, le=pi / 2)
+    longitude_rad: float = quantity("angle", "longitude, east positive", ge=-2 * pi, le=2 * pi)
+    height_m: float = quantity(
+        "length", "height above the ellipsoid", default=0.0, **STATION_HEIGHT_M
+    )
 
 
 class PlanetSpec(Spec):

@@ -1,0 +1,1 @@
+"""The stage ``orbit_fit``: recorded tracking data fitted by least squares, and filtered."""

@@ -1,0 +1,166 @@
+"""Tables, figures, verdict and files of a fitted orbit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hillsphere.formats.oem import OemCovariance, OemSegment, write_oem
+from hillsphere.formats.opm import Opm, write_opm
+from hillsphere.interfaces import Array
+from hillsphere.presentation import Metric, Presentation, Table
+from hillsphere.show.tables import column, tabulate, text_column
+from hillsphere.time import Epoch
+from hillsphere_estimators.orbit_fit.figures import filter_chart, residual_chart
+from hillsphere_estimators.orbit_fit.judgement import LEVEL
+from hillsphere_estimators.orbit_fit.products import OrbitFit
+
+__all__ = ["present_fit"]
+
+
+def present_fit(product: OrbitFit) -> Presentation:
+    """Show a fitted orbit.
+
+    Parameters
+    ----------
+    product : OrbitFit
+        State, covariance and residuals.
+
+    Returns
+    -------
+    Presentation
+        Tables, figures, verdict, and the orbit as OPM and OEM.
+    """
+    rows, run = product.rows, product.filter
+    sigma = np.sqrt(np.diag(product.covariance))
+    used = int(rows.used.sum())
+    metrics = {
+        "fit_consistent": Metric(product.answer == "consistent"),
+        "fit_squares_per_dof": Metric(product.squares),
+        "fit_position_sigma": Metric(float(np.linalg.norm(sigma[:3])), "m"),
+        "fit_velocity_sigma": Metric(float(np.linalg.norm(sigma[3:6])), "m/s"),
+        "fit_values_used": Metric(used),
+        "fit_values_edited": Metric(len(rows.used) - used),
+    }
+    names = [f"{name} ({unit})" for name, unit in zip(
+        product.states[:6], ["km"] * 3 + ["km/s"] * 3, strict=True)]  # fmt: skip
+    tables: dict[str, Table] = {
+        "fit_state": tabulate(
+            f"State of {product.spacecraft} at {product.epoch} {product.time_scale}, frame "
+            f"{product.frame}",
+            [
+                text_column("state", names),
+                column("value", product.mean[:6] / 1e3, "value", 12, unit="-"),
+                column("sigma", sigma[:6] / 1e3, "standard deviation", 3, unit="-"),
+                column("change", (product.mean - product.start)[:6] / 1e3, "less the start", 4,
+                       unit="-"),
+            ],
+            ("Values and standard deviations are in the units beside the names.",),
+        ),
+        "fit_residuals": _residual_table(product),
+    }  # fmt: skip
+    if len(product.states) > 6:
+        tables["fit_biases"] = tabulate(
+            "Constant errors",
+            [
+                text_column("error", product.states[6:], "error of"),
+                text_column("unit", product.bias_units, "unit"),
+                column("value", product.mean[6:], "value", 4, unit="-"),
+                column("sigma", sigma[6:], "standard deviation", 3, unit="-"),
+                text_column("treatment", ["considered" if c else "estimated"
+                                          for c in product.considered[6:]], "treatment"),
+            ],
+        )  # fmt: skip
+    if product.left_out:
+        tables["fit_left_out"] = tabulate(
+            "Data that were not fitted",
+            [
+                text_column("keyword", product.left_out, "keyword"),
+                text_column("reason", product.left_out_why, "reason"),
+                column("values", product.left_out_count.astype(int), "values"),
+            ],
+        )
+    figures = {"fit_residuals": residual_chart(product)}
+    if run.answer:
+        metrics["fit_filter_distance"] = Metric(run.distance)
+        figures["fit_filter"] = filter_chart(product)
+    return Presentation(
+        metrics=metrics, tables=tables, figures=figures, verdict=_sentences(product),
+        files={"orbit-fit.oem": _ephemeris(product), "orbit-fit.opm": _state(product)},
+    )  # fmt: skip
+
+
+def _residual_table(product: OrbitFit) -> Table:
+    rows = product.rows
+    return tabulate(
+        "Residuals",
+        [
+            text_column("row", rows.labels, "path and value"),
+            column("values", rows.count.astype(int), "values"),
+            column("edited", rows.edited.astype(int), "left out"),
+            column("rms", rows.rms, "rms / σ", 4, unit="-"),
+            column("constant_error", rows.bias, "constant error / σ", 3, unit="-"),
+            column("correlation", rows.correlation, "correlation / σ", 3, unit="-"),
+        ],
+        (
+            "rms of the used residuals over what it should be; constant error and correlation of "
+            "neighbours in their standard deviations, blank where the states take the error up or "
+            "values are too few.",
+        ),
+    )
+
+
+def _sentences(product: OrbitFit) -> list[str]:
+    """Return the verdict in sentences."""
+    rows, run = product.rows, product.filter
+    sigma = np.sqrt(np.diag(product.covariance))
+    lines = [
+        f"The data are {product.answer} with the fit: {'; '.join(product.reasons)}."
+        if product.answer != "undecided"
+        else f"Whether the data are consistent with the fit is undecided: "
+        f"{'; '.join(product.reasons)}.",
+        f"{int(rows.used.sum())} values were used and {int((rows.used == 0.0).sum())} left out in "
+        f"{product.rounds} fits; the squared residuals are {product.squares:.4g} a degree of "
+        f"freedom ({product.dof}), their band is {product.low:.4g} … {product.high:.4g} (all tests "
+        f"together at the level {LEVEL:g}).",
+        f"Standard deviations, roots of the traces: {np.linalg.norm(sigma[:3]):.4g} m and "
+        f"{np.linalg.norm(sigma[3:6]):.4g} m/s.",
+    ]
+    if run.answer:
+        lines.append(
+            f"The filter is {run.answer} ({run.reason}); its last state is {run.distance:.2g} "
+            "standard deviations from that of the fit."
+        )
+    if product.left_out:
+        count = int(product.left_out_count.sum())
+        lines.append(f"{count} values were not fitted: {', '.join(product.left_out)}.")
+    return [*lines, *product.notes]
+
+
+def _segment_epoch(product: OrbitFit) -> Epoch:
+    return Epoch.parse(product.zero, product.time_scale)
+
+
+def _ephemeris(product: OrbitFit) -> str:
+    first = float(product.ephemeris_t_s[0])
+    segment = OemSegment(
+        product.spacecraft, product.object_id, product.centre, product.ephemeris_frame,
+        _segment_epoch(product), product.ephemeris_t_s, product.ephemeris,
+        covariances=(OemCovariance(first, _symmetric(product.ephemeris_covariance)),),
+        time_digits=9,
+    )  # fmt: skip
+    return write_oem([segment])
+
+
+def _state(product: OrbitFit) -> str:
+    date = _segment_epoch(product).isot(product.ephemeris_t_s[:1], 9)[0]
+    opm = Opm(
+        product.spacecraft, product.object_id, product.centre, product.ephemeris_frame,
+        Epoch.parse(date, product.time_scale), product.ephemeris[:, 0],
+        covariance=_symmetric(product.ephemeris_covariance),
+        comments=(f"Fit of tracking data: {product.answer}",),
+    )  # fmt: skip
+    return write_opm(opm)
+
+
+def _symmetric(matrix: Array) -> Array:
+    return 0.5 * (matrix + matrix.T)
