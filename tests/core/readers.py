@@ -18,8 +18,8 @@ import numpy as np
 from hillsphere import create
 from hillsphere.base.orientation import OrientationTable
 from hillsphere.base.paths import missions_directory
-from hillsphere.formats.mesh_files import read_mesh_file
 from hillsphere.formats.ephemeris_files import segments_of_object
+from hillsphere.formats.mesh_files import read_mesh_file
 from hillsphere.formats.ndm import read_ndm
 from hillsphere.formats.obj import read_obj
 from hillsphere.formats.ocm import read_ocm

@@ -144,16 +144,16 @@ class Columns:
             values.append(value)
         parts = {}
         digits = self._digits
-        for key, (times, texts) in groups.items():
-            when = _plain_times(times, self._meta.time_system)
-            values = _plain_values(key, texts, self._meta)
-            if when is None or values is None:
+        for key, (tags, texts) in groups.items():
+            when = _plain_times(tags, self._meta.time_system)
+            numbers = _plain_values(key, texts, self._meta)
+            if when is None or numbers is None:
                 return None
             day, fraction, decimals = when
             if not self._rise(key, day, fraction):
                 return None
             digits = max(digits, decimals)
-            parts[key] = (day, fraction, values, _digits_of(key, texts))
+            parts[key] = (day, fraction, numbers, _digits_of(key, texts))
         self._digits = digits
         return parts
 

@@ -213,9 +213,11 @@ class MessageBlocks:
                 self._leniency.tolerate(f"{place}: the header lacks {key}, which it must have")
         if (date := fields.get("CREATION_DATE")) is not None:
             read_time_tag(date.value, "UTC", date.place, date.key, self._leniency)
-        values = {key: fields[key].value if key in fields else "" for key in HEADER}
+        created, originator, identifier = (
+            fields[key].value if key in fields else "" for key in HEADER
+        )
         return TdmHeader(
-            self.header.version, *(values[key] for key in HEADER), tuple(self._comments)
+            self.header.version, created, originator, identifier, tuple(self._comments)
         )
 
     def _end_message(self) -> None:

@@ -23,7 +23,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
 from hillsphere.model.earth.rotation import InertialFrame, earth_fixed
 from hillsphere.model.ephemeris import from_equator
-from hillsphere.model.inertial import frame_about_moon
+from hillsphere.model.frame_motion import frame_motion
 from hillsphere.time import J2000, Epoch
 from hillsphere_estimators.orbit_fit.light_time import FARTHEST_S
 from hillsphere_estimators.orbit_fit.trajectory import Trajectory, earth_trajectory, frame_bias
@@ -94,8 +94,13 @@ def zero_of(plant: Plant, start: Epoch) -> Epoch:
                 "stars; give it inclination, node and periapsis"
             )
         return Epoch.parse(plant.epoch, "TDB")
+    if not plant.frame.startswith("hill:"):
+        raise InputError(
+            "plant: expected motion about the Earth, about an asteroid, or in the rotating frame "
+            f"of a moon (hill:BODY), got {plant.frame}"
+        )
     try:
-        frame_about_moon(plant, start)
+        frame_motion(plant, start, np.zeros(1), {})
     except InputError as error:
         raise InputError(f"plant: {error}") from error
     return start
@@ -142,9 +147,8 @@ class Surroundings:
         self._stations, self._observers, self._centre = stations, observers, centre
         self.about_earth = is_about_earth(plant)
         self.axes: InertialFrame = "teme" if plant.frame == "teme" else "gcrs"
-        self._turning = None
-        if not self.about_earth and not isinstance(plant, _HeliocentricFrame):
-            self._turning = frame_about_moon(plant, zero)[0]
+        about_moon = not self.about_earth and not isinstance(plant, _HeliocentricFrame)
+        self._turning = plant if about_moon else None
         if not self.about_earth and centre is None:
             at_earth = [*stations, *(name for name, way in observers.items() if way is None)]
             if at_earth:
@@ -192,7 +196,7 @@ class Surroundings:
         if self.about_earth:
             return x[:6]
         if self._turning is not None:
-            return self._turning.to_inertial(x[:6], t_s)
+            return frame_motion(self._turning, self.zero, t_s, {}).to_inertial(x[:6])
         turn, rate = self._at(self._frame, t_s), self._at(self._frame_rate, t_s)
         place = np.einsum("nij,jn->in", turn, x[:3])
         speed = np.einsum("nij,jn->in", turn, x[3:6]) + np.einsum("nij,jn->in", rate, x[:3])
