@@ -3,8 +3,8 @@
 The columns of version 2.0 are those of EIGEN-6S4: ``t0[yyyymmdd.xxxx] t1[yyyymmdd.xxxx] period[y]``
 after the standard deviations, the period last. The interval includes t0 and not t1. Its rows
 ``acos`` and ``asin`` may have another interval than the ``gfct`` that holds at the epoch; their
-phase then counts from their own t0, as Orekit counts it [2]_. pyshtools counts all from the t0 of
-the ``gfct`` [3]_, which differs for such models only.
+phase then counts from their own t0, which Orekit's classes allow [2]_. pyshtools counts all from
+the t0 of the ``gfct`` [3]_, which differs for such models only.
 
 References
 ----------
