@@ -146,6 +146,13 @@ def bound_tail(
         Bound of its direct terms.
     level, start : float
         The level asked for, and the first frequency, rad/s.
+
+    Returns
+    -------
+    end_rad_s : float
+        The frequency.
+    tail : float
+        Bound of the largest gain above it; infinite if none was found.
     """
     bar = np.abs(pencil.a) + np.abs(pencil.b) @ loop @ np.abs(pencil.c)
     into = np.abs(pencil.b_u) + np.abs(pencil.b) @ loop @ np.abs(pencil.d_zu)
