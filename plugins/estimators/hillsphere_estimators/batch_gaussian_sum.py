@@ -9,8 +9,8 @@ prior and all measurements. If the measurements are linear enough across the cov
 normal distribution is the result: it has lost nothing to curvature that counted as noise while
 little was known. Otherwise the mixture is the result.
 
-The rows of a group are compressed by QR decomposition: the n linear columns, the n(n + 1)/2 columns
-of curvature and the residual are all that an update needs, however many rows there are [1]_.
+The rows of a group are compressed by QR decomposition: the columns of the states, of the curvature
+and the residual are all that an update needs, however many rows there are [1]_.
 
 References
 ----------
@@ -50,6 +50,9 @@ _SINGLY = 16
 """Times whose measurements update the mixture one after the other. The next groups have 2, 4, 8, …
 times: every group is predicted from the start, so that single times would take their number squared
 in model evaluations, and groups are curved no more once the states are known."""
+_FAINT = 1e-6
+"""Squares of a column of curvature, in units of the noise's variance, that are left out of a group:
+a thousand times with ten such columns add a hundredth of that variance."""
 
 
 def batch_gaussian_sum(
@@ -171,15 +174,17 @@ def _expand_arc(
 ) -> WhitenedInnovation:
     """Return the compressed innovations from the time `first` on, expanded about M components.
 
-    With n states and q = n + n(n + 1)/2 there are q + 1 rows.
+    There is a row for each column of `WhitenedInnovation` that is notable in any component at any
+    of the times: at most the n states, all of curvature, and the residual.
     """
     owner = at.owner
     points = curved_points(at.lanes(t_s))
     n, each, many = points.shape
     lane = np.tile(owner, each)
     x, now = points.reshape(n, -1), t_s[lane]
-    q, last = n + n * (n + 1) // 2, len(measurements)
-    upper = np.zeros((many, q + 1, q + 1))
+    last = len(measurements)
+    # rows before those of the residual, which stays the last column
+    notable, upper = np.zeros(0, dtype=bool), np.zeros((many, 1, 1))
     for k, (measured, control) in enumerate(zip(measurements, controls, strict=True)):
         later = measured.t_s[lane]
         x, now = model.advance(x, now, later, control[:, lane], lane), later
@@ -191,11 +196,23 @@ def _expand_arc(
         own = whiten(
             layout, measured.of_cases(owner), used[:, owner], shown[:, 0], shift, linear, bent
         )
-        if last - first == 1 and layout.rows <= q:
+        if last - first == 1 and layout.rows <= n + n * (n + 1) // 2:
             # fewer rows than the compressed ones
             return own
-        columns = np.concatenate([own.linear, own.bent, own.residual[:, None]], axis=1)
+        columns = np.concatenate([own.linear, own.bent], axis=1)
+        if not len(notable):
+            notable = np.arange(columns.shape[1]) < n
+            upper = np.zeros((many, n + 1, n + 1))
+        # most curvature vanishes once the states are known, and its columns are most of the work
+        more = notable | ~(np.sum(columns**2, axis=2).max(axis=0) <= _FAINT)
+        if (more != notable).any():
+            places = np.append(np.cumsum(more)[notable] - 1, more.sum())
+            wider = np.zeros((many, more.sum() + 1, more.sum() + 1))
+            wider[:, places[:, None], places] = upper
+            notable, upper = more, wider
+        columns = np.concatenate([columns[:, notable], own.residual[:, None]], axis=1)
         upper = upper_triangle(np.concatenate([upper, np.swapaxes(columns, 1, 2)], axis=1))
     rows = np.swapaxes(upper, 1, 2)
+    q = rows.shape[1] - 1
     used = np.ones((q + 1, many), dtype=bool)
     return WhitenedInnovation(rows[:, q], rows[:, :n], rows[:, n:q], used)

@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
-from hillsphere_estimators.curvature import pair_matrix
+from hillsphere_estimators.curvature import direction_matrix, point_count
 from hillsphere_estimators.innovations import WhitenedInnovation
 from hillsphere_estimators.mixture import Mixture
 from hillsphere_estimators.roots import sort_roots
@@ -126,7 +126,7 @@ def update_mixture(
             which, full = _choose_splits(mixture, bend, curved, most)
             stuck |= full & slow
             if len(which):
-                along = np.linalg.eigh(pair_matrix(expected.bent[which], n))[1][:, :, -1]
+                along = np.linalg.eigh(direction_matrix(expected.bent[which], n))[1][:, :, -1]
                 mixture = mixture.split(which, along)
                 continue
         power = np.where(stuck, left, power)
@@ -157,7 +157,7 @@ def expand_in_parts(mixture: Mixture, expand_at: ExpandedAt) -> WhitenedInnovati
         Mixture → innovations of its components.
     """
     n, many = mixture.x.shape
-    size = max(1, _POINTS // (n * (n + 1) + 1))
+    size = max(1, _POINTS // point_count(n))
     if many <= size:
         return expand_at(mixture)
     parts = []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -156,6 +157,16 @@ class Square:
         return x**2
 
 
+class Function(Square):
+    """A number of which a function is measured."""
+
+    def __init__(self, function: Callable[[Array], Array]) -> None:
+        self._function = function
+
+    def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
+        return self._function(x)
+
+
 class HeldSquare(Square):
     """The same, with a state that is considered."""
 
@@ -188,6 +199,29 @@ def test_the_sign_of_a_square_is_ambiguous() -> None:
         assert belief.x[0, 0] == pytest.approx(mean, abs=0.1)
         assert belief.sigma[0, 0] == pytest.approx(sigma, rel=0.03)
         assert modes.ambiguous().all()
+
+
+@pytest.mark.parametrize(
+    ("function", "sigma", "noise"),
+    [(lambda x: np.sin(3.0 * x), 1.0, 0.05), (np.tanh, 2.0, 0.02)],
+    ids=["sine", "tanh"],
+)
+def test_what_is_odd_about_the_mean_is_split(
+    function: Callable[[Array], Array], sigma: float, noise: float
+) -> None:
+    """Its second differences vanish: a linear update has a mean NEES of some hundred."""
+    random = np.random.default_rng(0)
+    truth = sigma * random.normal(size=(1, 100))
+    prior = Belief(np.zeros((1, 100)), np.full((100, 1, 1), sigma), np.zeros(100))
+    measured = MeasurementSet.of(
+        np.zeros(100), function(truth) + noise * random.normal(size=(1, 100)),
+        np.full((1, 1), noise), Square.blocks,
+    )  # fmt: skip
+    model = Function(function)
+    assert is_consistent(
+        create("estimator", "gaussian_sum").update(model, prior, measured)[0], truth
+    )
+    assert is_consistent(batch_gaussian_sum(model, prior, [measured]), truth)
 
 
 def test_what_does_not_fit_is_refused() -> None:
