@@ -34,7 +34,9 @@ _TAI_MINUS_GPS = 19.0 / DAY_S
 _UNEVEN = ("UTC", "UT1")
 """Scales whose seconds are not those of a uniform time: intervals are counted in TAI."""
 
-_ISO = re.compile(r"(\d{4})-(\d\d)-(\d\d)(?:[T ](\d\d):(\d\d)(?::(\d\d(?:\.\d{1,12})?))?)?")
+_ISO = re.compile(
+    r"(\d{4})-(\d\d)-(\d\d)(?:[T ](\d\d):(\d\d)(?::(\d\d(?:\.\d{1,12})?))?)?", re.ASCII
+)
 
 
 @dataclass(frozen=True)

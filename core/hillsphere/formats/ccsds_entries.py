@@ -19,7 +19,7 @@ from hillsphere.base.problems import did_you_mean
 
 __all__ = ["Entry", "Leniency", "order_entries", "read_scaled", "write_scaled"]
 
-_REAL = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+))(?:[eE]([+-]?\d{1,4}))?", re.ASCII)
+_REAL = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+))(?:[eE]([+-]?0*\d{1,4}))?", re.ASCII)
 
 
 class Entry(NamedTuple):

@@ -26,6 +26,8 @@ _TAIL = re.compile(r"(\.\d{1,12})?Z?", re.ASCII)
 _SEPARATORS = ((4, "-"), (7, "-"), (10, "T"), (13, ":"), (16, ":"))
 _FIELDS = ((0, 4), (5, 7), (8, 10), (11, 13), (14, 16), (17, 19))
 """Characters of year, month, day, hour, minute and whole seconds."""
+_EXPONENT = 4
+"""Digits of an exponent, without zeros before them: more are no number of any message."""
 _HEAD = 19
 """Characters of ``2027-01-01T00:00:00``."""
 
@@ -85,6 +87,8 @@ def parse_states(
 def _thousandfold(word: str) -> float:
     if "E" in word or "e" in word:
         number, _, power = word.replace("E", "e").partition("e")
+        if len(power.lstrip("+-").lstrip("0")) > _EXPONENT:
+            raise ValueError(power)  # as `ccsds_entries.read_scaled` refuses it
         return float(f"{number}e{int(power) + 3}")
     return float(word + "e3")
 

@@ -215,6 +215,9 @@ def _decimals(time: str) -> int:
 
 def _seconds_since(day: Array, fraction: Array, epoch: Epoch) -> Array:
     """Return SI seconds since an epoch, by the steps of `Epoch.seconds_since`."""
+    if epoch.scale == "UT1":
+        times = zip(day, fraction, strict=True)
+        return np.array([Epoch(float(d), float(f), "UT1").seconds_since(epoch) for d, f in times])
     if epoch.scale == "UTC":
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", erfa.ErfaWarning)
@@ -255,6 +258,8 @@ def _plain_values(key: str, texts: Sequence[str], meta: TdmMeta) -> Array | None
 
 def _plain_times(texts: Sequence[str], system: str) -> _Times | None:
     """Return times; None if any is unusual or wrong."""
+    if system == "UT1":  # known within the span of a table only
+        return None
     try:
         table = np.array(texts, dtype=np.bytes_)
     except UnicodeEncodeError:

@@ -27,7 +27,7 @@ __all__ = ["GPS_BEHIND_TAI_S", "check_text", "gather", "read_meta", "read_time_t
 
 GPS_BEHIND_TAI_S = 19.0
 """TAI − GPS, s: the number of leap seconds when GPS time began, in 1980."""
-_OTHER_SCALES = ("GMST", "MET", "MRT", "SCLK", "TCB", "TCG", "UT1")
+_OTHER_SCALES = ("GMST", "MET", "MRT", "SCLK")
 """Time systems of the registry that `Epoch` does not have."""
 _TIME = re.compile(r"(\d{4}-(?:\d\d-\d\d|\d{3})T\d\d:\d\d:\d\d(?:\.\d{1,12})?)\d*(Z?)", re.ASCII)
 _INTEGER = re.compile(r"[+-]?\d{1,10}", re.ASCII)
@@ -186,7 +186,7 @@ def read_meta(
         turnaround=_turnaround(fields),
         transmit_delays_s=_delays(fields, "TRANSMIT_DELAY", participants),
         receive_delays_s=_delays(fields, "RECEIVE_DELAY", participants),
-        corrections=MappingProxyType(_corrections(fields, bare)),
+        corrections=MappingProxyType(_corrections(fields, bare, leniency)),
         corrections_applied=fields.yes("CORRECTIONS_APPLIED"),
         data_quality=fields.word("DATA_QUALITY"),
         ephemeris_names=MappingProxyType(
@@ -371,13 +371,13 @@ def _delays(fields: _Fields, key: str, participants: Sequence[str]) -> Mapping[i
     )
 
 
-def _corrections(fields: _Fields, meta: TdmMeta) -> dict[str, float]:
+def _corrections(fields: _Fields, meta: TdmMeta, leniency: Leniency) -> dict[str, float]:
     corrections = {}
     for key in METADATA:
         if not key.startswith("CORRECTION_") or key not in fields.entries:
             continue
         if "CORRECTIONS_APPLIED" not in fields.entries:
-            raise InputError(
+            leniency.tolerate(
                 f"{fields.place(key)}: {key} needs CORRECTIONS_APPLIED = YES or NO in the metadata"
             )
         of = key.removeprefix("CORRECTION_")

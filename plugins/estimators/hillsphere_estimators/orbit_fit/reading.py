@@ -178,8 +178,12 @@ def _take_segment(gathered: _Gathered, segment: TdmSegment, craft: str, where: s
     """Add the series of one segment of a message."""
     meta, spec = segment.meta, gathered.spec
     offset = segment.epoch.seconds_since(gathered.zero)
+    degraded = meta.data_quality == "DEGRADED" and not spec.use_degraded
     for keyword in segment.series:
         if not keyword.startswith("TRANSMIT_FREQ_") or "RATE" in keyword:
+            continue
+        if degraded:
+            gathered.leave(keyword, _DEGRADED, len(segment.series[keyword].values))
             continue
         rate = segment.series.get(keyword.replace("FREQ", "FREQ_RATE"))
         own = segment.corrected(keyword)
@@ -193,8 +197,8 @@ def _take_segment(gathered: _Gathered, segment: TdmSegment, craft: str, where: s
     reason = ""
     if meta.mode == "SINGLE_DIFF" or meta.path_1:
         reason = "differenced data are not used"
-    elif meta.data_quality == "DEGRADED" and not spec.use_degraded:
-        reason = "marked as degraded"
+    elif degraded:
+        reason = _DEGRADED
     if reason:
         for keyword in wanted:
             gathered.leave(keyword, reason, len(segment.series[keyword].values))
@@ -214,6 +218,7 @@ def _take_segment(gathered: _Gathered, segment: TdmSegment, craft: str, where: s
             _note(gathered, observable, where)
 
 
+_DEGRADED = "marked as degraded"
 _SHAPES = ("ANGLE_1", "ANGLE_2", "RANGE", "DOPPLER_INSTANTANEOUS", "DOPPLER_INTEGRATED")
 
 

@@ -107,10 +107,11 @@ class Residuals:
         -------
         share : float
             Its standard deviation after the fit over that of the prior.
-        direction : ndarray, shape (n,)
-            The combination, in units of the prior.
+        direction : ndarray, shape (e,)
+            The combination of the e estimated states, in units of the prior.
         """
-        values, vectors = np.linalg.eigh(self._covariance())
+        free = np.flatnonzero(self.free)
+        values, vectors = np.linalg.eigh(self._covariance()[np.ix_(free, free)])
         return float(np.sqrt(max(values[-1], 0.0))), vectors[:, -1]
 
     def _solved(self) -> Array:

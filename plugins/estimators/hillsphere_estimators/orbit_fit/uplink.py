@@ -132,6 +132,11 @@ def join_transmissions(
     ----------
     sent : mapping of str to list
         Name of the participant → pieces of `split_ramps`.
+
+    Raises
+    ------
+    InputError
+        If two pieces say different things about the same time.
     """
     made = {}
     for name, parts in sent.items():
@@ -139,5 +144,10 @@ def join_transmissions(
         order = np.argsort(t, kind="stable")
         t, values, rates = t[order], values[order], rates[order]
         new = np.concatenate([[True], np.diff(t) > 0.0])
+        again = np.flatnonzero(~new)
+        if (values[again] != values[again - 1]).any():
+            raise InputError(
+                f"data: {name} sends two different TRANSMIT_FREQ at the same time; leave one out"
+            )
         made[name] = Transmission(t[new], values[new], rates[new])
     return made

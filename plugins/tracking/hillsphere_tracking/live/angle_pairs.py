@@ -54,6 +54,14 @@ class PairedAngles:
             self.finish()
         if record.keyword not in _ANGLES:
             return None
+        if record.meta.corrections_applied is None and any(
+            value for key, value in record.meta.corrections.items() if "ANGLE" in key
+        ):
+            self._report(
+                f"{record.place}: the message has corrections of the angles and does not say "
+                "whether they are applied: CORRECTIONS_APPLIED = YES or NO"
+            )
+            return None
         if record.meta.angle_type != "AZEL":
             self._report(
                 f"{record.place}: ANGLE_TYPE = {record.meta.angle_type or '(missing)'}: only "

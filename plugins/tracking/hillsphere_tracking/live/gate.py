@@ -20,14 +20,18 @@ _AHEAD_S = 1.0
 """Time (s) by which a measurement may be further ahead of now than those before it, without being
 held back. The delay of a line from receiver to tracker varies by less, and a stamp from the future
 that passes shuts out the measurements of no more than this time."""
+_AGREE = 5
+"""Measurements in a row that are as far ahead of now, for the clock that dates them to be believed
+ahead. Fewer may be a burst of wrong stamps, which would shut out the right ones after it; more
+would delay the beginning of a pass."""
 
 
 class Gate:
     """Accepts usable measurements and reports the others.
 
     A rejected measurement does not affect later ones: one wrong time does not shut out the correct
-    times after it. A measurement that is ahead of now is held back until the next one: if that is
-    later still, the clock that dates them is ahead, and both are used; else its time was wrong.
+    times after it. Measurements that are ahead of now are held back: if five in a row are as far
+    ahead, the clock that dates them is, and they are used; else their times were wrong.
 
     Of consecutive measurements far from the present, as in a file with earlier passes, only the
     first and the number of further ones are reported.
@@ -45,8 +49,8 @@ class Gate:
         self._before: Measurement | None = None
         self._untold = 0
         self._far_off = False
-        self._held: tuple[float, Measurement] | None = None
-        self._lead = 0.0
+        self._held: list[tuple[float, Measurement]] = []
+        self._lead = self._held_lead = 0.0
 
     def admit(
         self, arrived: Sequence[Measurement], now_s: float
@@ -64,23 +68,34 @@ class Gate:
             t_s = measurement.epoch.seconds_since(self._start)
             if not self._is_present(measurement, t_s, now_s):
                 continue
-            held, self._held = self._held, None
-            if held is not None:
-                if t_s > held[0]:
-                    self._lead = t_s - now_s
-                    if self._is_next(held[1]):
-                        yield held
-                else:
-                    self._say(
-                        f"passed over: {held[1].place}: its time is "
-                        f"{held[0] - now_s:.3g} s after now, and the next measurement is before it"
-                    )
-            if t_s - now_s > self._lead + _AHEAD_S:
-                self._held = t_s, measurement
-                continue
-            self._lead = max(t_s - now_s, 0.0)
-            if self._is_next(measurement):
-                yield t_s, measurement
+            lead = t_s - now_s
+            if lead <= self._lead + _AHEAD_S:
+                self._drop_held()
+                self._lead = max(lead, 0.0)
+                ready = [(t_s, measurement)]
+            else:
+                if self._held and abs(lead - self._held_lead) > _AHEAD_S:
+                    self._drop_held()
+                self._held.append((t_s, measurement))
+                self._held_lead = lead
+                if len(self._held) < _AGREE:
+                    continue
+                self._say(f"measurements are dated {lead:.3g} s ahead of this clock, and are used")
+                ready, self._held, self._lead = self._held, [], lead
+            for time, one in ready:
+                if self._is_next(one):
+                    yield time, one
+
+    def _drop_held(self) -> None:
+        """Report the measurements that were held back, and forget them."""
+        if self._held:
+            more = len(self._held) - 1
+            self._say(
+                f"passed over: {self._held[0][1].place}: its time is {self._held_lead:.3g} s after "
+                "now, and the next measurements are not"
+                + (f"; {more} more such measurements" if more else "")
+            )
+        self._held = []
 
     def _is_present(self, measurement: Measurement, t_s: float, now_s: float) -> bool:
         if abs(t_s - now_s) > _FAR_OFF_S:

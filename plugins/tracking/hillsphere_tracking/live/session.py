@@ -143,7 +143,7 @@ def run_session(
                 t_s, measurement.azimuth_rad, measurement.elevation_rad, measurement.sigma_rad
             )
             outputs.note(t_s, measurement)
-            taken, heard = taken + 1, max(heard, t_s)
+            taken, heard = taken + 1, max(heard, min(t_s, state.time_s))
         # loss of signal: predictions continue from the last estimate
         if tracker.is_locked and state.time_s - heard > session.lost_after_s:
             tracker.mark_lost()
