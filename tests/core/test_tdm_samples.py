@@ -19,7 +19,8 @@ SAMPLES = Path(__file__).parents[1] / "data" / "tdm"
 VALID = sorted((SAMPLES / "valid").iterdir())
 BROKEN = [row.split(" | ") for row in (SAMPLES / "broken.txt").read_text("utf-8").splitlines()[1:]]
 TOLERATED = {
-    *("azimuth-360.tdm", "comment-above.tdm", "comment-in-data.tdm", "data-types.tdm"),
+    *("azimuth-360.tdm", "comment-above.tdm", "comment-in-data.tdm", "correction-unclear.tdm"),
+    "data-types.tdm",
     *("frequency-number.tdm", "header-order.tdm", "keyword.xml", "metadata-order.tdm"),
     *("metadata-order.xml", "no-creation-date.tdm", "no-data-stop.tdm", "no-degree.tdm"),
     *("no-frame.tdm", "no-originator.tdm", "no-path.tdm", "participant-six.tdm"),

@@ -115,10 +115,10 @@ def test_the_antenna_waits_at_the_rise() -> None:
     assert max(abs(c.secondary_rad - c.elevation_rad) for c in up) < 1e-3 * DEGREE
 
 
-def _until(done: Callable[[], bool]) -> None:
-    end = time.monotonic() + 10.0
+def _until(done: Callable[[], bool], within_s: float = 10.0) -> None:
+    end = time.monotonic() + within_s
     while not done():
-        assert time.monotonic() < end, "it did not happen within 10 s"
+        assert time.monotonic() < end, "it did not happen in time"
         time.sleep(0.01)
 
 
@@ -198,11 +198,13 @@ def test_a_log_survives_a_kill(folder: Path) -> None:
     command += ["--elements", str(folder / "iss.tle"), "--replay", "--speed", "50"]
     command += ["--ut1-minus-utc", "-0.17258", "--log", str(log)]
     with subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL) as process:
-        _until(lambda: log.exists() and log.read_text().count(",1,,,,\n") > 30)
+        # 30 measurements, and 5 commands with which a measurement may share its time
+        _until(lambda: log.exists() and log.read_text().count(",1,,,,\n") > 30, 60.0)
+        _until(lambda: log.read_text().count(",,,,0,") > 5, 60.0)
         process.kill()
     kept = read_pass_log(log)
     assert kept.locked.sum() > 30
-    assert np.isfinite(kept.commanded_azimuth_rad).sum() > 20
+    assert np.isfinite(kept.commanded_azimuth_rad).sum() > 5
     # a part of a line, as a loss of power leaves it
     log.write_text(log.read_text() + "2019-12-09T23:0")
     assert_allclose(read_pass_log(log).times_s, kept.times_s, rtol=0.0, atol=0.0)
