@@ -18,7 +18,7 @@ since the numerator of 1 − 2 d(arg Q)/dx is a polynomial of degree 2N, and the
 which rises too, covers it on an interval if it does so at the left end for the error at the right
 end. The largest a for which this proves the cover is taken.
 
-A delay of which only a range T ± δ is known has the phase error :math:`ψ(x) ± ρ x` at most, with
+A delay of which only a range T ± δ is known has the phase error :math:`ψ(x) \pm ρ x` at most, with
 ρ = δ/T. The same proof then holds for :math:`ψ + ρ x`, which rises too but is of the first order at
 zero: r is one.
 """
