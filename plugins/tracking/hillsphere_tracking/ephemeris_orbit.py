@@ -26,6 +26,9 @@ times in microseconds at least."""
 _END_S = 1e-6
 """Time (s) by which the span is exceeded at its ends: differences of epochs are rounded."""
 _REALISATIONS = re.compile(r"(ITRF)(-?\d{2,4})?|(ICRF|GCRF)\d?|EME2000|J2000|TEME|TEMEOFDATE")
+_FASTEST_M_S = 1e5
+"""Speed about the Earth above which the numbers have other units: bodies of the solar system pass
+it at 73 km/s at most, and 0.1 km/s in m/s are read as 100 km/s."""
 _KNOWN = "EME2000, ICRF, GCRF, ITRF or TEME"
 
 
@@ -58,7 +61,7 @@ class EphemerisOrbit:
     Raises
     ------
     InputError
-        If centre, frame or interpolation cannot be used.
+        If centre, frame or interpolation cannot be used, or the speeds are those of other units.
 
     References
     ----------
@@ -74,6 +77,13 @@ class EphemerisOrbit:
         self.name = name
         self._orientation = orientation
         first = segments[0]
+        fastest = max(float(np.linalg.norm(one.x[3:6], axis=0).max()) for one in segments)
+        if fastest > _FASTEST_M_S:
+            raise InputError(
+                f"satellite {name!r}: the ephemeris has speeds of {fastest / 1e3:.6g} km/s about "
+                "the Earth, which nothing has; the standard's units are km and km/s: are these "
+                "states in m and m/s?"
+            )
         self.catalogue_number = first.object_id
         self._axes = _axes_of(first)
         self.frame: InertialFrame = "teme" if self._axes == "TEME" else "gcrs"

@@ -136,6 +136,13 @@ def test_what_cannot_be_used_is_named(change: dict[str, Any], message: str, tmp_
         orbits_of_file(path)
 
 
+def test_velocities_in_other_units_are_noticed(tmp_path: Path) -> None:
+    one = segment(0.0, 3600.0)
+    fast = replace(one, x=one.x * np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3])[:, None])
+    with pytest.raises(InputError, match=r"speeds of 7.* km/s about the Earth, which nothing has"):
+        passes(written(tmp_path / "fast.oem", fast))
+
+
 def test_the_command_takes_an_ephemeris(tmp_path: Path, capsys: Any) -> None:
     path = tmp_path / "iss.oem"
     written(path, segment(0.0, 43200.0))
