@@ -17,7 +17,17 @@ from typing import NamedTuple
 from hillsphere.base.errors import InputError
 from hillsphere.base.problems import did_you_mean
 
-__all__ = ["Entry", "Leniency", "order_entries", "read_scaled", "write_scaled"]
+__all__ = [
+    "KEYWORD_LINE", "LINE_ENDS", "VERSION_KEYWORD", "Entry", "Leniency", "order_entries",
+    "read_scaled", "write_scaled",
+]  # fmt: skip
+
+KEYWORD_LINE = re.compile(r"([A-Za-z][A-Za-z0-9_]*)\s*=\s*(.*)")
+"""A line of text (KVN) with a keyword and its value."""
+LINE_ENDS = re.compile(r"\r\n|\n|\r")
+"""Ends of lines, of any system."""
+VERSION_KEYWORD = re.compile(r"CCSDS_[A-Z]+_VERS")
+"""The keyword with which a message begins."""
 
 _REAL = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+))(?:[eE]([+-]?0*\d{1,4}))?", re.ASCII)
 

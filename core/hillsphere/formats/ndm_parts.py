@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 from hillsphere.base.errors import InputError
 from hillsphere.base.problems import did_you_mean
+from hillsphere.formats.ccsds_entries import LINE_ENDS
 from hillsphere.formats.ccsds_tree import split_children
 
 __all__ = ["KINDS", "NdmPart", "parts_of_kind", "split_ndm"]
@@ -21,7 +22,6 @@ KINDS = ("acm", "aem", "apm", "cdm", "ocm", "oem", "omm", "opm", "rdm", "tdm")
 """Kinds of messages that an ``<ndm>`` may hold."""
 _BEGINS = re.compile(r"(?:\s|<\?.*?\?>|<!--.*?-->)*<(?:[\w.-]+:)?([\w.-]+)", re.DOTALL)
 _VERSION = re.compile(r"\s*CCSDS_([A-Z]{3})_VERS\s*=", re.ASCII)
-_LINE_ENDS = re.compile(r"\r\n|\n|\r")
 _REPEATABLE = ("omm",)
 """Kinds whose readers take several messages of one text in KVN."""
 
@@ -101,7 +101,7 @@ def split_ndm(text: str, where: str = "NDM") -> list[NdmPart]:
 
 def _kvn_part(text: str, where: str) -> NdmPart:
     first: NdmPart | None = None
-    for number, line in enumerate(_LINE_ENDS.split(text.removeprefix("\ufeff")), 1):
+    for number, line in enumerate(LINE_ENDS.split(text.removeprefix("\ufeff")), 1):
         match = _VERSION.match(line)
         if match is None:
             continue

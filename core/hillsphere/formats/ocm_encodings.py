@@ -12,7 +12,13 @@ from dataclasses import dataclass, field
 
 from hillsphere.base.errors import InputError
 from hillsphere.base.problems import did_you_mean
-from hillsphere.formats.ccsds_entries import Entry, Leniency
+from hillsphere.formats.ccsds_entries import (
+    KEYWORD_LINE,
+    LINE_ENDS,
+    VERSION_KEYWORD,
+    Entry,
+    Leniency,
+)
 from hillsphere.formats.ccsds_tree import read_tree
 from hillsphere.formats.oem_encodings import Block
 from hillsphere.formats.opm_encodings import children_of, entry_of, xml_parts
@@ -24,10 +30,7 @@ KINDS = ("TRAJ", "PHYS", "COV", "MAN", "PERT", "OD", "USER")
 _MANY = ("TRAJ", "COV", "MAN")
 """Kinds that may occur more than once, and that have rows of numbers."""
 _MARKS = {f"{kind}_{end}": (kind, end) for kind in ("META", *KINDS) for end in ("START", "STOP")}
-_LINE = re.compile(r"([A-Za-z][A-Za-z0-9_]*)\s*=\s*(.*)")
 _UNIT = re.compile(r"(.*?\S)\s*\[([^\[\]]*)\]")
-_LINE_ENDS = re.compile(r"\r\n|\n|\r")
-_VERSION = re.compile(r"CCSDS_[A-Z]+_VERS")
 
 
 @dataclass
@@ -91,7 +94,7 @@ class _KvnMessage:
     def read(self, text: str) -> OcmBlocks:
         """Return the blocks of a text."""
         number = 1
-        for number, raw in enumerate(_LINE_ENDS.split(text.removeprefix("\ufeff")), 1):
+        for number, raw in enumerate(LINE_ENDS.split(text.removeprefix("\ufeff")), 1):
             if line := raw.strip():
                 self._line(f"{self._where}:{number}", line)
         place, message = f"{self._where}:{number}", self._message
@@ -120,7 +123,7 @@ class _KvnMessage:
             else:
                 self._remarks.append(comment)
             return
-        match = _LINE.fullmatch(line)
+        match = KEYWORD_LINE.fullmatch(line)
         if message is None:
             if match is None or match[1] != "CCSDS_OCM_VERS":
                 raise InputError(
@@ -169,7 +172,7 @@ class _KvnMessage:
 
     def _entry(self, message: OcmBlocks, place: str, key: str, value: str) -> None:
         block = self._open
-        if _VERSION.fullmatch(key):
+        if VERSION_KEYWORD.fullmatch(key):
             raise InputError(
                 f"{place}: a second message begins here; a text holds one orbit comprehensive "
                 "message: write each into its own file, or all as parts of an <ndm> in XML"

@@ -9,12 +9,11 @@ References
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field
 
 from hillsphere.base.errors import InputError
 from hillsphere.base.problems import did_you_mean
-from hillsphere.formats.ccsds_entries import Entry
+from hillsphere.formats.ccsds_entries import KEYWORD_LINE, LINE_ENDS, VERSION_KEYWORD, Entry
 from hillsphere.formats.ccsds_xml import walk_xml
 
 __all__ = [
@@ -45,9 +44,6 @@ _MARKS = {
 }
 """Lines that begin and end blocks, and the blocks within which each may stand."""
 _ENDS = {"metadata": "META_STOP", "covariance": "COVARIANCE_STOP"}
-_LINE = re.compile(r"([A-Za-z][A-Za-z0-9_]*)\s*=\s*(.*)")
-_VERSION = re.compile(r"CCSDS_[A-Z]+_VERS")
-_LINE_ENDS = re.compile(r"\r\n|\n|\r")
 _CHILDREN = {
     "": ("ndm", "oem"),
     "ndm": ("oem",),
@@ -123,7 +119,7 @@ class _KvnMessage:
     def read(self, text: str) -> Message:
         """Return the blocks of a text."""
         number = 1
-        for number, raw in enumerate(_LINE_ENDS.split(text.removeprefix("\ufeff")), 1):
+        for number, raw in enumerate(LINE_ENDS.split(text.removeprefix("\ufeff")), 1):
             if line := raw.strip():
                 segment = self._with_states
                 if segment is not None and line[0] in "0123456789" and "=" not in line:
@@ -150,7 +146,7 @@ class _KvnMessage:
         if line == "COMMENT" or line.startswith(("COMMENT ", "COMMENT\t")):
             self._comment(line[8:].strip())
         elif message is None:
-            match = _LINE.fullmatch(line)
+            match = KEYWORD_LINE.fullmatch(line)
             if match is None or match[1] != "CCSDS_OEM_VERS":
                 raise InputError(
                     f"{place}: not an orbit ephemeris message: expected CCSDS_OEM_VERS = 2.0, got "
@@ -207,7 +203,7 @@ class _KvnMessage:
             self._block = "data"
 
     def _entry(self, message: Message, place: str, line: str) -> None:
-        match = _LINE.fullmatch(line)
+        match = KEYWORD_LINE.fullmatch(line)
         if match is None:
             end = _ENDS.get(self._block, "META_START")
             hint = did_you_mean(line, (end,)) if len(line) < 40 else ""
@@ -236,7 +232,7 @@ class _KvnMessage:
                 f"{place}: expected COVARIANCE_START or META_START: states stand before the "
                 f"covariances of a segment, got {line[:40]!r}"
             )
-        if match := _LINE.fullmatch(line):
+        if match := KEYWORD_LINE.fullmatch(line):
             _refuse_second(place, match[1])
             hint = "; metadata stand between META_START and META_STOP"
             raise InputError(
@@ -288,7 +284,7 @@ def read_state_line(place: str, line: str) -> Block:
 
 
 def _refuse_second(place: str, key: str) -> None:
-    if _VERSION.fullmatch(key):
+    if VERSION_KEYWORD.fullmatch(key):
         raise InputError(
             f"{place}: a second message begins here; a text holds one orbit ephemeris message: "
             "write each into its own file, or all as parts of an <ndm> in XML"

@@ -14,7 +14,13 @@ from dataclasses import dataclass, field
 
 from hillsphere.base.errors import InputError
 from hillsphere.base.problems import did_you_mean
-from hillsphere.formats.ccsds_entries import Entry, Leniency
+from hillsphere.formats.ccsds_entries import (
+    KEYWORD_LINE,
+    LINE_ENDS,
+    VERSION_KEYWORD,
+    Entry,
+    Leniency,
+)
 from hillsphere.formats.ccsds_tree import XmlElement, read_tree
 from hillsphere.formats.oem_encodings import COVARIANCE, STATE, Block
 
@@ -49,10 +55,7 @@ _BLOCK_OF = {key: name for name, keys in BLOCKS.items() for key in keys}
 _RANK = {name: number for number, name in enumerate(BLOCKS)}
 _TEXTS = ("header", "metadata", "userDefinedParameters")
 """Blocks without numbers: brackets in their values are not those of a unit."""
-_LINE = re.compile(r"([A-Za-z][A-Za-z0-9_]*)\s*=\s*(.*)")
 _UNIT = re.compile(r"(.*?)\s*\[([^\[\]]*)\]")
-_LINE_ENDS = re.compile(r"\r\n|\n|\r")
-_VERSION = re.compile(r"CCSDS_[A-Z]+_VERS")
 
 
 @dataclass
@@ -81,14 +84,14 @@ def _of_kvn(text: str, where: str, leniency: Leniency) -> OpmBlocks:
     message: OpmBlocks | None = None
     remarks: list[Entry] = []
     current, last, number = "header", "", 1
-    for number, raw in enumerate(_LINE_ENDS.split(text.removeprefix("\ufeff")), 1):
+    for number, raw in enumerate(LINE_ENDS.split(text.removeprefix("\ufeff")), 1):
         line, place = raw.strip(), f"{where}:{number}"
         if not line:
             continue
         if line == "COMMENT" or line.startswith(("COMMENT ", "COMMENT\t")):
             remarks.append(Entry(place, "COMMENT", line[8:].strip()))
             continue
-        match = _LINE.fullmatch(line)
+        match = KEYWORD_LINE.fullmatch(line)
         if message is None:
             if match is None or match[1] != "CCSDS_OPM_VERS":
                 raise InputError(
@@ -100,7 +103,7 @@ def _of_kvn(text: str, where: str, leniency: Leniency) -> OpmBlocks:
         if match is None:
             raise InputError(f"{place}: expected KEYWORD = value, got {line[:40]!r}")
         key, value, unit = match[1], match[2], ""
-        if _VERSION.fullmatch(key):
+        if VERSION_KEYWORD.fullmatch(key):
             raise InputError(
                 f"{place}: a second message begins here; a text holds one orbit parameter "
                 "message: write each into its own file, or all as parts of an <ndm> in XML"

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
 
 from hillsphere.base.errors import InputError
-from hillsphere.formats.ccsds_entries import Entry, Leniency
+from hillsphere.formats.ccsds_entries import LINE_ENDS, Entry, Leniency
 from hillsphere.formats.tdm_columns import Columns
 from hillsphere.formats.tdm_entries import entries_of, entry_of_line
 from hillsphere.formats.tdm_keywords import DATA, UNITS
@@ -38,7 +38,6 @@ __all__ = [
 _RECORD = re.compile(r"\s*([A-Z][A-Z0-9_]*)\s*=\s*(\S+)\s+(\S+)\s*")
 _PIECE = 1 << 16
 """Characters of a message that are cut into lines at once: lines take more memory than text."""
-_LINE_ENDS = re.compile(r"\r\n|\n|\r")
 
 
 def read_tdm(
@@ -195,7 +194,7 @@ def _numbered_lines(text: str) -> Iterator[tuple[int, str]]:
     begin, number = (1, 0) if text.startswith("\ufeff") else (0, 0)
     while begin < len(text):
         end = text.find("\n", begin + _PIECE) + 1 or len(text)
-        lines = _LINE_ENDS.split(text[begin:end])
+        lines = LINE_ENDS.split(text[begin:end])
         if not lines[-1]:
             del lines[-1]
         for line in lines:
