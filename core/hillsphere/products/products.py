@@ -8,6 +8,7 @@ the same form.
 from __future__ import annotations
 
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -403,15 +404,15 @@ class Trajectories:
         )  # fmt: skip
 
 
-class Flown:
+class Flown(ABC):
     """Base of products with flights, which may be held by other fields, for stages that write them.
 
     A product that derives from it returns its flights by `to_trajectories`.
     """
 
+    @abstractmethod
     def to_trajectories(self) -> Trajectories:
         """Return the flights, a coast between any two impulses."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)
