@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from math import asinh, atan2, cos, pi, radians, sin, sqrt, tanh
 
 import numpy as np
-from scipy.optimize import brentq
 
 from hillsphere.base.arrays import Array
 from hillsphere.base.time import Epoch
@@ -175,6 +174,9 @@ def state_of_elements(elements: OsculatingElements, gm_m3_s2: float) -> Array:
 
 def _true_anomaly(mean: float, e: float) -> float:
     """Return the true anomaly by Kepler's equation, bracketed by its bounds on both sides."""
+    # Every mission imports this module for its start states, few read elements of a message.
+    from scipy.optimize import brentq
+
     if e < 1.0:
         # M = E − e sin E, so that |E − M| ≤ e
         mean = (mean + pi) % (2.0 * pi) - pi

@@ -26,7 +26,6 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from hillsphere.base.arrays import Array
 from hillsphere.engine.dynamics import intervals as iv
@@ -297,6 +296,9 @@ def growth(matrix: Array, h: float) -> Array:
     the sum of :math:`|e^{As}|` over the starts s of the intervals, times
     :math:`\delta\,e^{|A|\delta}`, is an upper bound.
     """
+    # Every mission with flights imports this module, few of them have vibrations to bound.
+    from scipy.linalg import expm
+
     m = len(matrix)
     part = h / _PIECES
     step, ahead = expm(matrix * part), expm(np.abs(matrix) * part)
