@@ -170,17 +170,15 @@ def profile(mission: str, options: argparse.Namespace) -> tuple[Sampler, float]:
 
     with tempfile.TemporaryDirectory() as scratch:
         words = ["run", mission, "--no-cache", "--workers", "0", "--quiet"]
-        words += ["--out", str(Path(scratch) / "run")]
         if options.profile:
             words += ["--profile", options.profile]
         for setting in options.set or ():
             words += ["--set", setting]
         if not options.cold:
             # A first run compiles; in a process of its own, so that the second imports everything.
-            subprocess.run(
-                [sys.executable, "-m", "hillsphere", *words[:-1], str(Path(scratch) / "first")],
-                check=True, capture_output=True,
-            )  # fmt: skip
+            first = [*words, "--out", str(Path(scratch) / "first")]
+            subprocess.run([sys.executable, "-m", "hillsphere", *first], stdout=subprocess.DEVNULL)
+        words += ["--out", str(Path(scratch) / "run")]
         before = _others()
         sys.argv = ["hillsphere", *words]
         said = StringIO()
