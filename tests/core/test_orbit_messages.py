@@ -16,6 +16,7 @@ from hillsphere.base.errors import InputError
 from hillsphere.formats.ndm import read_ndm, split_ndm
 from hillsphere.formats.ocm import ephemeris_segments, read_ocm
 from hillsphere.formats.oem import read_oem, write_oem
+from hillsphere.formats.oem_segments import hint_of_frame
 from hillsphere.formats.opm import Manoeuvre, Opm, OsculatingElements, read_opm, write_opm
 from hillsphere.formats.opm_content import state_of_elements
 from hillsphere.model.ephemeris import states_of_elements
@@ -366,3 +367,24 @@ def test_a_lenient_reader_still_refuses_what_would_change_a_state() -> None:
     assert [text.kind for text in kept.texts] == ["TRAJ"]
     moved = read_ocm(sample("ocm", "block-order.ocm", "broken"), lenient=True)
     assert len(moved.trajectories) == len(moved.covariances) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("ECI", "different frames bear this name: say EME2000, GCRF, TEME or TOD_EARTH"),
+        ("ECEF", "different frames bear this name: say ITRF, WGS84, TDR or EFG"),
+        ("ITRS", "did you mean 'ITRF'"),
+        ("MEME2000", "did you mean 'EME2000'"),
+        ("ICFR", "did you mean 'ICRF'"),
+        ("MOD_ERTH", "did you mean 'MOD_EARTH'"),
+        ("MODMOON", "did you mean 'MOD_MOON'"),
+        ("MICI", "did you mean 'MCI'"),
+        ("LCI", "known: ICRF, EME2000"),
+        ("MOD_MARS", "known: ICRF, EME2000"),
+        ("MOD_VENUS", "known: ICRF, EME2000"),
+        ("TOD_SUN", "known: ICRF, EME2000"),
+    ],
+)
+def test_a_hint_of_a_frame_never_changes_the_body(name: str, hint: str) -> None:
+    assert hint_of_frame(name).startswith(f"; {hint}")

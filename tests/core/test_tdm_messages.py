@@ -165,3 +165,29 @@ def test_damage_is_told_or_harmless(start: int, length: int, put: str, xml: bool
     else:
         for part in found:
             assert all(np.isfinite(one.values).all() for one in part.series.values())
+
+
+def test_an_elevation_beyond_the_zenith_is_turned_by_lenient_reading_only() -> None:
+    """A mount that went over the top has the opposite azimuth and 180° minus the elevation."""
+    text = KVN.replace("00.000Z 5.25", "00.000Z 120.5")
+    with pytest.raises(InputError, match=r"ANGLE_2 must be from -90 to 90°, got 120.5, as a mount"):
+        read_tdm(text)
+    with pytest.warns(UserWarning, match="are turned, with the opposite azimuth"):
+        (segment,) = read_tdm(text, lenient=True)
+    assert_allclose(np.degrees(segment.elevation_rad), [59.5, 90.0])
+    assert_allclose(np.degrees(segment.azimuth_rad), [179.5, -0.25])
+    assert_allclose(np.degrees(segment.series["ANGLE_2"].values), [120.5, 90.0])  # as it stands
+    with pytest.raises(InputError, match="from -90 to 90°, got 200"):
+        read_tdm(KVN.replace("00.000Z 5.25", "00.000Z 200"), lenient=True)
+
+
+def test_gps_is_the_scale_of_the_time_module() -> None:
+    """One instant in GPS and in TAI, 19 s ahead by definition (IS-GPS-200, section 3.3.4)."""
+    of_system = {}
+    for system, second in (("GPS", "00"), ("TAI", "19")):
+        text = KVN.replace("UTC", system).replace(".000Z", "")
+        text = text.replace("T09:00:00", f"T09:00:{second}").replace("09:00:01.5", "09:01:01.5")
+        (of_system[system],) = read_tdm(text)
+    assert of_system["GPS"].epoch.scale == "GPS"
+    assert abs(of_system["GPS"].epoch.seconds_since(of_system["TAI"].epoch)) < 1e-9
+    assert "2026-11-21T09:00:00.000000" in write_tdm([of_system["GPS"]])

@@ -25,6 +25,7 @@ TOLERATED = {
     *("metadata-order.xml", "no-creation-date.tdm", "no-data-stop.tdm", "no-degree.tdm"),
     *("no-frame.tdm", "no-originator.tdm", "no-path.tdm", "participant-six.tdm"),
     *("path-blanks.tdm", "same-time.tdm", "units-superfluous.xml", "unknown-header.tdm"),
+    "elevation.tdm",
     *("unknown-keyword.tdm", "unknown-metadata.tdm", "z-of-tai.tdm"),
 }
 """Broken messages that a lenient reader reads."""

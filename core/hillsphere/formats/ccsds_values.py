@@ -20,11 +20,20 @@ from hillsphere.base.time import SCALES, Epoch
 from hillsphere.formats.ccsds_entries import Entry, Leniency, read_scaled
 from hillsphere.formats.ccsds_times import read_ccsds_time
 from hillsphere.formats.oem_encodings import COVARIANCE, STATE
-from hillsphere.formats.oem_segments import FRAMES, is_frame, least_eigenvalue
+from hillsphere.formats.oem_segments import (
+    ALIASES,
+    COVARIANCE_FRAMES,
+    FRAMES,
+    hint_of_frame,
+    is_covariance_frame,
+    is_frame,
+    least_eigenvalue,
+)
 
 __all__ = [
     "TRIANGLE",
     "check_definite",
+    "check_moving_frame",
     "check_text",
     "check_word",
     "read_epoch",
@@ -43,13 +52,6 @@ _CLOCKS = {
     "SCLK": "a spacecraft's clock, whose origin and rate a message does not state",
 }
 """Time systems of the standard that are no time scale, and why they cannot be read."""
-_ALIASES = {
-    "EME-2000": "EME2000", "EMEJ2000": "EME2000", "MEME2000": "EME2000", "MEMEJ2000": "EME2000",
-    "J2000.0": "EME2000", "J2K": "EME2000", "EARTHMJ2000EQ": "EME2000",
-    "GCRS": "GCRF", "ICRS": "ICRF", "ITRS": "ITRF",
-}  # fmt: skip
-"""Customary names of registered frames. A name that means different frames in different places
-(ECI, ECEF) is not among them."""
 
 
 def check_text(entry: Entry) -> None:
@@ -88,14 +90,26 @@ def read_frame(entry: Entry, leniency: Leniency) -> str:
         If no such frame is registered; a customary name of one may be tolerated.
     """
     name = entry.value.upper()
-    if not is_frame(name) and name in _ALIASES:
+    if not is_frame(name) and name in ALIASES:
         leniency.tolerate(
             f"{entry.place}: {entry.key}: {entry.value} is no registered frame; it is a customary "
-            f"name of {_ALIASES[name]}"
+            f"name of {ALIASES[name]}"
         )
-        return _ALIASES[name]
-    check_word(entry, is_frame, FRAMES, "reference frame")
+        return ALIASES[name]
+    if not is_frame(name):
+        raise InputError(
+            f"{entry.place}: {entry.key}: no reference frame {entry.value[:60]!r}"
+            f"{hint_of_frame(name)}"
+        )
     return name
+
+
+def check_moving_frame(entry: Entry, what: str = "covariance frame") -> None:
+    """Refuse a name of no frame, neither of one that moves with the object nor of another."""
+    name = entry.value.upper()
+    if not is_covariance_frame(name):
+        hint = hint_of_frame(name, (*COVARIANCE_FRAMES, *FRAMES))
+        raise InputError(f"{entry.place}: {entry.key}: no {what} {entry.value[:60]!r}{hint}")
 
 
 def read_time_system(entry: Entry) -> str:

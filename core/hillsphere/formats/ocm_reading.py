@@ -23,6 +23,7 @@ from hillsphere.formats.ccsds_entries import Entry, Leniency, order_entries, rea
 from hillsphere.formats.ccsds_values import (
     TRIANGLE,
     check_definite,
+    check_moving_frame,
     check_text,
     check_word,
     read_epoch,
@@ -50,7 +51,6 @@ from hillsphere.formats.ocm_keywords import (
 )
 from hillsphere.formats.oem_encodings import Block
 from hillsphere.formats.oem_reading import needs_epoch
-from hillsphere.formats.oem_segments import COVARIANCE_FRAMES, FRAMES, is_covariance_frame
 from hillsphere.formats.opm_content import Manoeuvre
 
 __all__ = ["ocm_of_blocks"]
@@ -303,7 +303,7 @@ class _Reading:
             self._keep(block, f"covariances of COV_TYPE {name[:40]}, {order}, are not read")
             return
         frame = entries["COV_REF_FRAME"]
-        check_word(frame, is_covariance_frame, (*COVARIANCE_FRAMES, *FRAMES), "covariance frame")
+        check_moving_frame(frame)
         _check_units(entries.get("COV_UNITS"), UNITS_OF_STATES["CARTPV"])
         width = 36 if order == "FULL" else 21
         t_s, words = self._rows(block, width, f"a covariance, {order}")
@@ -341,9 +341,7 @@ class _Reading:
             self._keep(block, f"manoeuvres {reason} are not read")
             return
         frame = entries["MAN_REF_FRAME"]
-        check_word(
-            frame, is_covariance_frame, (*COVARIANCE_FRAMES, *FRAMES), "frame of a manoeuvre"
-        )
+        check_moving_frame(frame, "frame of a manoeuvre")
         _check_units(entries.get("MAN_UNITS"), [COMPOSITION[name] for name in names])
         _, words = self._rows(block, len(names) - 1, ", ".join(names[1:]))
         manoeuvres, fields = [], []

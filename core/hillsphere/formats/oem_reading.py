@@ -20,6 +20,7 @@ from hillsphere.formats.ccsds_entries import Entry, Leniency, order_entries
 from hillsphere.formats.ccsds_times import plain_seconds
 from hillsphere.formats.ccsds_values import (
     TRIANGLE,
+    check_moving_frame,
     check_text,
     check_word,
     read_epoch,
@@ -37,12 +38,9 @@ from hillsphere.formats.oem_encodings import (
     read_state_line,
 )
 from hillsphere.formats.oem_segments import (
-    COVARIANCE_FRAMES,
-    FRAMES,
     INTERPOLATIONS,
     OemCovariance,
     OemSegment,
-    is_covariance_frame,
     states_needed,
 )
 from hillsphere.formats.oem_states import parse_states
@@ -280,9 +278,7 @@ class _Reading:
             times.append(self._instant(entries["EPOCH"], times, "covariance"))
             frame = entries.get("COV_REF_FRAME")
             if frame is not None:
-                check_word(
-                    frame, is_covariance_frame, (*COVARIANCE_FRAMES, *FRAMES), "covariance frame"
-                )
+                check_moving_frame(frame)
             matrix = read_triangle(entries, UNITS)
             name = frame.value.upper() if frame else ""
             covariances.append(OemCovariance(times[-1], matrix, name))

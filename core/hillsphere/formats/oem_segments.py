@@ -9,20 +9,25 @@ References
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from difflib import SequenceMatcher
 
 import numpy as np
 
 from hillsphere.base.arrays import Array
+from hillsphere.base.problems import did_you_mean
 from hillsphere.base.time import Epoch
 
 __all__ = [
+    "ALIASES",
     "COVARIANCE_FRAMES",
     "FRAMES",
     "INERTIAL_FRAMES",
     "INTERPOLATIONS",
     "OemCovariance",
     "OemSegment",
+    "hint_of_frame",
     "is_covariance_frame",
     "is_frame",
     "least_eigenvalue",
@@ -42,6 +47,24 @@ FRAMES = (
 """Registered reference frames [2]_, and those of annex B of older issues of the standard [1]_."""
 
 _REALISATIONS = re.compile(r"(ITRF|DTRF)-?(\d{2}|\d{4})|(ICRF|GCRF)\d|MOON_PA\d{2,4}", re.ASCII)
+
+ALIASES = {
+    "EME-2000": "EME2000", "EMEJ2000": "EME2000", "MEME2000": "EME2000", "MEMEJ2000": "EME2000",
+    "J2000.0": "EME2000", "J2K": "EME2000", "EARTHMJ2000EQ": "EME2000",
+    "GCRS": "GCRF", "ICRS": "ICRF", "ITRS": "ITRF",
+}  # fmt: skip
+"""Customary names of registered frames. A name that means different frames in different places
+(ECI, ECEF) is not among them."""
+_VAGUE = {
+    **dict.fromkeys(("ECI", "EQUATORIAL", "INERTIAL"), ("EME2000", "GCRF", "TEME", "TOD_EARTH")),
+    **dict.fromkeys(("ECEF", "ECF", "ECR"), ("ITRF", "WGS84", "TDR", "EFG")),
+}
+"""Names of no one frame, with the registered ones that are called so."""
+_NEAR = 0.6
+"""Similarity (0 to 1) from which two parts of names are the same with a slip, as for other
+words."""
+_SAME = 0.8
+"""Similarity of names with another number of parts: a forgotten low line, not a forgotten body."""
 
 COVARIANCE_FRAMES = (
     "RSW", "RTN", "TNW", "EQW_INERTIAL", "PQW_INERTIAL",
@@ -146,6 +169,41 @@ def is_frame(name: str) -> bool:
 def is_covariance_frame(name: str) -> bool:
     """Return whether a covariance may be given in a frame."""
     return is_frame(name) or name in COVARIANCE_FRAMES
+
+
+def hint_of_frame(name: str, frames: Sequence[str] = FRAMES) -> str:
+    """Return a hint to append to a message about an unknown frame.
+
+    A customary name is told first. A similar name is told only if the slip leaves the body as it
+    is: ``MOD_MARS`` is no slip of ``MOD_EARTH``, nor ``ECI`` (the Earth's) of ``MCI`` (of Mars).
+
+    Parameters
+    ----------
+    name : str
+        The name, in capitals.
+    frames : sequence of str
+        The frames that are known.
+    """
+    if name in ALIASES:
+        return f"; did you mean {ALIASES[name]!r}?"
+    if name in _VAGUE:
+        *others, last = _VAGUE[name]
+        return f"; different frames bear this name: say {', '.join(others)} or {last}"
+    near = did_you_mean(name, [frame for frame in frames if _is_slip(name, frame)])
+    return near if "did you mean" in near else did_you_mean("", frames, otherwise="known")
+
+
+def _is_slip(name: str, frame: str) -> bool:
+    """Return whether a slip may have made a name of a frame's: each part is similar."""
+    parts, of_frame = name[:100].split("_"), frame.split("_")
+    if len(parts) == 1 and len(of_frame) == 1:
+        # three letters are body, centre and axes: the first must be right
+        return len(frame) > 3 or name[:1] == frame[:1]
+    if len(parts) != len(of_frame):
+        return SequenceMatcher(None, "".join(parts), "".join(of_frame)).ratio() >= _SAME
+    return all(
+        SequenceMatcher(None, a, b).ratio() >= _NEAR for a, b in zip(parts, of_frame, strict=True)
+    )
 
 
 def states_needed(method: str, degree: int) -> int:

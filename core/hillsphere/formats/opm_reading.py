@@ -19,8 +19,8 @@ from hillsphere.base.errors import InputError
 from hillsphere.formats.ccsds_entries import Entry, Leniency, order_entries
 from hillsphere.formats.ccsds_values import (
     TRIANGLE,
+    check_moving_frame,
     check_text,
-    check_word,
     read_epoch,
     read_frame,
     read_number,
@@ -30,7 +30,6 @@ from hillsphere.formats.ccsds_values import (
 from hillsphere.formats.oem_encodings import STATE, Block
 from hillsphere.formats.oem_reading import UNITS as _OF_STATES
 from hillsphere.formats.oem_reading import VERSIONS, needs_epoch
-from hillsphere.formats.oem_segments import COVARIANCE_FRAMES, FRAMES, is_covariance_frame
 from hillsphere.formats.opm_content import Manoeuvre, Opm, OsculatingElements, state_of_elements
 from hillsphere.formats.opm_encodings import BLOCKS, USER_DEFINED, OpmBlocks
 
@@ -202,10 +201,10 @@ def _moving_frame(entries: Mapping[str, Entry], key: str = "COV_REF_FRAME") -> s
     """Return the frame of a covariance or a manoeuvre, which may move with the object."""
     if key not in entries:
         return ""
-    check_word(
-        entries[key], is_covariance_frame, (*COVARIANCE_FRAMES, *FRAMES),
-        "covariance frame" if key == "COV_REF_FRAME" else "frame of a manoeuvre",
-    )  # fmt: skip
+    is_covariance = key == "COV_REF_FRAME"
+    check_moving_frame(
+        entries[key], "covariance frame" if is_covariance else "frame of a manoeuvre"
+    )
     return entries[key].value.upper()
 
 

@@ -26,7 +26,6 @@ from hillsphere.base.time import Epoch
 from hillsphere.formats.ccsds_entries import Entry, Leniency, read_scaled
 from hillsphere.formats.ccsds_times import date_of_day
 from hillsphere.formats.tdm_keywords import DATA, power_of
-from hillsphere.formats.tdm_metadata import GPS_BEHIND_TAI_S
 from hillsphere.formats.tdm_reading import TdmRecord, limits_of, read_record
 from hillsphere.formats.tdm_segments import Series, TdmHeader, TdmMeta, TdmSegment
 
@@ -70,7 +69,7 @@ class Columns:
         self._meta, self._where, self._leniency = meta, where, leniency
         self._rows: list[_Row] = []
         self._parts: dict[str, list[_Part]] = {}
-        self._scale = "TAI" if meta.time_system == "GPS" else meta.time_system
+        self._scale = meta.time_system
         self._last: dict[str, tuple[float, float]] = {}
         self._digits = 0
 
@@ -302,10 +301,7 @@ def _plain_times(texts: Sequence[str], system: str) -> _Times | None:
     with warnings.catch_warnings():
         # a UTC date beyond the last leap second announced is "dubious", not wrong
         warnings.simplefilter("ignore", erfa.ErfaWarning)
-        scale = "TAI" if system == "GPS" else system
-        day, fraction = erfa.dtf2d(scale, year, month, of_month, hour, minute, second)
-    if system == "GPS":
-        fraction = fraction + GPS_BEHIND_TAI_S / DAY_S
+        day, fraction = erfa.dtf2d(system, year, month, of_month, hour, minute, second)
     used = np.flatnonzero(np.any(tail > _ZERO, axis=0))
     return _Times(day, fraction, int(used[-1]) if used.size else 0)
 

@@ -9,24 +9,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from math import inf, isfinite, radians
 from types import MappingProxyType
 
-from hillsphere.base.constants import DAY_S
 from hillsphere.base.errors import InputError
 from hillsphere.base.problems import did_you_mean
 from hillsphere.base.time import SCALES, Epoch
 from hillsphere.formats.ccsds_entries import Entry, Leniency, read_scaled
 from hillsphere.formats.ccsds_times import read_ccsds_time
-from hillsphere.formats.oem_segments import FRAMES, is_frame
+from hillsphere.formats.oem_segments import hint_of_frame, is_frame
 from hillsphere.formats.tdm_keywords import DATA, METADATA, WORDS, power_of
 from hillsphere.formats.tdm_segments import TdmMeta
 
-__all__ = ["GPS_BEHIND_TAI_S", "check_text", "gather", "read_meta", "read_time_tag"]
+__all__ = ["check_text", "gather", "read_meta", "read_time_tag"]
 
-GPS_BEHIND_TAI_S = 19.0
-"""TAI − GPS, s: the number of leap seconds when GPS time began, in 1980."""
 _OTHER_SCALES = ("GMST", "MET", "MRT", "SCLK")
 """Time systems of the registry that `Epoch` does not have."""
 _TIME = re.compile(r"(\d{4}-(?:\d\d-\d\d|\d{3})T\d\d:\d\d:\d\d(?:\.\d{1,12})?)\d*(Z?)", re.ASCII)
@@ -51,7 +47,7 @@ def read_time_tag(text: str, system: str, place: str, key: str, leniency: Lenien
     Returns
     -------
     Epoch
-        The instant; in TAI if the system is GPS.
+        The instant, in the time system.
 
     Raises
     ------
@@ -70,12 +66,9 @@ def read_time_tag(text: str, system: str, place: str, key: str, leniency: Lenien
             f"Z {key}",
         )
     try:
-        epoch = read_ccsds_time(match[1], "TAI" if system == "GPS" else system)
+        return read_ccsds_time(match[1], system)
     except InputError as error:
         raise InputError(f"{place}: {key}: {error}") from error
-    if system == "GPS":
-        epoch = replace(epoch, fraction=epoch.fraction + GPS_BEHIND_TAI_S / DAY_S)
-    return epoch
 
 
 def gather(
@@ -276,19 +269,18 @@ class _Fields:
 
 def _time_system(fields: _Fields) -> str:
     place, given = fields.place("TIME_SYSTEM"), fields.text("TIME_SYSTEM")
-    known = (*SCALES, "GPS")
     if not given:
-        raise InputError(f"{place}: the metadata lack TIME_SYSTEM; known: {', '.join(known)}")
-    if given.upper() in known:
+        raise InputError(f"{place}: the metadata lack TIME_SYSTEM; known: {', '.join(SCALES)}")
+    if given.upper() in SCALES:
         return given.upper()
     if given.upper() in _OTHER_SCALES:
         raise InputError(
             f"{place}: TIME_SYSTEM: the framework has no time system {given!r}; known: "
-            f"{', '.join(known)}"
+            f"{', '.join(SCALES)}"
         )
     raise InputError(
         f"{place}: TIME_SYSTEM: no time system {given[:40]!r}"
-        f"{did_you_mean(given.upper(), known, otherwise='known')}"
+        f"{did_you_mean(given.upper(), SCALES, otherwise='known')}"
     )
 
 
@@ -346,7 +338,7 @@ def _frame(fields: _Fields) -> str:
     if frame and not is_frame(frame):
         raise InputError(
             f"{fields.place('REFERENCE_FRAME')}: REFERENCE_FRAME: no reference frame "
-            f"{frame[:40]!r}{did_you_mean(frame, FRAMES, otherwise='known')}"
+            f"{frame[:40]!r}{hint_of_frame(frame)}"
         )
     return frame
 

@@ -237,6 +237,11 @@ class MessageBlocks:
         self._restart()
 
 
+_OVER_THE_TOP = 180.0
+"""Elevation of the horizon, degrees, for a mount that has turned beyond the zenith to the other
+side. More is no elevation, but perhaps an azimuth in its place."""
+
+
 def limits_of(key: str, meta: TdmMeta) -> tuple[float, float, bool]:
     """Return least and most of a value in the message, and whether it must exceed the first."""
     if key == "ANGLE_2" and meta.angle_type in ("AZEL", "RADEC"):
@@ -296,6 +301,16 @@ def _value(key: str, text: str, meta: TdmMeta, place: str, leniency: Leniency) -
     if not isfinite(number):
         raise InputError(f"{place}: {key}: expected a finite number, got {text[:40]!r}")
     least, most, is_above = limits_of(key, meta)
+    if key == "ANGLE_2" and meta.angle_type == "AZEL" and most < number <= _OVER_THE_TOP:
+        # the standard's own range, -180 to 360°, is that of all types of angles
+        must = f"must be from {least:g} to {most:g}°, got {text[:40]}"
+        leniency.tolerate(
+            f"{place}: {key} {must}, as a mount has that went over the top; "
+            + ("lenient reading turns it" if leniency.strict
+               else "such elevations are turned, with the opposite azimuth"),
+            "over the top",
+        )  # fmt: skip
+        return radians(number)
     if not least <= number <= most or (is_above and number == least):
         unit = quantity.unit.replace("deg", "°")
         blank = "" if unit in ("°", "%") else " "

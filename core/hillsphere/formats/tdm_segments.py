@@ -11,6 +11,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal
+from math import pi
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -81,8 +82,7 @@ class TdmMeta:
         Numbers of the participants along the path of the signal, from the transmitter to the
         receiver, of a sequential measurement.
     time_system : str
-        Time scale of the data: one of `hillsphere.time.SCALES`, or ``"GPS"``, whose epochs are
-        given in TAI (TAI = GPS + 19 s).
+        Time scale of the data: one of `hillsphere.time.SCALES`.
     fields : mapping of str to str
         All keywords of the metadata with their text.
     path_1, path_2 : tuple of int
@@ -263,6 +263,9 @@ class TdmSegment:
     def angle_pairs(self) -> tuple[Array, Array, Array]:
         """Return times (K,), s, and the first and second angles (K,), rad, corrected.
 
+        An elevation beyond 90°, of a mount that has gone over the top, which only lenient reading
+        accepts, is turned into that of the direction, with the opposite azimuth.
+
         Returns
         -------
         tuple of ndarray
@@ -283,7 +286,11 @@ class TdmSegment:
             raise InputError(
                 "some ANGLE_1 has no ANGLE_2 of the same time, or the reverse; both are needed"
             )
-        return first.t_s, first.values, second.values
+        if self.meta.angle_type != "AZEL":
+            return first.t_s, first.values, second.values
+        over = self.series["ANGLE_2"].values > 0.5 * pi
+        azimuth = np.where(over, np.remainder(first.values + pi, 2.0 * pi), first.values)
+        return first.t_s, azimuth, np.where(over, pi - second.values, second.values)
 
     @property
     def t_s(self) -> Array:

@@ -16,13 +16,11 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from hillsphere.base.arrays import Array
-from hillsphere.base.constants import DAY_S
 from hillsphere.base.errors import InputError
 from hillsphere.base.problems import did_you_mean
 from hillsphere.base.time import Epoch
 from hillsphere.formats.ccsds_entries import write_scaled
 from hillsphere.formats.tdm_keywords import DATA, METADATA, power_of
-from hillsphere.formats.tdm_metadata import GPS_BEHIND_TAI_S
 from hillsphere.formats.tdm_segments import TdmHeader, TdmMeta, TdmSegment
 
 __all__ = ["header_of", "kvn_lines", "xml_lines"]
@@ -131,8 +129,7 @@ def _check_name(text: str, key: str, what: str) -> None:
 def _metadata(segment: TdmSegment, what: str) -> list[tuple[str, str]]:
     """Return the metadata of a segment in the order of the standard."""
     meta = segment.meta
-    scale = "TAI" if meta.time_system == "GPS" else meta.time_system
-    if segment.epoch.scale != scale:
+    if segment.epoch.scale != meta.time_system:
         raise InputError(
             f"{what}: epoch in {segment.epoch.scale}, time system {meta.time_system}; convert one"
         )
@@ -218,8 +215,6 @@ def _records(segment: TdmSegment, what: str) -> Iterator[tuple[str, str, str]]:
             hint = did_you_mean(key, DATA, otherwise="keywords")
             raise InputError(f"{what}: no data keyword {key[:40]!r}{hint}")
     epoch = segment.epoch
-    if segment.meta.time_system == "GPS":
-        epoch = Epoch(epoch.day, epoch.fraction - GPS_BEHIND_TAI_S / DAY_S, epoch.scale)
     columns: list[tuple[str, list[str], list[str]]] = []
     for key in keys:
         t_s, values = segment.series[key]

@@ -23,6 +23,10 @@ _SUFFIXES = (".gfc", ".shadr", ".sha", ".tab", ".cof", *_MESHES)
 _COLUMNS = ("latitude (°)", "longitude (°)", "radius (km)", "U (m²/s²)", "|g| (m/s²)",
             "g_x (m/s²)", "g_y (m/s²)", "g_z (m/s²)")  # fmt: skip
 
+_OUTSIDE = 1.5
+"""Radius of the places shown where none are given, in radii of the sphere about the body: the terms
+of degree n have shrunk there by 1.5⁻ⁿ, and the field is still that of the body's shape."""
+
 
 @app.command()
 def gravity(
@@ -35,13 +39,14 @@ def gravity(
         ),
     ],
     at: Annotated[
-        list[str],
+        list[str] | None,
         typer.Option(
             metavar="LAT,LON,RADIUS_KM",
             help="Place: planetocentric latitude and east longitude, degrees, and distance from "
-            "the centre, km. May be given several times.",
+            "the centre, km. May be given several times; left out: on the axes x, y and z, at "
+            "1.5 times the radius of the sphere about the body (of reference, or of its vertices).",
         ),
-    ],
+    ] = None,
     max_degree: Annotated[
         int | None, typer.Option(metavar="N", min=0, help="Use degrees up to this (fields).")
     ] = None,
@@ -90,7 +95,7 @@ def gravity(
     The potential is positive; the acceleration is its gradient in the body-fixed frame, without
     the centrifugal part of a turning body.
     """
-    places = [_place(text) for text in at]
+    places = [_place(text) for text in at or ()]
     mesh = {"gm_km3_s2": gm_km3_s2, "density_g_cm3": density_g_cm3}
     if (suffix := file.suffix.lower()) not in _SUFFIXES:
         raise InputError(f"{file}: the suffix must be one of {', '.join(_SUFFIXES)}")
@@ -99,12 +104,17 @@ def gravity(
     if suffix in _MESHES:
         keys = {"length_unit": length_unit, "segment": segment}
         keys |= {"merge_vertices": merge_vertices, "merge_tolerance_m": merge_tolerance_m}
+        if suffix == ".stl" and not merge_vertices:
+            raise InputError(
+                f"{file}: an STL file lists the corners of each face anew, so that its faces have "
+                "no edge in common; give --merge-vertices"
+            )
         model, told = _mesh_model(file, keys, mesh)
     else:
         keys = {"max_degree": max_degree, "tide_system": tide_system,
                 "normalisation": normalisation, "epoch": epoch}  # fmt: skip
         model = _series_model(file, keys, mesh)
-    rows = _evaluate(model, places)
+    rows = _evaluate(model, places or _usual_places(model))
     body = _describe_body(model) if suffix in _MESHES else {}
     if json:
         write_json({"file": str(file), "gm_m3_s2": float(model.gm_m3_s2), **body, "points": rows})
@@ -144,6 +154,13 @@ def _place(text: str) -> tuple[float, float, float]:
             "and the radius must be positive (km)"
         )
     return latitude, longitude, radius
+
+
+def _usual_places(model: Any) -> list[tuple[float, float, float]]:
+    """Return places on the three axes, safely outside the sphere about the body."""
+    about = getattr(model, "reference_radius_m", None)
+    radius_km = _OUTSIDE * (model.mesh.largest_radius_m if about is None else about) / 1e3
+    return [(0.0, 0.0, radius_km), (0.0, 90.0, radius_km), (90.0, 0.0, radius_km)]
 
 
 def _series_model(file: Path, given: dict[str, Any], mesh: dict[str, float | None]) -> Any:

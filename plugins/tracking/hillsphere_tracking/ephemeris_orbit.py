@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import re
 from collections.abc import Sequence
 from itertools import pairwise
@@ -106,6 +107,12 @@ class EphemerisOrbit:
         self.warnings = (
             f"{name}: {' and '.join(methods)} of the states of its ephemeris.", *noticed
         )  # fmt: skip
+
+    def turned_by(self, orientation: EarthOrientation) -> EphemerisOrbit:
+        """Return the orbit with another orientation of the Earth, for states in the ITRF."""
+        other = copy.copy(self)
+        other._orientation = orientation
+        return other
 
     def states(self, t_s: Array) -> Array:
         """Return states at times after the epoch.

@@ -350,11 +350,11 @@ data and then no space."""
 
 
 def break_files(
-    runs: Runs, undisturbed: Undisturbed, number: int, rounds: int
+    runs: Runs, undisturbed: Undisturbed, number: int, rounds: int, without: str = ""
 ) -> tuple[Counter[tuple[str, str]], Counter[str]]:
     """Let something go wrong with a file in each of many runs, and resume them."""
     chance = random.Random(number)
-    pairs = [(event, act) for event, acts in ACTS.items() for act in acts]
+    pairs = [(event, act) for event, acts in ACTS.items() for act in acts if act != without]
     struck: Counter[tuple[str, str]] = Counter()
     ends: Counter[str] = Counter()
     waiting = rounds * pairs
@@ -382,9 +382,10 @@ def break_files(
 def test_files_that_cannot_be_written_cost_nothing_that_was(
     runs: Runs, undisturbed: Undisturbed
 ) -> None:
-    struck, ends = break_files(runs, undisturbed, 1, rounds=1)
+    # EIO goes the way of ENOSPC; the longer test has both
+    struck, ends = break_files(runs, undisturbed, 1, rounds=1, without="EIO")
     assert set(struck.values()) == {1}
-    assert ends["resumed"] >= 10
+    assert ends["resumed"] >= 6
 
 
 @pytest.mark.slow

@@ -82,7 +82,6 @@ def test_field_of_a_mesh(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
         (["--at", "91,0,20"], "the latitude must lie within ±90°"),
         (["--at", "nan,0,20"], "the latitude must lie within"),
         (["--at", "0,0,0"], "the radius must be positive"),
-        ([], "Missing option '--at'"),
         (["--at", "0,0,20", "--max-degree", "9"], "max_degree must be ≤ 4"),
         (["--at", "0,0,20", "--gm-km3-s2", "1"], "--gm-km3-s2 is for meshes"),
     ],
@@ -129,3 +128,23 @@ def test_field_at_an_epoch(capsys: pytest.CaptureFixture[str]) -> None:
     assert "give the key epoch" in capsys.readouterr().err
     assert run([*words, "--epoch", "2014-01-01"]) == 0
     assert f"{path}: GM = 400000 km³/s²" in capsys.readouterr().out
+
+
+def test_places_on_the_axes_are_shown_without_any_and_stl_names_its_option(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """1.5 times the reference radius of the field, or the half diagonal √3 m of the cube."""
+    assert run(["gravity", str(FIELD), "--json"]) == 0
+    radius_m = float(create("gravity", "harmonics", file=str(FIELD)).reference_radius_m)
+    points = json.loads(capsys.readouterr().out)["points"]
+    places = [(p["latitude_deg"], p["longitude_deg"]) for p in points]
+    assert places == [(0.0, 0.0), (0.0, 90.0), (90.0, 0.0)]
+    assert [p["radius_m"] for p in points] == pytest.approx([1.5 * radius_m] * 3)
+    (tmp_path / "cube.obj").write_text(CUBE)
+    mesh = ["--length-unit", "m", "--density-g-cm3", "2"]
+    assert run(["gravity", str(tmp_path / "cube.obj"), *mesh, "--json"]) == 0
+    points = json.loads(capsys.readouterr().out)["points"]
+    assert [p["radius_m"] for p in points] == pytest.approx([1.5 * 3.0**0.5] * 3)
+    (tmp_path / "cube.stl").write_text("solid\nendsolid\n")
+    assert run(["gravity", str(tmp_path / "cube.stl"), *mesh]) == 2
+    assert capsys.readouterr().err.rstrip().endswith("give --merge-vertices")

@@ -270,7 +270,7 @@ def _geostationary(when: datetime) -> str:
         (["--replay", "--tracker", "averag"], "did you mean 'average'"),
         (["--replay", "--rotator", "here:x"], "--rotator must be HOST or HOST:PORT"),
         (["--replay", "--within", "0.01", "--mask", "30"], "does not rise above 30°"),
-        (["--replay", "--azimuth-limits", "90", "0"], "lower stop must be below"),
+        (["--replay", "--azimuth-limits", "90", "0"], "the lower stop must be below"),
         (["--replay", "--epoch", "noon"], "expected a time such as"),
     ],
 )

@@ -88,7 +88,7 @@ def test_no_pass_is_said(elements: Path, capsys: pytest.CaptureFixture[str]) -> 
         (["--station", "Cuiaba"], "give LAT,LON[,HEIGHT_M], or --mission"),
         (["--station", "Cuiaba", "--mission", "assisted-tracking"], "did you mean 'Cuiabá'?"),
         (["--station", "99,0"], "latitude"),
-        (["--station", PLACE, "--days", "0"], "duration"),
+        (["--station", PLACE, "--days", "0"], "--days: must be > 0"),
         (["--station", PLACE, "--satellite", "MIR"], "MIR"),
         (["--station", PLACE, "--start", "soon"], "start"),
         ([], "Missing option '--station'"),
@@ -101,3 +101,23 @@ def test_bad_input_ends_with_2(
     out, err = capsys.readouterr()
     assert out == ""
     assert message in err
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--station", "95,11"], "--station '95,11': latitude: must be ≤ 90 deg, got 95.0 deg"),
+        (["--station", PLACE, "--station", "48,400"], "--station '48,400': longitude: must be ≤ 3"),
+        (["--station", "48,11,1e9"], "--station '48,11,1e9': height: must be ≤ 9000 m"),
+        (["--station", PLACE, "--mask", "95"], "--mask: must be < 90 deg, got 95.0 deg"),
+        (["--station", PLACE, "--days", "-1"], "--days: must be > 0 d, got -1.0 d"),
+        (["--station", PLACE, "--oldest", "0"], "--oldest: must be > 0 d"),
+        (["--station", PLACE, "--start", "2019-13-01"], "--start: '2019-13-01' is no date"),
+        (["--station", PLACE, "--checksum", "x"], "--checksum: must be one of 'refuse', 'warn'"),
+    ],
+)
+def test_a_refused_value_is_named_by_its_option(
+    elements: Path, capsys: pytest.CaptureFixture[str], options: list[str], message: str
+) -> None:
+    assert run(["passes", str(elements), *options]) == 2
+    assert capsys.readouterr().err.startswith(message)

@@ -8,7 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hillsphere.errors import InputError
+from hillsphere.plugins import validate
 from hillsphere_tracking.pointing.mounts import AxisLimits, Mount, azimuth_elevation, x_y
+from hillsphere_tracking.pointing.specs import AxisSpec, MountSpec
 from hillsphere_tracking.topocentric import direction_cosines
 
 DEGREE = np.pi / 180.0
@@ -107,3 +109,16 @@ def test_axis_limits_that_cannot_be(
 def test_axes_that_are_none() -> None:
     with pytest.raises(InputError, match="right angles"):
         Mount(np.ones((3, 3)), ROUND, HALF)
+
+
+@pytest.mark.parametrize(("kind", "axis"), [("azimuth_elevation", "elevation"), ("x_y", "Y")])
+def test_a_mount_of_a_mission_says_which_axis_reaches_too_far(kind: str, axis: str) -> None:
+    primary, secondary = AxisSpec.examples
+    with pytest.raises(InputError, match=rf"\({axis}\): expected stops from -90° to 180°, got 0° "
+                       "and 200°"):  # fmt: skip
+        validate(
+            MountSpec,
+            {"name": "dish", "kind": kind, "primary": primary,
+             "secondary": {**secondary, "upper_deg": 200}},
+            where="mounts[0]",
+        )  # fmt: skip

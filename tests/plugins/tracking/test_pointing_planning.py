@@ -133,6 +133,15 @@ def test_a_plunging_mount_goes_over_the_top() -> None:
     assert through.error_rad.max() < 1e-6
 
 
+def test_a_mount_that_reaches_beyond_the_zenith_only_is_flipped_always() -> None:
+    azimuth, elevation = flyby(40.0, TIMES)
+    beyond = azimuth_elevation(limits(-270.0, 270.0), limits(90.0, 180.0))
+    plan = plan_pass(TIMES, azimuth, elevation, beyond)
+    assert plan.flipped.all()
+    assert plan.error_rad.max() < 1e-9
+    np.testing.assert_allclose(plan.secondary_rad, np.pi - elevation, atol=1e-9)
+
+
 def test_an_x_y_mount_has_its_keyhole_on_the_horizon() -> None:
     mount = x_y(limits(-90.0, 90.0, 3.0), limits(-88.0, 88.0, 3.0))
     for culmination in (90.0, 60.0, 20.0):

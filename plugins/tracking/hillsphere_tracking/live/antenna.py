@@ -15,6 +15,10 @@ MOUNTS = {"az_el": ("azimuth", "elevation"), "x_y": ("x", "y")}
 """Kinds of mounts, with the names of their axes."""
 
 _USUAL = {"azimuth": (0.0, 450.0), "elevation": (0.0, 90.0), "x": (-90.0, 90.0), "y": (-90.0, 90.0)}
+_RANGE = {"azimuth": (-1080.0, 1080.0), "elevation": (-90.0, 180.0),
+          "x": (-1080.0, 1080.0), "y": (-90.0, 180.0)}  # fmt: skip
+"""Where stops may lie, degrees: three turns of a primary axis either way are more than any cable
+allows; a secondary axis has passed over the top at 180°. As in the Specs of mounts."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +60,7 @@ def antenna_of(
     Raises
     ------
     InputError
-        If the kind is unknown, an option belongs to another kind, or limits are invalid.
+        If the kind is unknown, an option belongs to another kind, or limits are out of range.
     """
     if kind not in MOUNTS:
         raise InputError(f"--mount must be one of {', '.join(MOUNTS)}, got {kind!r}")
@@ -79,7 +83,10 @@ def _limits(
     axis: str, stops_deg: tuple[float, float] | None, rate: float, acceleration: float
 ) -> AxisLimits:
     low, high = stops_deg or _USUAL[axis]
-    try:
-        return AxisLimits(radians(low), radians(high), rate, acceleration)
-    except InputError as error:
-        raise InputError(f"--{axis}-limits: {error}") from error
+    least, most = _RANGE[axis]
+    if not least <= low < high <= most:  # written so that nan is refused, too
+        raise InputError(
+            f"--{axis}-limits: the lower stop must be below the upper one, and both of this axis "
+            f"({axis}) from {least:g}° to {most:g}°, got {low:g}° and {high:g}°"
+        )
+    return AxisLimits(radians(low), radians(high), rate, acceleration)

@@ -10,11 +10,13 @@ from typing import Annotated, Any
 
 import typer
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.cli.streams import say
 from hillsphere.errors import InputError, PropagationError
 from hillsphere.interfaces import Tracker
 from hillsphere.mission import load_mission
 from hillsphere.time import Epoch
+from hillsphere_tracking.ephemeris_orbit import EphemerisOrbit
 from hillsphere_tracking.live.antenna import antenna_of
 from hillsphere_tracking.live.atmosphere import ThroughAir
 from hillsphere_tracking.live.calibration import StationMemory
@@ -35,6 +37,7 @@ from hillsphere_tracking.live.setup import orbit_of, place_of, tracker_of
 from hillsphere_tracking.live.status import status_line
 from hillsphere_tracking.live.targets import target_of
 from hillsphere_tracking.passes.sources import element_warnings
+from hillsphere_tracking.passes.specs import OLDEST_ELEMENTS_S
 from hillsphere_tracking.trackers.specs import TableSpec
 from hillsphere_tracking.trackers.table import Table
 
@@ -71,7 +74,7 @@ def track(
         str,
         typer.Option(
             metavar="FILE",
-            help="Elements of the satellite: TLE or OMM.",
+            help="Elements of the satellite (TLE or OMM), or its ephemeris (OEM).",
             rich_help_panel=_SATELLITE,
         ),
     ] = "",
@@ -94,6 +97,14 @@ def track(
             rich_help_panel=_SATELLITE,
         ),
     ] = "refuse",
+    oldest: Annotated[
+        float,
+        typer.Option(
+            metavar="DAYS",
+            help="Age of elements from which a warning is given.",
+            rich_help_panel=_SATELLITE,
+        ),
+    ] = OLDEST_ELEMENTS_S / DAY_S,
     station: Annotated[
         str, typer.Option(metavar="NAME", help="Which station.", rich_help_panel=_SATELLITE)
     ] = "",
@@ -116,7 +127,11 @@ def track(
     ] = None,
     within: Annotated[
         float,
-        typer.Option(help="Time in which the satellite must rise, h.", rich_help_panel=_SATELLITE),
+        typer.Option(
+            help="Time in which the satellite must rise, h; of an ephemeris the part that it "
+            "covers is searched.",
+            rich_help_panel=_SATELLITE,
+        ),
     ] = 24.0,
     ut1_minus_utc: Annotated[
         float | None,
@@ -293,7 +308,7 @@ def track(
     """
     check_positive(
         sigma=sigma, lost_after=lost_after, within=within, rate=rate, acceleration=acceleration,
-        rotator_timeout=rotator_timeout,
+        rotator_timeout=rotator_timeout, oldest=oldest,
     )  # fmt: skip
     if not 0.01 <= period <= 10.0:
         raise InputError(f"--period must be from 0.01 to 10 s, got {period:g}")
@@ -324,13 +339,18 @@ def track(
         feed, clock = input_of(stack, source, counted_from, replay, speed)
         start = clock.start
         orientation = orientation_of(ut1_minus_utc, start)
+        if isinstance(orbit, EphemerisOrbit):
+            orbit = orbit.turned_by(orientation)
         try:
             seen = next_pass(orbit, place, start, orientation, period, 3600.0 * within, air)
         except PropagationError as error:  # the elements are not valid at this time
             raise InputError(str(error)) from error
         clock.skip_to(float(seen.times_s[0]))
-        for sentence in element_warnings([orbit], start, float(seen.times_s[-1])):
+        end_s = float(seen.times_s[-1])
+        for sentence in element_warnings([orbit], start, end_s, DAY_S * oldest):
             say(sentence)
+        if seen.cut:
+            say(f"the orbit of {orbit.name} ends before the satellite sets, and with it the pass")
 
         def streamed(method: Tracker[Any]) -> Any:
             through = method if air is None else ThroughAir(method, air)

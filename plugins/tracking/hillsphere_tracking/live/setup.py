@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 from hillsphere.base.geodetic import Station
 from hillsphere.base.problems import did_you_mean
+from hillsphere.base.ranges import STATION_HEIGHT_M
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Tracker
 from hillsphere.mission import Mission
@@ -42,7 +43,7 @@ def orbit_of(
     elif mission is not None:
         orbits = orbits_from(tuple(specs_within(mission, SatelliteSpec)))
     else:
-        raise InputError("which satellite? give --elements FILE (TLE or OMM), or --mission")
+        raise InputError("which satellite? give --elements FILE (TLE, OMM or OEM), or --mission")
     if name and not file:
         chosen = [orbit for orbit in orbits if orbit.name == name]
         if not chosen:
@@ -84,8 +85,13 @@ def place_of(
     mask = None if mask_deg is None else HorizonMask((radians(mask_deg),))
     latitude, longitude, height_m = coordinates
     if latitude is not None and longitude is not None:
+        if not abs(latitude) <= 90.0:
+            raise InputError(f"--latitude must be from -90° to 90°, got {latitude:g}°")
         if not abs(longitude) <= 360.0:
             raise InputError(f"--longitude must be from -360° to 360°, got {longitude:g}°")
+        low, high = STATION_HEIGHT_M["ge"], STATION_HEIGHT_M["le"]
+        if not low <= height_m <= high:
+            raise InputError(f"--height must be from {low:g} to {high:g} m, got {height_m:g} m")
         given = Station(name or "station", radians(latitude), radians(longitude), height_m)
         return Place(given, mask or HorizonMask())
     if mission is None or latitude is not None or longitude is not None:

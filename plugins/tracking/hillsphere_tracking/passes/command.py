@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from math import degrees, radians
 from pathlib import Path
@@ -23,6 +24,11 @@ app = typer.Typer(add_completion=False, rich_markup_mode=None)
 
 _COLUMNS = ("station", "satellite", "rise (UTC)", "highest (UTC)", "set (UTC)", "elevation (°)",
             "azimuths: rise (°)", "highest (°)", "set (°)")  # fmt: skip
+_KEY = re.compile(r"(?:stage 'passes': )?([a-z_]+)(?:\[(\d+)\])?(?:\.([a-z_]+)(?:\[0\])?)?(?=: )")
+"""Beginning of a message about a key of the stage."""
+_OPTIONS = {"duration_d": "--days", "start": "--start", "oldest_elements_d": "--oldest",
+            "stations.mask": "--mask", "satellites.checksum": "--checksum"}  # fmt: skip
+"""Options by the keys that they set."""
 
 
 @app.command()
@@ -91,10 +97,14 @@ def passes(
     one: dict[str, Any] = {"file": str(elements), "lenient": lenient, "checksum": checksum}
     if satellite:
         one["name"] = satellite
-    stage: Any = create(
-        "stage", "passes", satellites=[one], stations=stations, duration_d=days, start=start,
-        refraction=refraction, **({} if oldest is None else {"oldest_elements_d": oldest}),
-    )  # fmt: skip
+    try:
+        stage: Any = create(
+            "stage", "passes", satellites=[one], stations=stations, duration_d=days, start=start,
+            refraction=refraction, **({} if oldest is None else {"oldest_elements_d": oldest}),
+        )  # fmt: skip
+    except InputError as error:
+        lines = str(error).split("\n")
+        raise InputError("\n".join(_in_options(line, station) for line in lines)) from error
     product = stage.run(_Silent())
     rows = _rows(product, stage.start)
     masks = {one.name: list(map(degrees, one.mask_elevation_rad)) for one in stage.spec.stations}
@@ -119,6 +129,20 @@ def passes(
                 )
     for warning in product.warnings:
         say(warning)
+
+
+def _in_options(message: str, stations: list[str]) -> str:
+    """Return a message about a key of the stage as one about the option that set it."""
+    told = _KEY.match(message)
+    if told is None:
+        return message
+    key, number, part = told.groups()
+    rest = message[told.end() :]
+    if key == "stations" and number and not (part or "").startswith("mask"):
+        within = f": {part.split('_')[0]}" if part else ""
+        return f"--station {stations[int(number)][:60]!r}{within}{rest}"
+    option = _OPTIONS.get(f"{key}.{(part or '').split('_')[0]}", _OPTIONS.get(key))
+    return f"{option}{rest}" if option else message
 
 
 def _extent(mask_deg: list[float]) -> str:

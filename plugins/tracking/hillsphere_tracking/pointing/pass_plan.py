@@ -135,7 +135,7 @@ def plan_pass(
     if not np.isfinite(direction).all():
         raise InputError("a plan needs finite angles, got nan or inf")
     plan = _make_plan(times, direction, mount, start_rad)
-    if plan.flipped.any():
+    if plan.flipped.any() and mount.secondary.lower_rad < 0.5 * pi:
         # The loss of the route only approximates the largest error: compare with an upright plan.
         secondary = replace(mount.secondary, upper_rad=0.5 * pi)
         upright = _make_plan(times, direction, replace(mount, secondary=secondary), start_rad)

@@ -95,10 +95,11 @@ class MountSpec(Spec):
                 raise rule(key, f"does not belong to a mount of kind {self.kind!r}; leave it out")
         low, high = self.secondary.lower_rad, self.secondary.upper_rad
         if low < -0.5 * pi - _ROUNDING or high > pi + _ROUNDING:
+            axis = "elevation" if self.kind == "azimuth_elevation" else "Y"
             raise rule(
                 "secondary",
-                f"the secondary axis must stay within -90° and 180°, got {degrees(low):g}° to "
-                f"{degrees(high):g}°",
+                f"the secondary axis ({axis}): expected stops from -90° to 180°, got "
+                f"{degrees(low):g}° and {degrees(high):g}°",
             )
         return self
 
