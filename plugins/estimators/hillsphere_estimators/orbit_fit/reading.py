@@ -24,7 +24,7 @@ from hillsphere_estimators.orbit_fit.sight import HORIZON
 from hillsphere_estimators.orbit_fit.specs import DataSpec, NoiseSpec, OrbitFitSpec
 from hillsphere_estimators.orbit_fit.uplink import Transmission, join_transmissions, split_ramps
 
-__all__ = ["TrackingData", "read_tracking_data", "text_of"]
+__all__ = ["TrackingData", "place_of", "read_tracking_data", "text_of"]
 
 _UNUSED = {
     "RECEIVE_PHASE_CT": "phase counts are not used",
@@ -81,6 +81,14 @@ class _Gathered:
         self.left_out[what, why] = self.left_out.get((what, why), 0) + count
 
 
+def place_of(path: str) -> Path:
+    """Return where a file of data is, which may be a packaged one."""
+    place = Path(path)
+    if not place.is_absolute() and not place.exists():
+        return missions_directory() / "data" / path
+    return place
+
+
 def text_of(path: str) -> str:
     """Return the text of a file of data, which may be a packaged one.
 
@@ -89,11 +97,8 @@ def text_of(path: str) -> str:
     InputError
         If it cannot be read.
     """
-    place = Path(path)
-    if not place.is_absolute() and not place.exists():
-        place = missions_directory() / "data" / path
     try:
-        return read_text(place, "utf-8-sig")
+        return read_text(place_of(path), "utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise InputError(f"{path}: cannot be read: {reason or error}") from error

@@ -82,10 +82,12 @@ class FitStartSpec(StartFormsSpec):
         {"epoch": "2026-03-01T00:00:00", "elements": {"semi_major_axis_km": 7000,
                                                       "true_anomaly_deg": 0}},
         {"file": "first-guess.oem"},
+        {"message": {"file": "catalogue.tle", "object": "25544"}},
     )  # fmt: skip
 
     epoch: str = option(
-        "date and time of the state; with a file: left out for its first state",
+        "date and time of the state; with a file: left out for that of its first state or of its "
+        "elements; with message: left out, message.epoch says it",
         default="",
         max_length=40,
     )
@@ -95,7 +97,9 @@ class FitStartSpec(StartFormsSpec):
     )  # fmt: skip
     velocity_m_s: Vector3 | None = quantity("speed", "velocity in the plant's frame", default=None)
     file: DataPath | None = data_path(
-        "state message (CCSDS OPM or OEM) about the centre of the plant", default=None
+        "file of one object about the centre of the plant: state or ephemeris (CCSDS OPM or OEM), "
+        "or about the Earth elements for SGP4 (TLE or OMM); of several objects: message",
+        default=None,
     )
 
     @model_validator(mode="after")
@@ -103,12 +107,18 @@ class FitStartSpec(StartFormsSpec):
         vectors = self.position_m is not None, self.velocity_m_s is not None
         if vectors[0] != vectors[1]:
             raise rule("position_m", "position and velocity belong together; give both")
-        given = [vectors[0], self.inertial is not None, self.elements is not None,
-                 self.file is not None]  # fmt: skip
-        if sum(given) != 1:
-            text = "give the start once: position and velocity, inertial, elements, or a file"
+        forms = [self.inertial, self.elements, self.message, self.file]
+        if vectors[0] + sum(form is not None for form in forms) != 1:
+            text = (
+                "give the start once: position and velocity, inertial, elements, a file, or a "
+                "message"
+            )
             raise rule("file" if self.file else "position_m", text)
-        if self.file is None and not self.epoch:
+        if self.message is not None and self.epoch:
+            raise rule("epoch", "the message says it; give message.epoch for another date (TDB)")
+        form = self.inertial or self.elements
+        dated = self.epoch or self.file or self.message or (form and form.epoch)
+        if not dated:
             raise rule("epoch", "at which date is the start? give epoch")
         return self
 

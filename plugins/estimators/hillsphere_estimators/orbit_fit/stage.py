@@ -29,7 +29,7 @@ from hillsphere_estimators.orbit_fit.products import FilterRun, FittedRows, Orbi
 from hillsphere_estimators.orbit_fit.reading import TrackingData, read_tracking_data, text_of
 from hillsphere_estimators.orbit_fit.records import Arc, Record, arrange
 from hillsphere_estimators.orbit_fit.specs import OrbitFitSpec
-from hillsphere_estimators.orbit_fit.starting import start_epoch, start_state
+from hillsphere_estimators.orbit_fit.starting import first_guess, start_epoch
 from hillsphere_estimators.orbit_fit.surroundings import Surroundings, is_about_earth, zero_of
 from hillsphere_estimators.orbit_fit.tracking_model import TrackingModel
 from hillsphere_estimators.orbit_fit.trajectory import Trajectory, read_trajectory
@@ -175,8 +175,8 @@ class OrbitFitStage:
             self.plant, zero, orientation, stations, observers, centre,
             (float(times.min()), float(times.max())),
         )  # fmt: skip
-        start = start_state(spec.start, self.plant, surroundings, start_s)
-        return _Situation(zero, start_s, start, data, surroundings)
+        guess = first_guess(spec.start, self.plant, start_s)
+        return _Situation(zero, start_s, guess.x, data, surroundings)
 
     def _model_and_prior(
         self, here: _Situation, records: Sequence[Record], arc: Arc
