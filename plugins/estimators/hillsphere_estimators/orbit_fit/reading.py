@@ -18,6 +18,7 @@ from hillsphere.formats.angle_table import AngleTable
 from hillsphere.formats.tdm import TdmSegment, read_tdm
 from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
+from hillsphere_estimators.orbit_fit.data_kinds import reason_left_out
 from hillsphere_estimators.orbit_fit.observables import INTEGRATION, Observable
 from hillsphere_estimators.orbit_fit.records import Record
 from hillsphere_estimators.orbit_fit.sight import HORIZON
@@ -26,15 +27,6 @@ from hillsphere_estimators.orbit_fit.uplink import Transmission, join_transmissi
 
 __all__ = ["TrackingData", "place_of", "read_tracking_data", "text_of"]
 
-_UNUSED = {
-    "RECEIVE_PHASE_CT": "phase counts are not used",
-    "TRANSMIT_PHASE_CT": "phase counts are not used",
-    "DOPPLER_COUNT": "counts are not used",
-    "DOR": "differenced data are not used",
-    "VLBI_DELAY": "differenced data are not used",
-}
-"""Measurements of the standard that no observable here expects; other keywords (weather, signal
-levels, magnitudes) say nothing of the orbit and are not counted."""
 _MOST_DEPARTURES = 5
 """Of a message from the standard that are told; a program that writes one repeats it."""
 _LEAST_COSINE = 1e-3
@@ -195,7 +187,7 @@ def _take_segment(gathered: _Gathered, segment: TdmSegment, craft: str, where: s
         name = meta.participants[int(keyword[-1]) - 1]
         gathered.sent.setdefault(name, []).append(split_ramps(own.t_s, own.values, rate, offset))
     for keyword in segment.series:
-        reason = _UNUSED.get(keyword.rstrip("_12345"))
+        reason = reason_left_out(keyword)
         if reason:
             gathered.leave(keyword, reason, len(segment.series[keyword].values))
     wanted = [k for k in segment.series if k in _SHAPES or k.startswith("RECEIVE_FREQ")]

@@ -198,6 +198,7 @@ class OrbitFitSpec(StageSpec):
             "fit_consistent",
             "fit_squares_per_dof",
             "fit_position_sigma",
+            "fit_position_sigma_scaled",
             "fit_velocity_sigma",
             "fit_values_used",
             "fit_values_edited",
@@ -299,10 +300,11 @@ class OrbitFitSpec(StageSpec):
         "EME2000, TOD or TEME",
         default="", max_length=20,
     )  # fmt: skip
-    aberration: Literal["none", "observer", "stars"] = option(
+    aberration: Literal["none", "observer", "stars", "instantaneous"] = option(
         "of directions: 'none', geometric lines to where the light left; 'observer', with the "
         "aberration by the observer's velocity; 'stars', of right ascensions and declinations "
-        "that were measured against the places of stars in a catalogue",
+        "that were measured against the places of stars in a catalogue; 'instantaneous', lines to "
+        "where the spacecraft is at the time tag, without light time, as in textbooks",
         default="none",
     )
     use_degraded: bool = option("whether data marked as degraded are used", default=False)

@@ -21,13 +21,14 @@ from hillsphere_estimators.fixed_steps import FixedStepModel
 from hillsphere_estimators.linearisation import transition
 from hillsphere_estimators.navigation.parts import refuse_considered
 from hillsphere_estimators.orbit_fit.ambiguity import resolve_ranges
+from hillsphere_estimators.orbit_fit.failure import check_above_ground, describe_trajectory
 from hillsphere_estimators.orbit_fit.filtering import NO_FILTER, run_filter
 from hillsphere_estimators.orbit_fit.fitting import EditedFit, fit_and_edit
 from hillsphere_estimators.orbit_fit.judgement import Judgement, judge_fit
 from hillsphere_estimators.orbit_fit.presentation import present_fit
 from hillsphere_estimators.orbit_fit.products import FilterRun, FittedRows, OrbitFit
 from hillsphere_estimators.orbit_fit.reading import TrackingData, read_tracking_data, text_of
-from hillsphere_estimators.orbit_fit.records import Arc, Record, arrange
+from hillsphere_estimators.orbit_fit.records import Arc, Record, arrange, labels_of
 from hillsphere_estimators.orbit_fit.specs import OrbitFitSpec
 from hillsphere_estimators.orbit_fit.starting import first_guess, start_epoch
 from hillsphere_estimators.orbit_fit.surroundings import Surroundings, is_about_earth, zero_of
@@ -115,13 +116,19 @@ class OrbitFitStage:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 fitted = fit_and_edit(model, prior, arc, threshold, spec.editing_rounds, advance)
         except (InputError, PropagationError) as error:
+            told = self._describe(here, records, arc, model, prior.x[:, 0])
             raise InputError(
-                f"start: the fit diverges from this start ({error}); check plant, stations and "
-                "epochs, give a nearer start or a prior"
+                f"start: the fit diverges from this start ({error}): {told}"
             ) from error
-        labels = _labels(records)
         free = 6 if spec.position_sigma_m is None else 0
-        judged = judge_fit(fitted, arc, threshold, free, labels, doubts)
+        if not fitted.fit.settled[0]:
+            told = self._describe(here, records, arc, model, fitted.fit.belief.x[:, 0])
+            doubts = (
+                f"it has not converged in {int(fitted.fit.iterations[0])} steps",
+                *told,
+                *doubts,
+            )
+        judged = judge_fit(fitted, arc, prior, records, threshold, free, doubts)
         run = NO_FILTER
         if spec.estimator is not None:
             ctx.info("the filter runs over the values that the fit has used")
@@ -176,6 +183,7 @@ class OrbitFitStage:
             (float(times.min()), float(times.max())),
         )  # fmt: skip
         guess = first_guess(spec.start, self.plant, start_s)
+        check_above_ground(self.plant, guess.x, start_s, guess.key)
         return _Situation(zero, start_s, guess.x, data, surroundings)
 
     def _model_and_prior(
@@ -205,6 +213,15 @@ class OrbitFitStage:
         prior = whole.append_biases(belief)
         steps = np.concatenate([np.repeat([_STEP * size, _STEP * speed], 3), biases.sigma])
         return FixedStepModel(whole, motion.blocks, steps), prior, (names, units)
+
+    def _describe(
+        self, here: _Situation, records: Sequence[Record], arc: Arc, model: FixedStepModel, x: Array
+    ) -> tuple[str, ...]:
+        """Return what is wrong with the trajectory of a fit that has failed."""
+        return describe_trajectory(
+            model, self.plant, here.surroundings, here.data.craft,
+            [record.observable.path for record in records], arc, x, here.start_s,
+        )  # fmt: skip
 
     def _product(
         self,
@@ -241,6 +258,7 @@ class OrbitFitStage:
             bias_units=tuple(names[1]),
             answer=judged.answer,
             reasons=judged.reasons,
+            hints=judged.hints,
             squares=judged.squares,
             low=judged.low,
             high=judged.high,
@@ -336,20 +354,16 @@ def _biases(
     ), names, units  # fmt: skip
 
 
-def _labels(records: Sequence[Record]) -> list[str]:
-    """Return names of the rows, for sentences and tables."""
-    return [f"{r.observable.label}, {name}" for r in records for name in r.observable.names]
-
-
 def _rows(records: Sequence[Record], arc: Arc, fitted: EditedFit, judged: Judgement) -> FittedRows:
     """Return the residuals of the product."""
     about = fitted.residuals
     channels = [c for record in records for c in record.observable.channels]
     return FittedRows(
-        tuple(_labels(records)),
+        tuple(labels_of(records)),
         tuple(c.unit for c in channels),
         np.array([row.count for row in judged.rows], dtype=float),
         np.array([row.edited for row in judged.rows], dtype=float),
+        np.array([row.mean for row in judged.rows]),
         np.array([row.rms for row in judged.rows]),
         np.array([row.bias for row in judged.rows]),
         np.array([row.correlation for row in judged.rows]),
@@ -393,4 +407,4 @@ def fit_records(
     """
     arc = arrange(records)
     fitted = fit_and_edit(model, prior, arc, threshold, rounds, lambda _: None)
-    return fitted, judge_fit(fitted, arc, threshold, 0, _labels(records))
+    return fitted, judge_fit(fitted, arc, prior, records, threshold, 0)
