@@ -52,7 +52,17 @@ def correlated_factor(correlation: Array) -> Array:
 
 
 def covariance_factor(covariance: Array) -> Array:
-    """Return a lower triangular L (k, k) with L Lᵀ = the covariance (k, k), which may be singular.
+    """Return a lower triangular L with L Lᵀ = a covariance, which may be singular.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (k, k)
+        Symmetric, with variances above zero.
+
+    Returns
+    -------
+    ndarray, shape (k, k)
+        The factor, in the units of the states.
 
     Raises
     ------

@@ -73,8 +73,22 @@ def require_count(given: int, wanted: int, key: str) -> None:
 
 
 def multiply_lower(lower: Array, z: Array) -> Array:
-    """Return L z for a lower triangular L (k, k) and z (k, N).
+    """Return L z, whose columns do not depend on each other's number.
 
+    Parameters
+    ----------
+    lower : ndarray, shape (k, k)
+        Lower triangular L.
+    z : ndarray, shape (k, N)
+        A column per case.
+
+    Returns
+    -------
+    ndarray, shape (k, N)
+        The products.
+
+    Notes
+    -----
     The last bits of NumPy's matrix product depend on N and on the number of threads. They must not
     here: a case must have the same value whatever other cases are drawn with it.
     """
