@@ -187,7 +187,7 @@ def _orbits(path: Path, text: str) -> Sequence[StatedOrbit]:
         except PluginError:  # another format may read it
             continue
         if isinstance(one, ElementFormat) and one.recognises(text[:_BEGINNING]):
-            return one.orbits(one.read(path)[0])  # type: ignore[attr-defined]  # a FileFormat
+            return one.orbits(one.read(path)[0])
     return ()
 
 

@@ -85,7 +85,7 @@ class StatedOrbit(Protocol):
 
 
 @runtime_checkable
-class ElementFormat(Contract, Protocol):
+class ElementFormat(FileFormat, Contract, Protocol):
     """A `FileFormat` of elements, each set of which defines an orbit about the Earth."""
 
     def orbits(self, content: Any) -> Sequence[StatedOrbit]:

@@ -11,6 +11,7 @@ from sgp4.api import Satrec
 from skyfield.api import load
 from skyfield.sgp4lib import TEME
 from tests.plugins.estimators import tracking_simulation as sim
+from tests.plugins.estimators.test_orbit_fit import stage
 
 from hillsphere import create
 from hillsphere.errors import InputError
@@ -18,6 +19,7 @@ from hillsphere.formats.opm import Opm, write_opm
 from hillsphere.formats.specs import OrbitMessageSpec
 from hillsphere.interfaces import Array
 from hillsphere.plugins import validate
+from hillsphere.testing import RecordingContext
 from hillsphere.time import Epoch
 from hillsphere_estimators.orbit_fit.specs import FitStartSpec
 from hillsphere_estimators.orbit_fit.starting import first_guess, start_epoch
@@ -78,7 +80,6 @@ def test_elements_for_sgp4_are_a_start(frame: str, tmp_path: Path) -> None:
     elements = Epoch.parse("2019-12-09T16:38:29.363424", "UTC")
     text = OmmFile(OrbitMessageSpec()).write([omm_of_fields(fields_of(one), "a")])[0]
     (tmp_path / "a.omm").write_text(text, "utf-8")
-    place = {"atol": 0.05, "rtol": 0}
     for keys in (
         {"file": str(tmp_path / "a.tle")},
         {"file": str(tmp_path / "a.omm")},
@@ -86,15 +87,15 @@ def test_elements_for_sgp4_are_a_start(frame: str, tmp_path: Path) -> None:
         {"message": {"file": str(tmp_path / "two.tle"), "object": "ISS (ZARYA)"}},
     ):
         x, when = guess(frame, **keys)
-        np.testing.assert_allclose(x, by_sgp4(0.0, frame), **place)
+        np.testing.assert_allclose(x, by_sgp4(0.0, frame), atol=0.05, rtol=0)
         assert abs(when.seconds_since(elements)) < 1e-5
     later = "2019-12-09T17:00:00"
     x, when = guess(frame, file=str(tmp_path / "a.tle"), epoch=later)
     t = Epoch.parse(later, "UTC").seconds_since(elements)
-    np.testing.assert_allclose(x, by_sgp4(t, frame), **place)
+    np.testing.assert_allclose(x, by_sgp4(t, frame), atol=0.05, rtol=0)
     tdb = when.to("TDB").isot(np.zeros(1), 9)[0]
     x, _ = guess(frame, message={"file": str(tmp_path / "a.tle"), "epoch": tdb})
-    np.testing.assert_allclose(x, by_sgp4(t, frame), **place)
+    np.testing.assert_allclose(x, by_sgp4(t, frame), atol=0.05, rtol=0)
 
 
 @pytest.mark.parametrize("frame", ["teme", "gcrs"])
@@ -142,3 +143,30 @@ def test_a_start_is_given_once(tmp_path: Path) -> None:
         guess("teme", message={"file": str(path)}, epoch="2019-12-09T17:00:00")
     with pytest.raises(InputError, match="give the start once"):
         guess("teme", message={"file": str(path)}, file=str(path))
+
+
+def test_the_covariance_of_a_message_is_the_prior_of_a_fit(tmp_path: Path) -> None:
+    """In RTN, so strong that coarse data change nothing; a message without one is refused."""
+    x, sigma = sim.START, np.array([300.0, 200.0, 100.0, 0.3, 0.2, 0.1])
+    radial, normal = x[:3] / np.linalg.norm(x[:3]), np.cross(x[:3], x[3:])
+    normal /= np.linalg.norm(normal)
+    axes = np.column_stack([radial, np.cross(normal, radial), normal])
+    turn = np.kron(np.eye(2), axes)
+    expected = turn @ np.diag(sigma**2) @ turn.T
+    path = tmp_path / "a.opm"
+    keys: dict[str, Any] = {
+        "start": {"file": str(path)}, "prior": "message",
+        "noise": [{"range_km": 1e5, "range_rate_km_s": 1e3}],
+    }  # fmt: skip
+    epoch = Epoch.parse(sim.DATE, "UTC")
+    stated = Opm("SAT", "1", "EARTH", "TEME", epoch, x, covariance=np.diag(sigma**2),
+                 covariance_frame="RTN")  # fmt: skip
+    path.write_text(write_opm(stated), "utf-8")
+    product = stage(**keys).run(RecordingContext())
+    size = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(product.covariance / size, expected / size, atol=1e-3)
+    path.write_text(write_opm(Opm("SAT", "1", "EARTH", "TEME", epoch, x)), "utf-8")
+    with pytest.raises(InputError, match=r"^prior: start.file states no covariance"):
+        stage(**keys).run(RecordingContext())
+    with pytest.raises(InputError, match=r"'message' needs start.message"):
+        stage(prior="message")

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.stats import norm
 
 from hillsphere.estimation import Belief
-from hillsphere.interfaces import Array
+from hillsphere.interfaces import Array, Integers
 from hillsphere_estimators.orbit_fit.fitting import EditedFit
 from hillsphere_estimators.orbit_fit.observables import Observable
 from hillsphere_estimators.orbit_fit.records import Arc
@@ -72,7 +72,7 @@ class _Problem:
     residual: Array
     rows: Array
     offset: Array
-    row: Array
+    row: Integers
     count: int
     bound: float
 
@@ -87,7 +87,7 @@ class _Problem:
         aim = np.concatenate([self.offset, weight * self.residual])
         # scaled columns: derivatives in units of a wide prior differ by many orders of magnitude
         size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
-        upper = np.linalg.qr(matrix / size, mode="r")
+        upper = np.asarray(np.linalg.qr(matrix / size, mode="r"))
         found = np.linalg.lstsq(matrix / size, aim, rcond=1e-14)[0]
         solution = found / size
         left = self.residual - self.rows @ solution[:n]
@@ -111,10 +111,10 @@ class _Problem:
             made = self.solve(weight, direction)
         return made
 
-    def unexplained(self, residual: Array, scale: Array | None = None) -> Array:
+    def unexplained(self, residual: Array, scale: Array | None = None) -> Integers:
         """Return how many values of each row stay beyond the bound, (rows,)."""
         size = np.abs(residual) if scale is None else np.abs(residual) / scale[self.row]
-        return np.bincount(self.row[size > self.bound], minlength=self.count)
+        return np.asarray(np.bincount(self.row[size > self.bound], minlength=self.count))
 
     def explains(self, residual: Array, scale: Array | None = None) -> bool:
         """Return whether no row has more far values than editing may take."""
@@ -238,7 +238,7 @@ def _larger_noise(problem: _Problem, names: Sequence[tuple[Observable, int]]) ->
             return []
     told = [
         f"{scale[row]:.2g} × for {_row_name(*names[row])}"
-        for row in np.flatnonzero((number >= _FEWEST) & (scale >= _LARGER))
+        for row in np.flatnonzero((number >= _FEWEST) & (scale >= _LARGER)).tolist()
     ]
     least, most = scale[number >= _FEWEST].min(), scale[number >= _FEWEST].max()
     if most < 1.5 * least:

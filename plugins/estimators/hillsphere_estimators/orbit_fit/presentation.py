@@ -44,7 +44,7 @@ def present_fit(product: OrbitFit) -> Presentation:
     }
     scaled = []
     if scale is not None:
-        metrics["fit_position_sigma_scaled"] = Metric(scale * metrics["fit_position_sigma"].value,
+        metrics["fit_position_sigma_scaled"] = Metric(scale * float(np.linalg.norm(sigma[:3])),
                                                       "m")  # fmt: skip
         scaled = [column("sigma_scaled", scale * sigma[:6] / 1e3, "scaled by the residuals", 3,
                          unit="-")]  # fmt: skip

@@ -280,6 +280,11 @@ class OrbitFitSpec(StageSpec):
     velocity_sigma_m_s: float | None = quantity(
         "speed", "prior standard deviation of the start's velocity, each axis", default=None, gt=0
     )
+    prior: Literal["stated", "message"] = option(
+        "'stated': by position_sigma and velocity_sigma, none without them; 'message': the "
+        "covariance that the message of the start states",
+        default="stated",
+    )
     noise: tuple[NoiseSpec, ...] = option(
         "standard deviations of the random errors", default=(), max_length=200
     )
@@ -336,6 +341,11 @@ class OrbitFitSpec(StageSpec):
         default="", max_length=60,
     )  # fmt: skip
 
+    @property
+    def has_prior(self) -> bool:
+        """Whether something is known of the start before the data."""
+        return self.position_sigma_m is not None or self.prior == "message"
+
     @model_validator(mode="after")
     def _names_and_pairs(self) -> Self:
         names = [s.name for s in self.stations] + [o.name for o in self.observers]
@@ -353,7 +363,12 @@ class OrbitFitSpec(StageSpec):
         if (self.position_sigma_m is None) != (self.velocity_sigma_m_s is None):
             key = "velocity_sigma_m_s" if self.velocity_sigma_m_s is None else "position_sigma_m"
             raise rule(key, "a prior needs position_sigma and velocity_sigma; give both or neither")
-        if self.estimator is not None and self.position_sigma_m is None:
+        if self.prior == "message":
+            if self.position_sigma_m is not None:
+                raise rule("prior", "the message states the prior; leave position_sigma out")
+            if self.start.message is None and self.start.file is None:
+                raise rule("prior", "'message' needs start.message or start.file")
+        if self.estimator is not None and not self.has_prior:
             text = "a filter needs a prior: give position_sigma and velocity_sigma"
             raise rule("estimator", text)
         if self.acceleration_noise_m_s2 and self.estimator is None:

@@ -16,6 +16,7 @@ from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.model.earth.planet import StationedPlanet
 from hillsphere.presentation import Presentation
 from hillsphere.time import Epoch
+from hillsphere.uncertainty.copula import covariance_factor
 from hillsphere_estimators.bias_states import BiasAugmentedModel, BiasStates
 from hillsphere_estimators.fixed_steps import FixedStepModel
 from hillsphere_estimators.linearisation import transition
@@ -30,7 +31,7 @@ from hillsphere_estimators.orbit_fit.products import FilterRun, FittedRows, Orbi
 from hillsphere_estimators.orbit_fit.reading import TrackingData, read_tracking_data, text_of
 from hillsphere_estimators.orbit_fit.records import Arc, Record, arrange, labels_of
 from hillsphere_estimators.orbit_fit.specs import OrbitFitSpec
-from hillsphere_estimators.orbit_fit.starting import first_guess, start_epoch
+from hillsphere_estimators.orbit_fit.starting import FirstGuess, first_guess, start_epoch
 from hillsphere_estimators.orbit_fit.surroundings import Surroundings, is_about_earth, zero_of
 from hillsphere_estimators.orbit_fit.tracking_model import TrackingModel
 from hillsphere_estimators.orbit_fit.trajectory import Trajectory, read_trajectory
@@ -53,7 +54,7 @@ class _Situation:
 
     zero: Epoch
     start_s: float
-    start: Array
+    guess: FirstGuess
     data: TrackingData
     surroundings: Surroundings
 
@@ -104,9 +105,7 @@ class OrbitFitStage:
         if any(record.observable.modulus_m for record in records):
             arc = arrange(records)
             model, prior, _ = self._model_and_prior(here, records, arc)
-            records, doubts = resolve_ranges(
-                model, prior, records, arc, spec.position_sigma_m is not None
-            )
+            records, doubts = resolve_ranges(model, prior, records, arc, spec.has_prior)
         arc = arrange(records)
         model, prior, names = self._model_and_prior(here, records, arc)
         threshold = spec.editing_sigmas or None
@@ -120,7 +119,7 @@ class OrbitFitStage:
             raise InputError(
                 f"start: the fit diverges from this start ({error}): {told}"
             ) from error
-        free = 6 if spec.position_sigma_m is None else 0
+        free = 0 if spec.has_prior else 6
         if not fitted.fit.settled[0]:
             told = self._describe(here, records, arc, model, fitted.fit.belief.x[:, 0])
             doubts = (
@@ -184,15 +183,15 @@ class OrbitFitStage:
         )  # fmt: skip
         guess = first_guess(spec.start, self.plant, start_s)
         check_above_ground(self.plant, guess.x, start_s, guess.key)
-        return _Situation(zero, start_s, guess.x, data, surroundings)
+        return _Situation(zero, start_s, guess, data, surroundings)
 
     def _model_and_prior(
         self, here: _Situation, records: Sequence[Record], arc: Arc
     ) -> tuple[FixedStepModel, Belief, tuple[list[str], list[str]]]:
         """Return the model with constant errors, the prior, and names and units of the errors."""
         spec = self.spec
-        size = np.linalg.norm(here.start[:3])
-        speed = max(float(np.linalg.norm(here.start[3:])), 1e-6 * float(size))
+        size = np.linalg.norm(here.guess.x[:3])
+        speed = max(float(np.linalg.norm(here.guess.x[3:])), 1e-6 * float(size))
         sigma = np.repeat(
             [spec.position_sigma_m or _WIDE * size, spec.velocity_sigma_m_s or _WIDE * speed], 3
         )
@@ -209,7 +208,8 @@ class OrbitFitStage:
         )  # fmt: skip
         biases, names, units = _biases(spec, records)
         whole = BiasAugmentedModel(motion, 6, biases)
-        belief = Belief(here.start[:, None], np.diag(sigma)[None], np.array([here.start_s]))
+        root = np.diag(sigma) if spec.prior == "stated" else _stated_root(here.guess)
+        belief = Belief(here.guess.x[:, None], root[None], np.array([here.start_s]))
         prior = whole.append_biases(belief)
         steps = np.concatenate([np.repeat([_STEP * size, _STEP * speed], 3), biases.sigma])
         return FixedStepModel(whole, motion.blocks, steps), prior, (names, units)
@@ -306,6 +306,22 @@ class OrbitFitStage:
         )
         moved = turn @ (phi[0] @ belief.root[0])[:6]
         return t, inertial, moved @ moved.T
+
+
+def _stated_root(guess: FirstGuess) -> Array:
+    """Return a root (6, 6) of the covariance that the message of the start states.
+
+    Raises
+    ------
+    InputError
+        If it states none.
+    """
+    if guess.covariance is None:
+        raise InputError(
+            f"prior: {guess.key} states no covariance at the time of the start; give an OPM with "
+            "one, or position_sigma and velocity_sigma"
+        )
+    return covariance_factor(guess.covariance)
 
 
 def _biases(
