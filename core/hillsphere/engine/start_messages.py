@@ -1,4 +1,4 @@
-"""Initial states, with their covariance, from messages: CCSDS OPM, or a state of an OEM.
+"""Initial states from messages: CCSDS OPM or OEM, with their covariance, TLE or OMM.
 
 References
 ----------
@@ -9,24 +9,29 @@ References
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from hillsphere.base.arrays import Array
-from hillsphere.base.errors import InputError
+from hillsphere.base.errors import InputError, PluginError, PropagationError
+from hillsphere.base.problems import did_you_mean
 from hillsphere.base.time import Epoch
-from hillsphere.formats.ephemeris_files import common_axes, read_message, segments_of_object
+from hillsphere.formats.ephemeris_files import common_axes, object_segments, read_message
 from hillsphere.formats.oem_interpolation import interpolant_of, segment_at
 from hillsphere.formats.opm import read_opm
+from hillsphere.interfaces.file_formats import ElementFormat, StatedOrbit
 from hillsphere.model.frame_motion import FrameMotion, frame_motion
+from hillsphere.plugins.registry import default_registry
 
-__all__ = ["MessageStart", "start_of_message"]
+__all__ = ["MessageStart", "epoch_of_message", "start_of_message"]
 
 _SAME_S = 1.0
 """Dates of one start may differ by this, s, as those of a start in axes of the stars."""
+_BEGINNING = 1 << 16
+"""Characters by which a format is told; titles and comments before elements are shorter."""
 _RADIAL = ("RTN", "RSW", "RTN_INERTIAL", "RSW_INERTIAL")
 _TANGENTIAL = ("TNW", "TNW_INERTIAL")
 
@@ -67,7 +72,7 @@ def start_of_message(
     plant: object,
     *,
     name: str = "",
-    epoch: str = "",
+    epoch: str | Epoch = "",
     others: Mapping[str, float] | None = None,
     time_s: float = 0.0,
 ) -> MessageStart:
@@ -79,13 +84,15 @@ def start_of_message(
     Parameters
     ----------
     path : Path or str
-        Orbit Parameter Message or Orbit Ephemeris Message.
+        Orbit Parameter Message, Orbit Ephemeris Message, or elements for SGP4: two-line element
+        sets or Orbit Mean-Elements Messages.
     plant : object
         Equations of motion in whose frame the state is wanted.
     name : str
-        Object of an ephemeris; by default the only one.
-    epoch : str
-        Date and time (TDB) of the state of an ephemeris; by default its first useable state.
+        Object of an ephemeris or of elements; by default the only one.
+    epoch : str or Epoch
+        Date and time (TDB) of the state of an ephemeris or of elements; by default the first
+        useable state of an ephemeris, and the epoch of the elements.
     others : mapping of str to float
         States of the plant that are neither position nor velocity, at the start, SI.
     time_s : float
@@ -105,7 +112,7 @@ def start_of_message(
             f"{path.name}: CENTER_NAME: expected {' or '.join(map(str.upper, motion.centres))}, "
             f"which the plant knows, got {stated.centre}"
         )
-    inertial = common_axes(stated.frame, stated.x[:, None], motion.axes_name, path.name)
+    inertial = _in_axes(stated, stated.frame, stated.x[:, None], motion.axes_name, path.name)
     x = motion.from_inertial(inertial, stated.centre)[:, 0]
     covariance = None
     if stated.covariance is not None:
@@ -117,6 +124,11 @@ def start_of_message(
         jacobian = np.block([[turn.T, np.zeros((3, 3))], [-cross @ turn.T, turn.T]])
         covariance = jacobian @ stated.covariance @ jacobian.T
     return MessageStart(x, covariance, stated.epoch)
+
+
+def epoch_of_message(path: Path | str, *, name: str = "", epoch: str | Epoch = "") -> Epoch:
+    """Return the instant of the state of a message; arguments and errors as `start_of_message`."""
+    return _read(Path(path), name, epoch).epoch
 
 
 def _motion(
@@ -135,21 +147,24 @@ def _motion(
     return frame_motion(plant, stated.epoch.after(-time_s), np.array([time_s]), values)
 
 
-def _read(path: Path, name: str, epoch: str) -> _Stated:
+def _read(path: Path, name: str, epoch: str | Epoch) -> _Stated:
     text = read_message(path)
+    when = Epoch.parse(epoch, "TDB") if isinstance(epoch, str) and epoch else epoch
     if "CCSDS_OPM_VERS" in text or re.search(r"<(\w+:)?opm\b", text):
-        if epoch:
-            raise InputError(
-                f"epoch: expected none, {path.name} is an OPM and has one state, got {epoch!r}"
-            )
         opm = read_opm(text, path.name)
+        if isinstance(when, Epoch) and abs(opm.epoch.seconds_since(when)) > _SAME_S:
+            raise InputError(
+                f"epoch: expected none, {path.name} is an OPM and has one state, of "
+                f"{opm.epoch.isot(np.zeros(1), 3)[0]} {opm.epoch.scale}"
+            )
         return _Stated(
             opm.x, opm.epoch, opm.center_name, opm.frame, opm.covariance,
             opm.covariance_frame or opm.frame,
         )  # fmt: skip
-    segments = segments_of_object(path, name)
-    if epoch:
-        when = Epoch.parse(epoch, "TDB")
+    if orbits := _orbits(path, text):
+        return _of_elements(_one_orbit(orbits, name, path.name), when, path.name)
+    segments = object_segments(text, path.name, name)
+    if isinstance(when, Epoch):
         segment = segment_at(segments, when)
         t = when.seconds_since(segment.epoch)
     else:
@@ -164,14 +179,58 @@ def _read(path: Path, name: str, epoch: str) -> _Stated:
     return _Stated(x, instant, segment.center_name, segment.ref_frame, covariance, frame)
 
 
+def _orbits(path: Path, text: str) -> Sequence[StatedOrbit]:
+    """Return the orbits of a file of elements by the formats of plugins; none of other files."""
+    for record in default_registry().of_kind("format"):
+        try:
+            one = record.load_target()(record.load_spec()())
+        except PluginError:  # another format may read it
+            continue
+        if isinstance(one, ElementFormat) and one.recognises(text[:_BEGINNING]):
+            return one.orbits(one.read(path)[0])
+    return ()
+
+
+def _one_orbit(orbits: Sequence[StatedOrbit], name: str, where: str) -> StatedOrbit:
+    """Return the orbit of a name or number, or the only one."""
+    names = [one.name for one in orbits]
+    chosen = [one for one in orbits if not name or name in (one.name, one.catalogue_number)]
+    if len(chosen) == 1:
+        return chosen[0]
+    if not chosen:
+        hint = did_you_mean(name, names, otherwise="there are")
+        raise InputError(f"{where}: no satellite {name!r}{hint}")
+    raise InputError(
+        f"{where}: expected one satellite, got {', '.join(names[:5])}; choose one by the key "
+        "object, by name or number"
+    )
+
+
+def _of_elements(orbit: StatedOrbit, when: str | Epoch, where: str) -> _Stated:
+    """Return the osculating state of mean elements."""
+    instant = when if isinstance(when, Epoch) else orbit.epoch
+    try:
+        x = orbit.states(np.array([instant.seconds_since(orbit.epoch)]))[:, 0]
+    except PropagationError as error:
+        raise InputError(f"{where}: {error}") from error
+    return _Stated(x, instant, "EARTH", "TEME" if orbit.frame == "teme" else "GCRF", None, "")
+
+
+def _in_axes(stated: _Stated, frame: str, x: Array, axes_name: str, where: str) -> Array:
+    """Return vectors (6, K) at the instant of a state in the inertial axes of a plant."""
+    return common_axes(frame, x, axes_name, where, stated.epoch, np.zeros(x.shape[1]))
+
+
 def _to_frame(stated: _Stated, axes_name: str, where: str) -> Array:
     """Return the matrix (3, 3) from the plant's inertial axes to those of the covariance [2]_."""
     frame = stated.covariance_frame.upper()
     if frame in _RADIAL or frame in _TANGENTIAL:
-        state = common_axes(stated.frame, stated.x[:, None], axes_name, where)[:, 0]
+        state = _in_axes(stated, stated.frame, stated.x[:, None], axes_name, where)[:, 0]
         r, v = state[:3], state[3:]
         normal = np.cross(r, v) / np.linalg.norm(np.cross(r, v))
         first = (r if frame in _RADIAL else v) / np.linalg.norm(r if frame in _RADIAL else v)
         return np.array([first, np.cross(normal, first), normal])
-    columns = common_axes(stated.covariance_frame, np.tile(np.eye(3), (2, 1)), axes_name, where)
+    columns = _in_axes(
+        stated, stated.covariance_frame, np.tile(np.eye(3), (2, 1)), axes_name, where
+    )
     return np.asarray(columns[:3].T)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
@@ -12,7 +13,7 @@ from hillsphere.base.arrays import Array
 from hillsphere.base.contracts import Contract
 from hillsphere.base.errors import InputError
 from hillsphere.base.time import Epoch
-from hillsphere.engine.start_messages import start_of_message
+from hillsphere.engine.start_messages import MessageStart, start_of_message
 from hillsphere.engine.start_specs import InertialStartSpec, KeplerianStartSpec, StartFormsSpec
 from hillsphere.model.ephemeris import mean_from_true, states_of_elements
 from hillsphere.spec.base import Spec
@@ -21,6 +22,7 @@ __all__ = [
     "Centre",
     "TimedFrame",
     "TurningFrame",
+    "covariance_of_start",
     "place_start",
     "with_placed_start",
     "with_placed_start_of",
@@ -157,19 +159,56 @@ def place_start(
     return r, v
 
 
+def covariance_of_start(start: StartFormsSpec, plant: object, where: str = "start") -> Array:
+    """Return the covariance (6, 6) of an initial state that a message states, in a plant's frame.
+
+    Parameters
+    ----------
+    start : StartFormsSpec
+        The initial state.
+    plant : object
+        The plant that defines the frame.
+    where : str
+        The key, for errors.
+
+    Raises
+    ------
+    InputError
+        If the start is no message, or its message states no covariance at this time.
+    """
+    given = start.message
+    if given is None:
+        raise InputError(
+            f"{where}.message: expected a message that states a covariance, got a start without one"
+        )
+    covariance = _read_message(start, plant, getattr(start, "others", {}), where).covariance
+    if covariance is None:
+        raise InputError(
+            f"{where}.message: {Path(given.file).name} states no covariance at the time of the "
+            "start; give an OPM with one, or an epoch at which the OEM has one"
+        )
+    return covariance
+
+
 def _from_message(
     start: StartFormsSpec, plant: object, others: Mapping[str, float], where: str
 ) -> tuple[Array, Array]:
+    placed = _read_message(start, plant, others, where)
+    return placed.x[:3], placed.x[3:]
+
+
+def _read_message(
+    start: StartFormsSpec, plant: object, others: Mapping[str, float], where: str
+) -> MessageStart:
     given = start.message
     assert given is not None
     try:
-        placed = start_of_message(
+        return start_of_message(
             given.file, plant, name=given.object, epoch=given.epoch, others=others,
             time_s=getattr(start, "time_s", 0.0),
         )  # fmt: skip
     except InputError as error:
         raise InputError(f"{where}.message: {error}") from error
-    return placed.x[:3], placed.x[3:]
 
 
 def with_placed_start(start: _S, plant: object, where: str = "start") -> _S:

@@ -14,8 +14,10 @@ from hillsphere.base.constants import J2000_JD
 from hillsphere.base.errors import InputError
 from hillsphere.base.problems import did_you_mean
 from hillsphere.base.regular_files import read_text
+from hillsphere.base.time import Epoch
 from hillsphere.formats.oem import read_oem
 from hillsphere.formats.oem_segments import OemSegment
+from hillsphere.model.earth.rotation import earth_fixed
 
 __all__ = [
     "common_axes",
@@ -82,19 +84,23 @@ def object_segments(text: str, where: str, name: str = "") -> list[OemSegment]:
     return chosen
 
 
-def common_axes(frame: str, x: Array, wanted: str, where: str) -> Array:
+def common_axes(frame: str, x: Array, wanted: str, where: str, epoch: Epoch, t_s: Array) -> Array:
     """Return states (6, K) in the inertial axes that a plant uses.
 
     Parameters
     ----------
     frame : str
-        Frame of a message.
+        Frame of a message: EME2000, ICRF, GCRF or TEME.
     x : ndarray, shape (6, K)
         States in it.
     wanted : str
         ``"ICRF"``, ``"GCRF"`` or ``"TEME"``.
     where : str
         Name of the file, used in error messages.
+    epoch : Epoch
+        Origin of the times.
+    t_s : ndarray, shape (K,)
+        Times of the states, SI seconds after the epoch: TEME is that of each of them.
 
     Raises
     ------
@@ -102,15 +108,23 @@ def common_axes(frame: str, x: Array, wanted: str, where: str) -> Array:
         If the frame is not converted; it is named.
     """
     name = frame.upper()
-    if wanted == "TEME":
-        if name in ("TEME", "TEMEOFDATE"):
-            return x
-        raise InputError(f"{where}: REF_FRAME: expected TEME, as the plant, got {frame}")
-    if _ICRF.fullmatch(name):
+    of_date = name in ("TEME", "TEMEOFDATE")
+    if of_date and wanted == "TEME":
         return x
-    if name in ("EME2000", "J2000"):
-        return eme2000_to_icrf(x)
-    raise InputError(f"{where}: REF_FRAME: expected EME2000, ICRF or GCRF, got {frame}")
+    if not of_date:
+        if name in ("EME2000", "J2000"):
+            x = eme2000_to_icrf(x)
+        elif not _ICRF.fullmatch(name):
+            raise InputError(
+                f"{where}: REF_FRAME: expected EME2000, ICRF, GCRF or TEME, got {frame}"
+            )
+        if wanted != "TEME":
+            return x
+    # both turn into the same Earth-fixed axes; UT1 and polar motion cancel but for the precession
+    # in a second, 1e-11 rad
+    teme, gcrs = (earth_fixed(axes, epoch, t_s) for axes in ("teme", "gcrs"))
+    one, other = (gcrs, teme) if of_date else (teme, gcrs)
+    return np.concatenate([np.einsum("jin,jkn,kn->in", one, other, part) for part in _halves(x)])
 
 
 def eme2000_to_icrf(x: Array) -> Array:

@@ -16,7 +16,7 @@ from hillsphere.interfaces.estimation import (
     Estimator,
     LinearisedModel,
 )
-from hillsphere.interfaces.file_formats import FileFormat
+from hillsphere.interfaces.file_formats import ElementFormat, FileFormat, StatedOrbit
 from hillsphere.interfaces.gravity import (
     ArrayGravityModel,
     BoundedGravity,
@@ -57,6 +57,7 @@ __all__ = [
     "Context",
     "Described",
     "Dispersion",
+    "ElementFormat",
     "Enclosed",
     "EstimationModel",
     "Estimator",
@@ -84,6 +85,7 @@ __all__ = [
     "SlopedSurface",
     "Stage",
     "State",
+    "StatedOrbit",
     "StationSensor",
     "Surface",
     "SynthesisedLaw",

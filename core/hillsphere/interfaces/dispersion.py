@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from hillsphere.base.arrays import Array
+from hillsphere.base.contracts import Contract
 
-__all__ = ["Dispersion"]
+__all__ = ["Dispersion", "StageDispersion", "StartedStage"]
 
 
 class Dispersion(Protocol):
@@ -46,5 +47,35 @@ class Dispersion(Protocol):
         """Return least and largest values (k,), SI, at `sigmas` standard deviations, for LFTs.
 
         They lie within the support of a bounded distribution.
+        """
+        ...
+
+
+@runtime_checkable
+class StageDispersion(Contract, Protocol):
+    """A `Dispersion` whose numbers the repeated stage gives."""
+
+    def bind_to(self, stage: object) -> Dispersion:
+        """Return the distribution with the numbers of a stage.
+
+        Raises
+        ------
+        InputError
+            If the stage does not give them; the message begins with a key.
+        """
+        ...
+
+
+@runtime_checkable
+class StartedStage(Contract, Protocol):
+    """A stage whose start a message may state, with a covariance."""
+
+    def start_covariance(self) -> Array:
+        """Return the covariance (6, 6) of position and velocity in the plant's frame, SI.
+
+        Raises
+        ------
+        InputError
+            If no message states one.
         """
         ...

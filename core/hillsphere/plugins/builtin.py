@@ -115,6 +115,13 @@ def hillsphere_components() -> list[Component]:
             "rows of a table or file, drawn whole",
         ),
         Component(
+            "dispersions",
+            "start_covariance",
+            "hillsphere.uncertainty.start_covariance:StartCovariance",
+            "hillsphere.uncertainty.specs:StartCovarianceSpec",
+            "initial state, normal with the covariance of its message",
+        ),
+        Component(
             "executor",
             "serial",
             "hillsphere.cases.executors.serial:Serial",

@@ -13,6 +13,7 @@ from typing import Any
 
 from hillsphere.base.errors import InputError, PluginError
 from hillsphere.base.problems import MissionError, Problem
+from hillsphere.interfaces.dispersion import StageDispersion
 from hillsphere.interfaces.stages import CaseStage, NeedsCheck
 from hillsphere.mission.load import Mission
 from hillsphere.plugins.registry import OUTCOME_KINDS
@@ -127,6 +128,8 @@ def _unused_dispersions(
             if kind == "stage":
                 stage = stages.get(table)  # not there if it could not be made
                 if isinstance(stage, CaseStage):
+                    if isinstance(dispersion, StageDispersion):
+                        dispersion = dispersion.bind_to(stage)
                     check_dispersion(dispersion, stage.case_inputs())
             elif hasattr(component := assembly.get(kind, table), "parameters"):
                 check_dispersion(dispersion, component.parameters())

@@ -10,7 +10,7 @@ import numpy as np
 from hillsphere.base.arrays import Array
 from hillsphere.base.errors import InputError
 
-__all__ = ["copula_covariance", "correlated_factor"]
+__all__ = ["copula_covariance", "correlated_factor", "covariance_factor"]
 
 _TERMS = 64
 """Terms of Mehler's series. The rest falls at least as fast as ρ^64, which is 1e-10 at |ρ| = 0.7;
@@ -49,6 +49,35 @@ def correlated_factor(correlation: Array) -> Array:
     _, upper = np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0.0))).T)
     lower = upper.T * np.where(np.diagonal(upper) < 0.0, -1.0, 1.0)
     return np.asarray(lower / np.linalg.norm(lower, axis=1)[:, None])
+
+
+def covariance_factor(covariance: Array) -> Array:
+    """Return a lower triangular L with L Lᵀ = a covariance, which may be singular.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (k, k)
+        Symmetric, with variances above zero.
+
+    Returns
+    -------
+    ndarray, shape (k, k)
+        The factor, in the units of the states.
+
+    Raises
+    ------
+    InputError
+        If the matrix is no covariance: a variance is not positive, or an eigenvalue of the
+        correlation is negative.
+    """
+    variance = np.diag(covariance)
+    if not (np.isfinite(covariance).all() and (variance > 0.0).all()):
+        raise InputError(
+            f"covariance: expected finite numbers with variances above zero, got {variance.min():g}"
+        )
+    sigma = np.sqrt(variance)
+    correlation = covariance / np.outer(sigma, sigma)
+    return np.asarray(sigma[:, None] * correlated_factor(0.5 * (correlation + correlation.T)))
 
 
 def copula_covariance(at: Callable[[Array], Array], correlation: Array) -> Array:

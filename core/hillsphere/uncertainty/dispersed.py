@@ -11,7 +11,7 @@ from hillsphere.base.arrays import Array
 from hillsphere.base.errors import InputError
 from hillsphere.base.matching import match_names
 from hillsphere.cases.repeated import Repeated
-from hillsphere.interfaces.dispersion import Dispersion
+from hillsphere.interfaces.dispersion import Dispersion, StageDispersion
 from hillsphere.interfaces.quantities import Parameter
 
 __all__ = ["Dispersed", "Group", "Quantity", "quantities_of", "resolve"]
@@ -205,6 +205,8 @@ def _group(
     offered = quantities_of(dispersion.of, repeated, inputs)
     if not offered:
         raise InputError(_nothing_there(dispersion.of, repeated, inputs))
+    if isinstance(dispersion, StageDispersion):
+        dispersion = dispersion.bind_to(repeated.build())
     names = match_names(dispersion.keys, list(offered), dispersion.of)
     group = Group(table, dispersion, tuple(offered[name] for name in names))
     for quantity in group.quantities:

@@ -17,12 +17,14 @@ from hillsphere.spec.units import UNITS
 from hillsphere.uncertainty.copula import copula_covariance, correlated_factor
 from hillsphere.uncertainty.specs import ContinuousSpec, DispersionSpec
 
-__all__ = ["Distribution", "Sizes", "require_count", "si_unit"]
+__all__ = [
+    "PROBABILITIES", "Distribution", "Sizes", "multiply_lower", "require_count", "si_unit",
+]  # fmt: skip
 
 Sizes = float | tuple[float, ...]
 """One number for all quantities, or one per quantity."""
 
-_SMALLEST, _LARGEST = 2.0**-54, 1.0 - 2.0**-53
+PROBABILITIES = 2.0**-54, 1.0 - 2.0**-53
 """Bounds of a probability whose normal quantile is finite: 0 and 1 would give −∞ and ∞. The upper
 one is the largest float below one; the two quantiles are −8.3 and 8.2."""
 
@@ -70,9 +72,23 @@ def require_count(given: int, wanted: int, key: str) -> None:
         )
 
 
-def _multiply_lower(lower: Array, z: Array) -> Array:
-    """Return L z for a lower triangular L (k, k) and z (k, N).
+def multiply_lower(lower: Array, z: Array) -> Array:
+    """Return L z, whose columns do not depend on each other's number.
 
+    Parameters
+    ----------
+    lower : ndarray, shape (k, k)
+        Lower triangular L.
+    z : ndarray, shape (k, N)
+        A column per case.
+
+    Returns
+    -------
+    ndarray, shape (k, N)
+        The products.
+
+    Notes
+    -----
     The last bits of NumPy's matrix product depend on N and on the number of threads. They must not
     here: a case must have the same value whatever other cases are drawn with it.
     """
@@ -131,10 +147,10 @@ class Distribution(ABC):
         InputError
             If sizes or correlations are given for another number of quantities.
         """
-        z = ndtri(np.clip(u, _SMALLEST, _LARGEST))
+        z = ndtri(np.clip(u, *PROBABILITIES))
         if self._lower is not None:
             require_count(len(self._lower), len(nominal), "correlation")
-            z = _multiply_lower(self._lower, z)
+            z = multiply_lower(self._lower, z)
         return self._at(z, nominal)
 
     def covariance(self, nominal: Array) -> Array:

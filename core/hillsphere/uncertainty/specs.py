@@ -19,6 +19,7 @@ __all__ = [
     "LogNormalSpec",
     "NormalSpec",
     "SamplesSpec",
+    "StartCovarianceSpec",
     "TriangularSpec",
     "UniformSpec",
 ]
@@ -266,4 +267,25 @@ class SamplesSpec(DispersionSpec):
                 raise rule("rows", "every row must hold one number for each quantity")
         elif any("*" in name for name in self.parameters):
             raise rule("parameters", "a file's columns are found by whole names; leave * out")
+        return self
+
+
+class StartCovarianceSpec(DispersionSpec):
+    """The initial state, normal with the covariance that `start.message` states."""
+
+    examples = ({"of": "stage.descent"}, {"of": "stage.descent", "scale": 3.0})
+
+    parameters: tuple[str, ...] = option(
+        "the six states in the order of position and velocity; left out: what is added to the "
+        "start, offset.x to offset.vz",
+        default=("offset.x", "offset.y", "offset.z", "offset.vx", "offset.vy", "offset.vz"),
+    )
+
+    @model_validator(mode="after")
+    def _six_states(self) -> Self:
+        if len(self.parameters) != 6:
+            text = f"expected six states, position and velocity, got {len(self.parameters)}"
+            raise rule("parameters", text)
+        if self.unit:
+            raise rule("unit", "the message has units of its own; leave unit out")
         return self

@@ -19,8 +19,9 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,8 +42,10 @@ from hillsphere_estimators.roots import lower_root, solve_root, upper_triangle
 from hillsphere_estimators.sigma_points import update_mask
 from hillsphere_estimators.state_angles import state_angles, wrap_differences, wrap_means
 
-__all__ = ["Fit", "batch_least_squares"]
+__all__ = ["Fit", "GiveUp", "batch_least_squares"]
 
+GiveUp: TypeAlias = Callable[[Array, Array, Array], NDArray[np.bool_]]
+"""Sums of squares before and after a step, and the share of it that was taken → cases to leave."""
 EPSILON = float(np.finfo(np.float64).eps)
 """Relative distance of neighbouring doubles, twice the largest relative error of an operation."""
 _ROUNDINGS = 1.0
@@ -95,6 +98,7 @@ def batch_least_squares(
     start: Array | None = None,
     iterations: int = 30,
     tolerance_sigmas: float = 1e-6,
+    give_up: GiveUp | None = None,
 ) -> Fit:
     """Fit the states at the start of N cases.
 
@@ -115,6 +119,10 @@ def batch_least_squares(
     tolerance_sigmas : float
         A case has converged when a step is shorter, in standard deviations. Steps that rounding
         alone may cause count as shorter too, see `Fit.rounding`.
+    give_up : callable, optional
+        Called after each step with the sums of squares before and after it, and the share of the
+        Gauss-Newton step that was taken, (N,) each; returns the cases (N,) that make no step more
+        and have not converged.
 
     Returns
     -------
@@ -142,6 +150,7 @@ def batch_least_squares(
         start = prior.x + wrap_differences(start - prior.x, angles)
     now = prior if start is None else Belief(start, prior.root, prior.t_s)
     moving = np.ones(cases, dtype=bool)
+    left = np.zeros(cases, dtype=bool)
     count, rounding = np.zeros(cases, dtype=np.int64), np.zeros(cases)
     squares = _squares(model, prior, now.x, measurements, controls)
     for _ in range(iterations):
@@ -165,9 +174,14 @@ def batch_least_squares(
                 break
             share = np.where(bad, 0.5 * share, share)
             x = np.where(share < 1.0, now.x + share * (there.x - now.x), there.x)
+        hopeless = np.zeros(cases, dtype=bool)
+        if give_up is not None:
+            hopeless = moving & give_up(squares, reached, share)
         now = freeze_converged(moving, Belief(x, there.root, prior.t_s), now)
         squares, count = np.where(moving, reached, squares), count + moving
         moving &= far > np.maximum(tolerance_sigmas, least)
+        left |= moving & hopeless
+        moving &= ~left
         if not moving.any():
             break
     rows = sum(usable(m)[1].sum(axis=0) for m in measurements)
@@ -180,7 +194,9 @@ def batch_least_squares(
             f"{prior.x[:, 0].tolist()}, the model predicts no number for a row that was measured"
         )
     now = wrap_means(mark_failed(now, failed), state_angles(model, len(prior.x)))
-    return Fit(now, squares, np.asarray(rows, dtype=np.int64), count, ~moving & ~failed, rounding)
+    return Fit(
+        now, squares, np.asarray(rows, dtype=np.int64), count, ~moving & ~failed & ~left, rounding
+    )
 
 
 def _triangle(

@@ -19,7 +19,7 @@ from hillsphere.engine.flying_stage import (
     metric_values,
 )
 from hillsphere.engine.requirements import Judgement, judge_flights
-from hillsphere.engine.start_states import with_placed_start_of
+from hillsphere.engine.start_states import covariance_of_start, with_placed_start_of
 from hillsphere.engine.surroundings import Surroundings
 from hillsphere.errors import InputError
 from hillsphere.interfaces.cases import CaseBatch, CaseResults, Histories
@@ -125,6 +125,7 @@ class ClosedLoopStage(FlyingStage[_Loop, FlownBlock]):
 
     def __init__(self, spec: ClosedLoopSpec) -> None:
         plant: Plant = spec.plant.get()
+        self._given_form = spec.start
         self.spec = spec = with_placed_start_of(spec, plant)
         self.law: Compensator | ContinuousLaw = spec.law.get()
         super().__init__(plant)
@@ -198,6 +199,10 @@ class ClosedLoopStage(FlyingStage[_Loop, FlownBlock]):
         if spec.limits.dv_m_s is not None:
             inputs.append(Parameter("dv_budget", spec.limits.dv_m_s, "m/s"))
         return (*inputs, *self._effectiveness.inputs())
+
+    def start_covariance(self) -> Array:
+        """Return the covariance (6, 6) of the start, see `covariance_of_start`."""
+        return covariance_of_start(self._given_form, self.plant)
 
     def run(
         self,

@@ -7,54 +7,17 @@ from collections.abc import Mapping
 import numpy as np
 
 from hillsphere.base.arrays import Array
-from hillsphere.dynamics import ArrayFunction
 from hillsphere.engine.course import Course, Rows, course_at
+from hillsphere.engine.plant_events import events_at
 from hillsphere.errors import HillsphereError, InputError
 from hillsphere.interfaces.control import Compensator, SynthesisedLaw
-from hillsphere.interfaces.plant import ExternalEvents, Plant
+from hillsphere.interfaces.plant import Plant
 from hillsphere.simulation import ContinuousLaw
-from hillsphere.symbolic import constant, time, variable
 from hillsphere_flight.checks import format_end_at_start
 from hillsphere_flight.limits import limits_of
 from hillsphere_flight.specs import ClosedLoopSpec
 
-__all__ = ["check_first_step", "check_start", "events_at"]
-
-
-def events_at(plant: Plant, x: Array, t_s: float, values: Mapping[str, float]) -> dict[str, float]:
-    """Return the event functions of a plant at one state.
-
-    Parameters
-    ----------
-    plant : Plant
-        The plant.
-    x : ndarray, shape (n,)
-        State in the frame of the plant, SI.
-    t_s : float
-        Time, s.
-    values : mapping of str to float
-        Parameters of the plant that differ from nominal, SI.
-
-    Returns
-    -------
-    dict of str to float
-        Positive while a flight may go on; NaN where it depends on a state that is NaN.
-    """
-    parameters = plant.parameters()
-    p = {q.name: values.get(q.name, q.value) for q in parameters}
-    states = tuple(variable(v.name) for v in plant.states)
-    events = plant.events(states, time, {name: constant(value) for name, value in p.items()})
-    if not events:
-        return {}
-    terms = None
-    if isinstance(plant, ExternalEvents) and plant.event_terms:
-        outside, row = plant, np.array([*p.values()])[:, None]
-        terms = (
-            [variable(v.name) for v in plant.event_terms],
-            lambda x, t, _: np.asarray(outside.event_terms_array(x, t, row)),
-        )
-    function = ArrayFunction(list(events.values()), states, terms=terms)
-    return dict(zip(events, function(x[:, None], t=t_s)[:, 0].tolist(), strict=True))
+__all__ = ["check_first_step", "check_start"]
 
 
 def check_start(
@@ -94,8 +57,8 @@ def check_start(
     key = "target" if spec.start.position_m is None and spec.target is not None else "start"
     if not np.isfinite(x[rows.positions]).all():
         return
-    for name, value in events_at(plant, x, t_s, values).items():
-        if value < 0.0:
+    for name, value in events_at(plant, x[:, None], np.array([t_s]), values).items():
+        if value[0] < 0.0:
             raise InputError(format_end_at_start(key, name))
     # An unknown reference is taken to pass through the start, so that only the limits on the
     # distance from the centre can be exceeded.

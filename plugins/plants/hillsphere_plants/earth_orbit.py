@@ -140,16 +140,15 @@ class EarthOrbit:
         return {"earth": Centre(self.gravity.gm_m3_s2, np.zeros(3), np.zeros(3))}
 
     def icrf_axes(self, epoch: Epoch) -> Array:
-        """Return the axes of the frame ``gcrs``: those of the ICRF.
-
-        Raises
-        ------
-        InputError
-            In another frame.
-        """
-        if self.frame != "gcrs":
-            raise InputError(f"the plant is written in {self.frame}; its axes are not the ICRF's")
-        return np.eye(3)
+        """Return the frame's axes in the ICRF as columns (3, 3) at an epoch: TEME is of date."""
+        if self.frame == "gcrs":
+            return np.eye(3)
+        now = np.zeros(1)
+        ours, theirs = (
+            earth_fixed(frame, epoch, now, self.planet.orientation)[..., 0]
+            for frame in ("teme", "gcrs")
+        )
+        return theirs.T @ ours
 
     def frame_motion(self, epoch: Epoch, t_s: Array, others: Mapping[str, Array]) -> FrameMotion:
         """Return the frame at times (K,): it does not turn."""
@@ -262,14 +261,7 @@ class EarthOrbit:
     @cached_property
     def _from_celestial(self) -> Array:
         """Matrix (3, 3) from the axes of the ICRF to the frame of the states."""
-        if self.frame == "gcrs":
-            return np.eye(3)
-        now = np.zeros(1)
-        ours, theirs = (
-            earth_fixed(frame, self.epoch, now, self.planet.orientation)[..., 0]
-            for frame in ("teme", "gcrs")
-        )
-        return ours.T @ theirs
+        return self.icrf_axes(self.epoch).T
 
     def _to_equator(self, r: Vec3) -> Vec3:
         """Return components in axes whose z is the Earth's axis."""

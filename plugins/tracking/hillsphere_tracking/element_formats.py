@@ -21,6 +21,7 @@ from hillsphere.formats.specs import FileFormatSpec, OrbitMessageSpec
 from hillsphere_tracking.element_sets import element_set_of, fields_of
 from hillsphere_tracking.omm import Omm, omm_of_fields, read_omms
 from hillsphere_tracking.omm_encodings import encoding_of
+from hillsphere_tracking.sgp4_orbit import Sgp4Orbit
 from hillsphere_tracking.tle import read_tles
 
 __all__ = ["OmmCsv", "OmmFile", "OmmJson", "OmmXml", "TleFile"]
@@ -85,6 +86,10 @@ class TleFile:
             lost += [f"{message.name}: {what}" for what in unheld]
         return "\n".join(lines) + "\n", tuple(lost)
 
+    def orbits(self, content: Sequence[Omm]) -> tuple[Sgp4Orbit, ...]:
+        """Return the orbits of element sets by SGP4; see `Sgp4Orbit`."""
+        return tuple(map(Sgp4Orbit.from_omm, content))
+
 
 class OmmFile:
     """CCSDS Orbit Mean-Elements Messages as text (KVN).
@@ -120,6 +125,10 @@ class OmmFile:
             fields |= {key: message.fields[key] for key in (*_ELEMENTS, *_OF_A_SET)}
             lines += [f"{key} = {value}".rstrip() for key, value in fields.items()]
         return "\n".join(lines) + "\n", ()
+
+    def orbits(self, content: Sequence[Omm]) -> tuple[Sgp4Orbit, ...]:
+        """Return the orbits of messages by SGP4; see `Sgp4Orbit`."""
+        return tuple(map(Sgp4Orbit.from_omm, content))
 
 
 class OmmXml(OmmFile):

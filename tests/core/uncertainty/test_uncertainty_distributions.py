@@ -15,6 +15,7 @@ from scipy import stats
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Dispersion
+from hillsphere.interfaces.dispersion import StageDispersion
 from hillsphere.plugins import create, default_registry
 from hillsphere.testing import example
 from hillsphere.uncertainty.copula import correlated_factor
@@ -309,6 +310,14 @@ def test_tables_that_are_none(tmp_path: Path, text: bytes, message: str) -> None
 # --- for all ----------------------------------------------------------------------------------
 
 
+class Started:
+    """A stage whose start has a covariance."""
+
+    def start_covariance(self) -> Array:
+        root = np.random.default_rng(1).normal(size=(6, 6))
+        return np.asarray(root @ root.T)
+
+
 @pytest.mark.parametrize(
     ("type_", "number"),
     [
@@ -319,8 +328,10 @@ def test_tables_that_are_none(tmp_path: Path, text: bytes, message: str) -> None
 )
 def test_every_example_keeps_the_interface(type_: str, number: int) -> None:
     model: Dispersion = example("dispersions", type_, number)
+    if isinstance(model, StageDispersion):
+        model = model.bind_to(Started())
     count = len(model.keys)
-    nominal = np.array([20.2e3, 20.1e3])[:count]
+    nominal = np.resize([20.2e3, 20.1e3], count)
     u = uniform_numbers(4000, count)
     values = model.quantiles(u, nominal)
     assert values.shape == u.shape

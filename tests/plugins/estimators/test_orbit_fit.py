@@ -246,7 +246,7 @@ def test_an_unmodelled_bias_of_5_sigma_is_told(ranges: Problem, threshold: float
 def test_sigmas_that_are_too_large_are_told(ranges: Problem) -> None:
     records = [replace(r, sigma=2.0 * r.sigma) for r in ranges.measured(1, 31)]
     _, judged = fit_records(ranges.model(), ranges.prior(1, 32), records)
-    assert judged.answer == "cautious"
+    assert judged.answer == "noise overstated"
 
 
 def test_residuals_have_the_variance_that_is_said() -> None:

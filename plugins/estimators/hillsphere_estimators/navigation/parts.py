@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 
 from hillsphere.engine.course import Rows
 from hillsphere.engine.simulation.flow import thrust_vectors
+from hillsphere.engine.start_states import covariance_of_start
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array, Estimator, Integers, Plant, Sensor
 from hillsphere.sensor_suite import SensorSuite
 from hillsphere.simulation import ContinuousLaw
 from hillsphere.spec import Ref
+from hillsphere.uncertainty.copula import covariance_factor
 from hillsphere_estimators.bias_states import BiasStates
 from hillsphere_estimators.navigation.attitude import attitude_states
-from hillsphere_estimators.navigation.specs import OWN, BiasSpec, NavigationSpec
+from hillsphere_estimators.navigation.specs import OWN, BeliefSpec, BiasSpec, NavigationSpec
 from hillsphere_estimators.navigation.world import FaultySensors, noise_of
 from hillsphere_estimators.plant_model import PlantModel
 
@@ -33,9 +35,10 @@ __all__ = [
     "members_of",
     "model_of",
     "prior_of",
-    "prior_sigma",
+    "prior_root",
     "refuse_considered",
     "sensors_of",
+    "stated_covariance",
     "true_sensors",
     "usable_beliefs",
 ]
@@ -301,23 +304,48 @@ def refuse_considered(key: str, estimator: Estimator) -> None:
         )
 
 
-def prior_sigma(spec: NavigationSpec, rows: Rows, start: Array) -> Array:
-    """Return the standard deviations (n,) of the states before the first measurement.
+def stated_covariance(spec: NavigationSpec, plant: Plant) -> Array | None:
+    """Return the covariance (6, 6) of the start that its message states; None for a stated belief.
 
-    For a position it is the larger of an absolute value and a part of the distance from the origin.
+    Raises
+    ------
+    InputError
+        If it is that of the message, and the message states none.
     """
-    belief = spec.belief
+    if spec.belief is None and spec.start.message is None:
+        return None
+    if spec.belief is not None and spec.belief.source == "stated":
+        return None
+    try:
+        return covariance_of_start(spec.start, plant)
+    except InputError as error:
+        hint = "" if spec.belief else "; or give belief, with standard deviations"
+        raise InputError(f"{error}{hint}") from error
+
+
+def prior_root(spec: NavigationSpec, rows: Rows, start: Array, stated: Array | None) -> Array:
+    """Return a lower root (n, n) of the covariance of the states before the first measurement.
+
+    It is that of a stated covariance (6, 6). Otherwise it is diagonal, for a position the larger of
+    an absolute value and a part of the distance from the origin.
+    """
+    if stated is not None:
+        order = np.concatenate([rows.positions, rows.velocities])
+        covariance = np.zeros((len(order), len(order)))
+        covariance[np.ix_(order, order)] = stated
+        return covariance_factor(covariance)
+    belief = spec.belief or BeliefSpec(position_relative=0.1)
     sigma = np.full(len(rows.names), belief.velocity_m_s)
     places = start[rows.positions].reshape(-1, 3 if len(rows.positions) % 3 == 0 else 1)
     away = np.repeat(np.linalg.norm(places, axis=1), places.shape[1])
     sigma[rows.positions] = np.maximum(belief.position_relative * away, belief.position_m)
-    return sigma
+    return np.diag(sigma)
 
 
-def prior_of(sigma: Array, x: Array, t_s: Array) -> Belief:
-    """Return a belief of means x (n, N) with independent standard deviations (n,)."""
-    root = np.repeat(np.diag(sigma)[None], x.shape[1], axis=0)
-    return Belief(np.ascontiguousarray(x), root, t_s)
+def prior_of(root: Array, x: Array, t_s: Array) -> Belief:
+    """Return a belief of means x (n, N) with the same root (n, n) in all cases."""
+    roots = np.repeat(root[None], x.shape[1], axis=0)
+    return Belief(np.ascontiguousarray(x), roots, t_s)
 
 
 def _axes_of(bias: BiasSpec, plant: Plant) -> list[int]:

@@ -10,7 +10,7 @@ from hillsphere.engine.course import Course, Rows, course_along, course_at
 from hillsphere.errors import InputError, PropagationError
 from hillsphere.interfaces import Array, Integers, Plant
 from hillsphere.products import FlightSet
-from hillsphere_estimators.navigation.parts import InitialBeliefs, prior_sigma, usable_beliefs
+from hillsphere_estimators.navigation.parts import InitialBeliefs, prior_root, usable_beliefs
 from hillsphere_estimators.navigation.specs import NavigationSpec
 from hillsphere_estimators.plant_model import PlantModel
 
@@ -35,8 +35,8 @@ class Plan:
         Planned state at the start, SI.
     goal : ndarray, shape (n, K)
         Reference at the measurements, SI.
-    sigma : ndarray, shape (n,)
-        Standard deviations of the start, SI.
+    root : ndarray, shape (n, n)
+        Lower root of the covariance of the start, SI.
     begin_s : float
         Time of the plant at the start.
     beliefs : ndarray of int
@@ -45,9 +45,14 @@ class Plan:
 
     start: Array
     goal: Array
-    sigma: Array
+    root: Array
     begin_s: float
     beliefs: Integers
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviations of the start (n,), SI."""
+        return np.asarray(np.linalg.norm(self.root, axis=1))
 
 
 def plan_of(
@@ -57,6 +62,7 @@ def plan_of(
     since_s: Array,
     product: FlightSet | None,
     belief: InitialBeliefs | None,
+    stated: Array | None = None,
 ) -> Plan:
     """Return the plan of the flights.
 
@@ -74,6 +80,8 @@ def plan_of(
         Trajectories of which one is the reference; without it the start is held.
     belief : InitialBeliefs, optional
         Beliefs at the start.
+    stated : ndarray, shape (6, 6), optional
+        Covariance of the start that its message states, SI.
 
     Returns
     -------
@@ -100,7 +108,7 @@ def plan_of(
     start = np.where(np.isnan(given), course.start, given)
     # a reference and what is believed count time from the same zero
     goal = np.array(course.at(since_s + (0.0 if belief is None else begin_s)))
-    return Plan(start, goal, prior_sigma(spec, rows, start), begin_s, cases)
+    return Plan(start, goal, prior_root(spec, rows, start, stated), begin_s, cases)
 
 
 def read_start(spec: NavigationSpec, rows: Rows) -> Array:

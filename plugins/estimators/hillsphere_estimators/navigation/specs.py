@@ -55,10 +55,24 @@ class NavigationNeeds(Spec):
     )
 
 
-class BeliefSpec(Spec):
-    """Standard deviations of the start, axis by axis; of a position the larger of two."""
+_VELOCITY = 1e-3
+"""Standard deviation of a velocity, m/s, where a mission states none."""
 
-    examples = ({"position_relative": 0.1, "velocity_mm_s": 1}, {"position_m": 50})
+
+class BeliefSpec(Spec):
+    """How well the start is known: standard deviations axis by axis, or a message's covariance."""
+
+    examples = (
+        {"position_relative": 0.1, "velocity_mm_s": 1},
+        {"position_m": 50},
+        {"source": "message", "off": "estimate"},
+    )
+
+    source: Literal["stated", "message"] = option(
+        "'stated': standard deviations as below, of a position the larger of two; 'message': the "
+        "covariance that start.message states, in the plant's frame",
+        default="stated",
+    )
 
     position_relative: float = option(
         "standard deviation of each position as a part of its spacecraft's distance from the "
@@ -67,7 +81,7 @@ class BeliefSpec(Spec):
     )  # fmt: skip
     position_m: float = quantity("length", "standard deviation of each position", default=0.0, ge=0)
     velocity_m_s: float = quantity(
-        "speed", "standard deviation of each velocity", default=1e-3, gt=0
+        "speed", "standard deviation of each velocity", default=_VELOCITY, gt=0
     )
     off: Literal["truth", "estimate"] = option(
         "what differs at random from the planned start: the truth (the estimate begins there), or "
@@ -77,6 +91,11 @@ class BeliefSpec(Spec):
 
     @model_validator(mode="after")
     def _some_position(self) -> Self:
+        if self.source == "message":
+            if self.position_relative or self.position_m or self.velocity_m_s != _VELOCITY:
+                text = "the message states the covariance; give no standard deviations"
+                raise rule("source", text)
+            return self
         if not (self.position_relative or self.position_m):
             raise rule("position_m", "give position_m or position_relative: zero is no belief")
         return self
@@ -268,8 +287,10 @@ class NavigationSpec(StageSpec):
         "where and when the flight is planned to begin; left out: where the reference does",
         default=StartSpec(),
     )
-    belief: BeliefSpec = option(
-        "how well the start is known", default=BeliefSpec(position_relative=0.1)
+    belief: BeliefSpec | None = option(
+        "how well the start is known; left out: as start.message says, or without one to a tenth "
+        "of the distance from the origin and 1 mm/s",
+        default=None,
     )
     interval_s: float = quantity("time", "time between two sets of measurements", gt=0)
     duration_s: float = quantity(
@@ -388,6 +409,8 @@ class NavigationSpec(StageSpec):
             or given_start.elements
             or given_start.message
         )
+        if self.belief and self.belief.source == "message" and self.start.message is None:
+            raise rule("belief", "source = 'message' needs start.message; give one")
         if self.needs.belief is not None:
             if somewhere or self.start.velocity_m_s is not None:
                 raise rule("start", "needs.belief says where flights begin; leave start out")

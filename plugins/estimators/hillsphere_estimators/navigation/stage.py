@@ -29,6 +29,7 @@ from hillsphere.presentation import Presentation
 from hillsphere.products import FlightSet
 from hillsphere.sensor_suite import SensorSuite
 from hillsphere.simulation import BLOCK, Cases, Simulator
+from hillsphere.uncertainty.distribution import multiply_lower
 from hillsphere_estimators.bias_states import BiasAugmentedModel
 from hillsphere_estimators.navigation.attitude import TrueAttitude
 from hillsphere_estimators.navigation.bounds import bound_along_plan
@@ -52,6 +53,7 @@ from hillsphere_estimators.navigation.parts import (
     prior_of,
     refuse_considered,
     sensors_of,
+    stated_covariance,
     true_sensors,
 )
 from hillsphere_estimators.navigation.plan import Plan, check_step, plan_of, read_start
@@ -100,6 +102,7 @@ class NavigationStage(FlyingStage[_Planned, Record]):
 
     def __init__(self, spec: NavigationSpec) -> None:
         super().__init__(spec.plant.get())
+        self._stated = stated_covariance(spec, self.plant)
         self.spec = spec = with_placed_start_of(spec, self.plant)
         self.true_plant: Plant = self.plant if spec.truth.plant is None else spec.truth.plant.get()
         names = [tuple(v.name for v in plant.states) for plant in (self.plant, self.true_plant)]
@@ -229,7 +232,9 @@ class NavigationStage(FlyingStage[_Planned, Record]):
         self, reference: FlightSet | None = None, belief: InitialBeliefs | None = None
     ) -> _Planned:
         """Return what flights along this reference share."""
-        plan = plan_of(self.spec, self.plant, self.rows, self._since, reference, belief)
+        plan = plan_of(
+            self.spec, self.plant, self.rows, self._since, reference, belief, self._stated
+        )
         check_step(plan, self.rows, self._model, self._model_with_step(0.5), self._since)
         return _Planned(plan, belief)
 
@@ -280,11 +285,12 @@ class NavigationStage(FlyingStage[_Planned, Record]):
             )
         n, width = len(plan.start), len(batch.draws)
         planned = np.repeat(plan.start[:, None], width, axis=1)
-        off = planned + plan.sigma[:, None] * draws(
-            batch.seed, batch.stream, batch.draws, "start", (n,)
-        )
-        truth, mean = (off, planned) if self.spec.belief.off == "truth" else (planned, off)
-        return np.ascontiguousarray(truth), prior_of(plan.sigma, mean, t0)
+        z = draws(batch.seed, batch.stream, batch.draws, "start", (n,))
+        off = planned + multiply_lower(plan.root, z)
+        belief_spec = self.spec.belief
+        is_truth = belief_spec is None or belief_spec.off == "truth"
+        truth, mean = (off, planned) if is_truth else (planned, off)
+        return np.ascontiguousarray(truth), prior_of(plan.root, mean, t0)
 
     def _compile(self, planned: _Planned, names: Sequence[str]) -> Simulator:
         """Compile the simulation of cases that differ in these inputs."""

@@ -12,6 +12,7 @@ from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array
 from hillsphere_estimators.batch_least_squares import Fit, batch_least_squares
 from hillsphere_estimators.fixed_steps import FixedStepModel
+from hillsphere_estimators.orbit_fit.failure import Patience
 from hillsphere_estimators.orbit_fit.records import Arc
 from hillsphere_estimators.orbit_fit.residuals import Residuals, linearise_arc
 
@@ -20,6 +21,9 @@ __all__ = ["EditedFit", "fit_and_edit"]
 TOLERANCE_SIGMAS = 1e-4
 """A step that is shorter, in standard deviations, ends a fit. Places at 1 au are rounded to 30 µm,
 which moves a fit of precise ranges by some 1e-5."""
+_MOST_STEPS = 80
+"""Steps of all fits together after which no other one is made: twelve rounds of a sound fit, of
+three to six steps each, take fewer."""
 _SHARE_OF_WORST = 0.3
 """A round leaves out only residuals above this share of the largest one, besides the threshold: an
 outlier draws the fit, and residuals of sound values near it are large until it is gone."""
@@ -82,12 +86,15 @@ def fit_and_edit(
         The last fit.
     """
     free = ~model.considered
+    steps = 0
     used: NDArray[np.bool_] = np.ones(len(arc.row), dtype=bool)
     start: Array | None = None
     for number in range(1, most_rounds + 1):
         fit = batch_least_squares(
-            model, prior, arc.only(used), start=start, tolerance_sigmas=TOLERANCE_SIGMAS
-        )
+            model, prior, arc.only(used), start=start, tolerance_sigmas=TOLERANCE_SIGMAS,
+            give_up=Patience(),
+        )  # fmt: skip
+        steps += int(fit.iterations[0])
         residual, rows = linearise_arc(model, prior, fit.belief, arc.sets)
         about = Residuals(residual, rows, used, free)
         advance(1)
@@ -103,7 +110,7 @@ def fit_and_edit(
         if (wanted == used).all() and bound == threshold:
             return EditedFit(fit, about, number, True)
         # with fewer values than unknowns there is nothing to edit by
-        if wanted.sum() <= len(prior.x):
+        if wanted.sum() <= len(prior.x) or steps > _MOST_STEPS:
             return EditedFit(fit, about, number, False)
         used, start = wanted, fit.belief.x
     return EditedFit(fit, about, most_rounds, False)

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
 from scipy.stats import chi2, norm
 
+from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array
 from hillsphere_estimators.orbit_fit.fitting import EditedFit
-from hillsphere_estimators.orbit_fit.records import Arc
+from hillsphere_estimators.orbit_fit.hints import explain_misfit
+from hillsphere_estimators.orbit_fit.records import Arc, Record, labels_of
 
 __all__ = ["LEVEL", "Answer", "Judgement", "RowCheck", "judge_fit"]
 
-Answer: TypeAlias = Literal["consistent", "inconsistent", "cautious", "undecided"]
+Answer: TypeAlias = Literal["consistent", "inconsistent", "noise overstated", "undecided"]
 
 LEVEL = 0.01
 """Probability with which a right model and right standard deviations are called anything else; it
@@ -41,6 +43,8 @@ class RowCheck:
     ----------
     count, edited : int
         Values of the row, and those left out.
+    mean : float
+        Mean residual of all values, about a fit of all, in the stated standard deviations.
     rms : float
         Root mean square of the residuals over what it should be; NaN without values.
     bias : float
@@ -51,6 +55,7 @@ class RowCheck:
 
     count: int
     edited: int
+    mean: float
     rms: float
     bias: float
     correlation: float
@@ -63,10 +68,12 @@ class Judgement:
     Parameters
     ----------
     answer : str
-        "consistent", "inconsistent", "cautious" (the residuals are smaller than their standard
-        deviations say) or "undecided".
+        "consistent", "inconsistent", "noise overstated" (the residuals are smaller than their
+        standard deviations say) or "undecided".
     reasons : tuple of str
-        Why, a sentence each.
+        Why, the end of a sentence each, the weightiest first.
+    hints : tuple of str
+        What would explain it, in sentences.
     squares, low, high : float
         Sum of squares per degree of freedom, and its band.
     dof : int
@@ -77,6 +84,7 @@ class Judgement:
 
     answer: Answer
     reasons: tuple[str, ...]
+    hints: tuple[str, ...]
     squares: float
     low: float
     high: float
@@ -87,9 +95,10 @@ class Judgement:
 def judge_fit(
     edited: EditedFit,
     arc: Arc,
+    prior: Belief,
+    records: Sequence[Record],
     threshold: float | None,
     free_of_prior: int,
-    labels: Sequence[str],
     doubts: Sequence[str] = (),
 ) -> Judgement:
     """Judge a fit by its residuals.
@@ -103,12 +112,14 @@ def judge_fit(
         The fit.
     arc : Arc
         All data.
+    prior : Belief
+        At the start, N = 1.
+    records : sequence of Record
+        The same data.
     threshold : float or None
         Of the editing.
     free_of_prior : int
         Number of states without a prior.
-    labels : sequence of str
-        Names of the rows.
     doubts : sequence of str
         Other reasons for which the fit decides nothing.
 
@@ -117,7 +128,7 @@ def judge_fit(
     Judgement
         The verdict.
     """
-    about, fit = edited.residuals, edited.fit
+    about, fit, labels = edited.residuals, edited.fit, labels_of(records)
     normal = about.residual / np.maximum(about.sigma(), 1e-3)
     rows = tuple(
         _check_row(edited, arc, normal, row) for row in range(len(labels))
@@ -130,12 +141,13 @@ def judge_fit(
     unit = max(dof, 1)
     low, high = (spared * float(chi2.ppf(p, unit)) / unit for p in (share, 1.0 - share))
     squares = float(fit.squares[0]) / unit
-    wrong, small = [], []
+    wrong: list[tuple[float, str]] = []
+    small = []
     if squares > high:
-        wrong.append(
+        wrong.append((squares / high - 10.0, (
             f"the residuals are too large: their squares are {squares:.4g} a degree of freedom, "
             f"above {high:.4g}"
-        )
+        )))  # fmt: skip
     elif squares < low:
         small.append(
             f"the residuals are smaller than their standard deviations say: their squares are "
@@ -143,32 +155,42 @@ def judge_fit(
         )
     bound = float(norm.isf(0.5 * share))
     for check, label in zip(rows, labels, strict=True):
+        share_out = check.edited / max(check.count, 1)
+        if check.edited > max(_FEW_EDITED, _MOST_EDITED * check.count):
+            text = f"{label}: {check.edited} of {check.count} values were left out"
+            wrong.append((1e3 + share_out, text))
         if abs(check.bias) > bound:
-            wrong.append(f"{label} has a constant error of {check.bias:+.1f} standard deviations")
+            text = f"{label}: a constant error of {check.bias:+.1f} standard deviations"
+            wrong.append((abs(check.bias) / bound, text))
         if abs(check.correlation) > bound:
-            wrong.append(
-                f"neighbouring residuals of {label} are correlated, {check.correlation:+.1f} "
+            text = (
+                f"{label}: neighbouring residuals are correlated, {check.correlation:+.1f} "
                 "standard deviations"
             )
-        if check.edited > max(_FEW_EDITED, _MOST_EDITED * check.count):
-            wrong.append(f"{check.edited} of {check.count} values of {label} were left out")
-    doubts = [*doubts, *_doubts(edited, dof, free_of_prior)]
+            wrong.append((abs(check.correlation) / bound - 1.0, text))
+    doubts = [*doubts, *_doubts(edited, dof, free_of_prior, bool(doubts))]
     answer: Answer = "consistent"
     if doubts:
         answer = "undecided"
     elif wrong:
         answer = "inconsistent"
     elif small:
-        answer = "cautious"
-    reasons = tuple(doubts or [*wrong, *small] or ["no test fails its limit"])
-    return Judgement(answer, reasons, squares, low, high, dof, rows)
+        answer = "noise overstated"
+    worst_first = [text for _, text in sorted(wrong, key=lambda one: -one[0])]
+    reasons = tuple(doubts or [*worst_first, *small] or ["no test fails its limit"])
+    is_misfit = bool(fit.settled[0]) and (answer == "inconsistent" or not edited.is_stable)
+    hints = explain_misfit(
+        edited, arc, prior, [record.observable for record in records], threshold, is_misfit
+    )
+    rows = tuple(replace(row, mean=float(hints.means[k])) for k, row in enumerate(rows))
+    return Judgement(answer, reasons, hints.sentences, squares, low, high, dof, rows)
 
 
-def _doubts(edited: EditedFit, dof: int, free_of_prior: int) -> list[str]:
-    """Return the reasons for which a fit decides nothing."""
+def _doubts(edited: EditedFit, dof: int, free_of_prior: int, told: bool) -> list[str]:
+    """Return the reasons for which a fit decides nothing, besides one that is told already."""
     doubts = []
-    if not edited.fit.settled[0]:
-        doubts.append(f"the fit has not converged in {int(edited.fit.iterations[0])} steps")
+    if not edited.fit.settled[0] and not told:
+        doubts.append(f"it has not converged in {int(edited.fit.iterations[0])} steps")
     if not edited.is_stable:
         doubts.append(
             f"the editing has not come to rest in {edited.rounds} rounds; a better start or more "
@@ -187,7 +209,7 @@ def _check_row(edited: EditedFit, arc: Arc, normal: Array, row: int) -> RowCheck
     kept = own & about.used
     count, edit = int(own.sum()), int((own & ~about.used).sum())
     if not kept.any():
-        return RowCheck(count, edit, np.nan, np.nan, np.nan)
+        return RowCheck(count, edit, np.nan, np.nan, np.nan, np.nan)
     score, spread = about.constant_error(np.where(own, 1.0 / arc.sigma, 0.0))
     values = normal[kept]
     correlation = np.nan
@@ -196,10 +218,8 @@ def _check_row(edited: EditedFit, arc: Arc, normal: Array, row: int) -> RowCheck
         correlation = float(
             np.sqrt(len(off)) * np.sum(off[1:] * off[:-1]) / max(np.sum(off * off), 1e-30)
         )
-    return RowCheck(
-        count, edit, float(np.sqrt(np.mean(values**2))), score / spread if spread else np.nan,
-        correlation,
-    )  # fmt: skip
+    rms, bias = float(np.sqrt(np.mean(values**2))), score / spread if spread else np.nan
+    return RowCheck(count, edit, np.nan, rms, bias, correlation)
 
 
 def _truncated_variance(threshold: float) -> float:

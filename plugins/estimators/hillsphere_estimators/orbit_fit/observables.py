@@ -25,7 +25,7 @@ from hillsphere_estimators.orbit_fit.uplink import Transmission
 __all__ = ["Aberration", "Kind", "Observable", "expected_values"]
 
 Kind: TypeAlias = Literal["angles", "range", "range_rate", "frequency"]
-Aberration: TypeAlias = Literal["none", "observer", "stars"]
+Aberration: TypeAlias = Literal["none", "observer", "stars", "instantaneous"]
 
 _UNITS: Mapping[Kind, str] = {
     "angles": "rad", "range": "m", "range_rate": "m/s", "frequency": "Hz",
@@ -143,9 +143,9 @@ def expected_values(
         Axes of angles.
     t_s : ndarray, shape (N,)
         Time tags.
-    aberration : {"none", "observer", "stars"}
-        Of directions: none; by the observer's velocity; or of directions that were
-        measured against stars, see `Surroundings.celestial`.
+    aberration : {"none", "observer", "stars", "instantaneous"}
+        Of directions: none; by the observer's velocity; of directions that were measured against
+        stars, see `Surroundings.celestial`; or neither aberration nor light time.
     transmission : Transmission or None
         Of the frequency; its times count as `t_s`.
     near : bool
@@ -163,6 +163,9 @@ def expected_values(
     )
     nodes = [Node(states(name), r, s) for name, r, s in zip(o.path, receive, transmit, strict=True)]
     zero = np.zeros(len(t_s))
+    if o.kind == "angles" and aberration == "instantaneous":
+        line = nodes[-2].states(zero)[:3] - nodes[-1].states(zero)[:3]
+        return line_angles(_along_axes(o, line, surroundings, t_s, None, near), o.angle_type)
     if o.kind == "angles":
         signal = follow_signal(nodes[-len(o.travelled) :], zero, o.tagged)
         return _angles(o, signal, surroundings, t_s, aberration, near)
@@ -203,9 +206,20 @@ def _angles(
     line, there = signal.line_m, t_s + signal.at_antenna_s
     if aberration == "observer":
         line = aberrate(line, signal.receiver[3:])
-    if observable.angle_type in HORIZON:
-        along = surroundings.horizon(observable.receiver, line, there)
-    else:
-        light = signal.light_time_s if aberration == "stars" else None
-        along = surroundings.celestial(observable.frame, line, there, light, near)
+    light = signal.light_time_s if aberration == "stars" else None
+    along = _along_axes(observable, line, surroundings, there, light, near)
     return line_angles(along, observable.angle_type)
+
+
+def _along_axes(
+    observable: Observable,
+    line: Array,
+    surroundings: Surroundings,
+    t_s: Array,
+    light_time_s: Array | None,
+    near: bool,
+) -> Array:
+    """Return inertial lines (3, N) along the axes in which an observable's angles count."""
+    if observable.angle_type in HORIZON:
+        return surroundings.horizon(observable.receiver, line, t_s)
+    return surroundings.celestial(observable.frame, line, t_s, light_time_s, near)

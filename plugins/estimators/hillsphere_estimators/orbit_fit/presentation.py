@@ -33,6 +33,7 @@ def present_fit(product: OrbitFit) -> Presentation:
     rows, run = product.rows, product.filter
     sigma = np.sqrt(np.diag(product.covariance))
     used = int(rows.used.sum())
+    scale = _scale(product)
     metrics = {
         "fit_consistent": Metric(product.answer == "consistent"),
         "fit_squares_per_dof": Metric(product.squares),
@@ -41,6 +42,12 @@ def present_fit(product: OrbitFit) -> Presentation:
         "fit_values_used": Metric(used),
         "fit_values_edited": Metric(len(rows.used) - used),
     }
+    scaled = []
+    if scale is not None:
+        metrics["fit_position_sigma_scaled"] = Metric(scale * float(np.linalg.norm(sigma[:3])),
+                                                      "m")  # fmt: skip
+        scaled = [column("sigma_scaled", scale * sigma[:6] / 1e3, "scaled by the residuals", 3,
+                         unit="-")]  # fmt: skip
     names = [f"{name} ({unit})" for name, unit in zip(
         product.states[:6], ["km"] * 3 + ["km/s"] * 3, strict=True)]  # fmt: skip
     tables: dict[str, Table] = {
@@ -51,10 +58,18 @@ def present_fit(product: OrbitFit) -> Presentation:
                 text_column("state", names),
                 column("value", product.mean[:6] / 1e3, "value", 12, unit="-"),
                 column("sigma", sigma[:6] / 1e3, "standard deviation", 3, unit="-"),
+                *scaled,
                 column("change", (product.mean - product.start)[:6] / 1e3, "less the start", 4,
                        unit="-"),
             ],
-            ("Values and standard deviations are in the units beside the names.",),
+            (
+                "Values and standard deviations are in the units beside the names.",
+                *([] if scale is None else [
+                    "Standard deviations are those of the stated noise, which the residuals "
+                    f"contradict; scaled: times {scale:.3g}, the root of the squared residuals a "
+                    "degree of freedom.",
+                ]),
+            ),
         ),
         "fit_residuals": _residual_table(product),
     }  # fmt: skip
@@ -97,14 +112,19 @@ def _residual_table(product: OrbitFit) -> Table:
             text_column("row", rows.labels, "path and value"),
             column("values", rows.count.astype(int), "values"),
             column("edited", rows.edited.astype(int), "left out"),
+            column(
+                "share", 100.0 * rows.edited / np.maximum(rows.count, 1.0), "left out", 2, unit="%"
+            ),
+            column("mean", rows.mean, "mean of all / σ", 3, unit="-"),
             column("rms", rows.rms, "rms / σ", 4, unit="-"),
             column("constant_error", rows.bias, "constant error / σ", 3, unit="-"),
             column("correlation", rows.correlation, "correlation / σ", 3, unit="-"),
         ],
         (
-            "rms of the used residuals over what it should be; constant error and correlation of "
-            "neighbours in their standard deviations, blank where the states take the error up or "
-            "values are too few.",
+            "Mean of all: of the residuals of a fit of all values, before editing, in the stated "
+            "standard deviations. rms of the used residuals over what it should be. Constant error "
+            "and correlation of neighbours in their standard deviations, blank where the states "
+            "take the error up or values are too few.",
         ),
     )
 
@@ -113,15 +133,23 @@ def _sentences(product: OrbitFit) -> list[str]:
     """Return the verdict in sentences."""
     rows, run = product.rows, product.filter
     sigma = np.sqrt(np.diag(product.covariance))
+    first, *others = product.reasons
+    scale = _scale(product)
     lines = [
-        f"The data are {product.answer} with the fit: {'; '.join(product.reasons)}."
-        if product.answer != "undecided"
-        else f"Whether the data are consistent with the fit is undecided: "
-        f"{'; '.join(product.reasons)}.",
+        f"{_ANSWERS[product.answer]}: {first}.",
+        *product.hints,
+        *(f"{reason[0].upper()}{reason[1:]}." for reason in others),
+    ]
+    if scale is not None:
+        lines.append(
+            f"Standard deviations and covariance are not scaled: those of the stated noise. "
+            f"Scaled by the residuals of the used values they are {scale:.3g} times as large."
+        )
+    lines += [
         f"{int(rows.used.sum())} values were used and {int((rows.used == 0.0).sum())} left out in "
-        f"{product.rounds} fits; the squared residuals are {product.squares:.4g} a degree of "
-        f"freedom ({product.dof}), their band is {product.low:.4g} … {product.high:.4g} (all tests "
-        f"together at the level {LEVEL:g}).",
+        f"{product.rounds} fits.",
+        f"The squared residuals are {product.squares:.4g} a degree of freedom ({product.dof}), "
+        f"their band is {product.low:.4g} … {product.high:.4g} (all tests at {LEVEL:g}).",
         f"Standard deviations, roots of the traces: {np.linalg.norm(sigma[:3]):.4g} m and "
         f"{np.linalg.norm(sigma[3:6]):.4g} m/s.",
     ]
@@ -136,6 +164,34 @@ def _sentences(product: OrbitFit) -> list[str]:
     return [*lines, *product.notes]
 
 
+_ANSWERS = {
+    "consistent": "The data are consistent with the fit",
+    "inconsistent": "The data are inconsistent with the fit",
+    "noise overstated": "The stated noise is too large for the data",
+    "undecided": "Undecided whether the data are consistent with the fit",
+}
+
+
+def _scale(product: OrbitFit) -> float | None:
+    """Return the factor by which residuals exceed the stated noise; None where they do not."""
+    if product.answer != "inconsistent" or not product.squares > 1.0:
+        return None
+    return float(np.sqrt(product.squares))
+
+
+def _comments(product: OrbitFit) -> tuple[str, ...]:
+    """Return what a reader of the messages must know."""
+    told = (f"Fit of tracking data: {product.answer}, {product.reasons[0]}",)
+    scale = _scale(product)
+    if scale is None:
+        return told
+    return (
+        *told,
+        "The covariance is that of the stated noise, not scaled by the residuals; scaled standard "
+        f"deviations are {scale:.3g} times as large",
+    )
+
+
 def _segment_epoch(product: OrbitFit) -> Epoch:
     return Epoch.parse(product.zero, product.time_scale)
 
@@ -146,7 +202,7 @@ def _ephemeris(product: OrbitFit) -> str:
         product.spacecraft, product.object_id, product.centre, product.ephemeris_frame,
         _segment_epoch(product), product.ephemeris_t_s, product.ephemeris,
         covariances=(OemCovariance(first, _symmetric(product.ephemeris_covariance)),),
-        time_digits=9,
+        time_digits=9, comment="; ".join(_comments(product)),
     )  # fmt: skip
     return write_oem([segment])
 
@@ -157,7 +213,7 @@ def _state(product: OrbitFit) -> str:
         product.spacecraft, product.object_id, product.centre, product.ephemeris_frame,
         Epoch.parse(date, product.time_scale), product.ephemeris[:, 0],
         covariance=_symmetric(product.ephemeris_covariance),
-        comments=(f"Fit of tracking data: {product.answer}",),
+        comments=_comments(product),
     )  # fmt: skip
     return write_opm(opm)
 

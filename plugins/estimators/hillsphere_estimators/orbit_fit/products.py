@@ -23,6 +23,8 @@ class FittedRows:
     """Number of values."""
     edited: Annotated[Array, Shape("rows")]
     """Number of those left out by editing."""
+    mean: Annotated[Array, Shape("rows")]
+    """Mean residual of all values, before editing, in the stated standard deviations."""
     rms: Annotated[Array, Shape("rows")]
     """Root mean square of the used residuals over what it should be; NaN without values."""
     bias: Annotated[Array, Shape("rows")]
@@ -87,9 +89,11 @@ class OrbitFit:
     bias_units: Annotated[tuple[str, ...], Shape("errors")]
     """Units of the constant errors."""
     answer: str
-    """Verdict: "consistent", "inconsistent", "cautious" or "undecided"."""
+    """Verdict: "consistent", "inconsistent", "noise overstated" or "undecided"."""
     reasons: tuple[str, ...]
-    """Why."""
+    """Why, the weightiest first."""
+    hints: tuple[str, ...]
+    """What would explain it, and which keys of a mission say so."""
     squares: float
     """Sum of the squared residuals a degree of freedom."""
     low: float

@@ -18,23 +18,15 @@ from hillsphere.formats.angle_table import AngleTable
 from hillsphere.formats.tdm import TdmSegment, read_tdm
 from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
+from hillsphere_estimators.orbit_fit.data_kinds import reason_left_out
 from hillsphere_estimators.orbit_fit.observables import INTEGRATION, Observable
 from hillsphere_estimators.orbit_fit.records import Record
 from hillsphere_estimators.orbit_fit.sight import HORIZON
 from hillsphere_estimators.orbit_fit.specs import DataSpec, NoiseSpec, OrbitFitSpec
 from hillsphere_estimators.orbit_fit.uplink import Transmission, join_transmissions, split_ramps
 
-__all__ = ["TrackingData", "read_tracking_data", "text_of"]
+__all__ = ["TrackingData", "place_of", "read_tracking_data", "text_of"]
 
-_UNUSED = {
-    "RECEIVE_PHASE_CT": "phase counts are not used",
-    "TRANSMIT_PHASE_CT": "phase counts are not used",
-    "DOPPLER_COUNT": "counts are not used",
-    "DOR": "differenced data are not used",
-    "VLBI_DELAY": "differenced data are not used",
-}
-"""Measurements of the standard that no observable here expects; other keywords (weather, signal
-levels, magnitudes) say nothing of the orbit and are not counted."""
 _MOST_DEPARTURES = 5
 """Of a message from the standard that are told; a program that writes one repeats it."""
 _LEAST_COSINE = 1e-3
@@ -81,6 +73,14 @@ class _Gathered:
         self.left_out[what, why] = self.left_out.get((what, why), 0) + count
 
 
+def place_of(path: str) -> Path:
+    """Return where a file of data is, which may be a packaged one."""
+    place = Path(path)
+    if not place.is_absolute() and not place.exists():
+        return missions_directory() / "data" / path
+    return place
+
+
 def text_of(path: str) -> str:
     """Return the text of a file of data, which may be a packaged one.
 
@@ -89,11 +89,8 @@ def text_of(path: str) -> str:
     InputError
         If it cannot be read.
     """
-    place = Path(path)
-    if not place.is_absolute() and not place.exists():
-        place = missions_directory() / "data" / path
     try:
-        return read_text(place, "utf-8-sig")
+        return read_text(place_of(path), "utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise InputError(f"{path}: cannot be read: {reason or error}") from error
@@ -190,7 +187,7 @@ def _take_segment(gathered: _Gathered, segment: TdmSegment, craft: str, where: s
         name = meta.participants[int(keyword[-1]) - 1]
         gathered.sent.setdefault(name, []).append(split_ramps(own.t_s, own.values, rate, offset))
     for keyword in segment.series:
-        reason = _UNUSED.get(keyword.rstrip("_12345"))
+        reason = reason_left_out(keyword)
         if reason:
             gathered.leave(keyword, reason, len(segment.series[keyword].values))
     wanted = [k for k in segment.series if k in _SHAPES or k.startswith("RECEIVE_FREQ")]

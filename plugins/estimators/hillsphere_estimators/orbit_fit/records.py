@@ -12,7 +12,7 @@ from hillsphere.estimation import MeasurementSet
 from hillsphere.interfaces import Array, Integers
 from hillsphere_estimators.orbit_fit.observables import Observable
 
-__all__ = ["Arc", "Record", "arrange"]
+__all__ = ["Arc", "Record", "arrange", "labels_of"]
 
 
 @dataclass(frozen=True)
@@ -112,3 +112,8 @@ def arrange(records: Sequence[Record]) -> Arc:
     at, row = np.nonzero(~np.isnan(values[:, :, 0]))
     of_row = np.repeat(np.arange(len(records)), sizes)
     return Arc(sets, of_row[row], row, number[at, row], at, sigma[at, row], active)
+
+
+def labels_of(records: Sequence[Record]) -> list[str]:
+    """Return names of the rows, for sentences and tables."""
+    return [f"{r.observable.label}, {name}" for r in records for name in r.observable.names]

@@ -82,10 +82,12 @@ class FitStartSpec(StartFormsSpec):
         {"epoch": "2026-03-01T00:00:00", "elements": {"semi_major_axis_km": 7000,
                                                       "true_anomaly_deg": 0}},
         {"file": "first-guess.oem"},
+        {"message": {"file": "catalogue.tle", "object": "25544"}},
     )  # fmt: skip
 
     epoch: str = option(
-        "date and time of the state; with a file: left out for its first state",
+        "date and time of the state; with a file: left out for that of its first state or of its "
+        "elements; with message: left out, message.epoch says it",
         default="",
         max_length=40,
     )
@@ -95,7 +97,9 @@ class FitStartSpec(StartFormsSpec):
     )  # fmt: skip
     velocity_m_s: Vector3 | None = quantity("speed", "velocity in the plant's frame", default=None)
     file: DataPath | None = data_path(
-        "state message (CCSDS OPM or OEM) about the centre of the plant", default=None
+        "file of one object about the centre of the plant: state or ephemeris (CCSDS OPM or OEM), "
+        "or about the Earth elements for SGP4 (TLE or OMM); of several objects: message",
+        default=None,
     )
 
     @model_validator(mode="after")
@@ -103,12 +107,18 @@ class FitStartSpec(StartFormsSpec):
         vectors = self.position_m is not None, self.velocity_m_s is not None
         if vectors[0] != vectors[1]:
             raise rule("position_m", "position and velocity belong together; give both")
-        given = [vectors[0], self.inertial is not None, self.elements is not None,
-                 self.file is not None]  # fmt: skip
-        if sum(given) != 1:
-            text = "give the start once: position and velocity, inertial, elements, or a file"
+        forms = [self.inertial, self.elements, self.message, self.file]
+        if vectors[0] + sum(form is not None for form in forms) != 1:
+            text = (
+                "give the start once: position and velocity, inertial, elements, a file, or a "
+                "message"
+            )
             raise rule("file" if self.file else "position_m", text)
-        if self.file is None and not self.epoch:
+        if self.message is not None and self.epoch:
+            raise rule("epoch", "the message says it; give message.epoch for another date (TDB)")
+        form = self.inertial or self.elements
+        dated = self.epoch or self.file or self.message or (form and form.epoch)
+        if not dated:
             raise rule("epoch", "at which date is the start? give epoch")
         return self
 
@@ -188,6 +198,7 @@ class OrbitFitSpec(StageSpec):
             "fit_consistent",
             "fit_squares_per_dof",
             "fit_position_sigma",
+            "fit_position_sigma_scaled",
             "fit_velocity_sigma",
             "fit_values_used",
             "fit_values_edited",
@@ -269,6 +280,11 @@ class OrbitFitSpec(StageSpec):
     velocity_sigma_m_s: float | None = quantity(
         "speed", "prior standard deviation of the start's velocity, each axis", default=None, gt=0
     )
+    prior: Literal["stated", "message"] = option(
+        "'stated': by position_sigma and velocity_sigma, none without them; 'message': the "
+        "covariance that the message of the start states",
+        default="stated",
+    )
     noise: tuple[NoiseSpec, ...] = option(
         "standard deviations of the random errors", default=(), max_length=200
     )
@@ -289,10 +305,11 @@ class OrbitFitSpec(StageSpec):
         "EME2000, TOD or TEME",
         default="", max_length=20,
     )  # fmt: skip
-    aberration: Literal["none", "observer", "stars"] = option(
+    aberration: Literal["none", "observer", "stars", "instantaneous"] = option(
         "of directions: 'none', geometric lines to where the light left; 'observer', with the "
         "aberration by the observer's velocity; 'stars', of right ascensions and declinations "
-        "that were measured against the places of stars in a catalogue",
+        "that were measured against the places of stars in a catalogue; 'instantaneous', lines to "
+        "where the spacecraft is at the time tag, without light time, as in textbooks",
         default="none",
     )
     use_degraded: bool = option("whether data marked as degraded are used", default=False)
@@ -324,6 +341,11 @@ class OrbitFitSpec(StageSpec):
         default="", max_length=60,
     )  # fmt: skip
 
+    @property
+    def has_prior(self) -> bool:
+        """Whether something is known of the start before the data."""
+        return self.position_sigma_m is not None or self.prior == "message"
+
     @model_validator(mode="after")
     def _names_and_pairs(self) -> Self:
         names = [s.name for s in self.stations] + [o.name for o in self.observers]
@@ -341,7 +363,12 @@ class OrbitFitSpec(StageSpec):
         if (self.position_sigma_m is None) != (self.velocity_sigma_m_s is None):
             key = "velocity_sigma_m_s" if self.velocity_sigma_m_s is None else "position_sigma_m"
             raise rule(key, "a prior needs position_sigma and velocity_sigma; give both or neither")
-        if self.estimator is not None and self.position_sigma_m is None:
+        if self.prior == "message":
+            if self.position_sigma_m is not None:
+                raise rule("prior", "the message states the prior; leave position_sigma out")
+            if self.start.message is None and self.start.file is None:
+                raise rule("prior", "'message' needs start.message or start.file")
+        if self.estimator is not None and not self.has_prior:
             text = "a filter needs a prior: give position_sigma and velocity_sigma"
             raise rule("estimator", text)
         if self.acceleration_noise_m_s2 and self.estimator is None:

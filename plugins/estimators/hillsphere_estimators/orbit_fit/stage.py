@@ -16,20 +16,22 @@ from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.model.earth.planet import StationedPlanet
 from hillsphere.presentation import Presentation
 from hillsphere.time import Epoch
+from hillsphere.uncertainty.copula import covariance_factor
 from hillsphere_estimators.bias_states import BiasAugmentedModel, BiasStates
 from hillsphere_estimators.fixed_steps import FixedStepModel
 from hillsphere_estimators.linearisation import transition
 from hillsphere_estimators.navigation.parts import refuse_considered
 from hillsphere_estimators.orbit_fit.ambiguity import resolve_ranges
+from hillsphere_estimators.orbit_fit.failure import check_above_ground, describe_trajectory
 from hillsphere_estimators.orbit_fit.filtering import NO_FILTER, run_filter
 from hillsphere_estimators.orbit_fit.fitting import EditedFit, fit_and_edit
 from hillsphere_estimators.orbit_fit.judgement import Judgement, judge_fit
 from hillsphere_estimators.orbit_fit.presentation import present_fit
 from hillsphere_estimators.orbit_fit.products import FilterRun, FittedRows, OrbitFit
 from hillsphere_estimators.orbit_fit.reading import TrackingData, read_tracking_data, text_of
-from hillsphere_estimators.orbit_fit.records import Arc, Record, arrange
+from hillsphere_estimators.orbit_fit.records import Arc, Record, arrange, labels_of
 from hillsphere_estimators.orbit_fit.specs import OrbitFitSpec
-from hillsphere_estimators.orbit_fit.starting import start_epoch, start_state
+from hillsphere_estimators.orbit_fit.starting import FirstGuess, first_guess, start_epoch
 from hillsphere_estimators.orbit_fit.surroundings import Surroundings, is_about_earth, zero_of
 from hillsphere_estimators.orbit_fit.tracking_model import TrackingModel
 from hillsphere_estimators.orbit_fit.trajectory import Trajectory, read_trajectory
@@ -52,7 +54,7 @@ class _Situation:
 
     zero: Epoch
     start_s: float
-    start: Array
+    guess: FirstGuess
     data: TrackingData
     surroundings: Surroundings
 
@@ -103,9 +105,7 @@ class OrbitFitStage:
         if any(record.observable.modulus_m for record in records):
             arc = arrange(records)
             model, prior, _ = self._model_and_prior(here, records, arc)
-            records, doubts = resolve_ranges(
-                model, prior, records, arc, spec.position_sigma_m is not None
-            )
+            records, doubts = resolve_ranges(model, prior, records, arc, spec.has_prior)
         arc = arrange(records)
         model, prior, names = self._model_and_prior(here, records, arc)
         threshold = spec.editing_sigmas or None
@@ -115,13 +115,19 @@ class OrbitFitStage:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 fitted = fit_and_edit(model, prior, arc, threshold, spec.editing_rounds, advance)
         except (InputError, PropagationError) as error:
+            told = self._describe(here, records, arc, model, prior.x[:, 0])
             raise InputError(
-                f"start: the fit diverges from this start ({error}); check plant, stations and "
-                "epochs, give a nearer start or a prior"
+                f"start: the fit diverges from this start ({error}): {told}"
             ) from error
-        labels = _labels(records)
-        free = 6 if spec.position_sigma_m is None else 0
-        judged = judge_fit(fitted, arc, threshold, free, labels, doubts)
+        free = 0 if spec.has_prior else 6
+        if not fitted.fit.settled[0]:
+            told = self._describe(here, records, arc, model, fitted.fit.belief.x[:, 0])
+            doubts = (
+                f"it has not converged in {int(fitted.fit.iterations[0])} steps",
+                *told,
+                *doubts,
+            )
+        judged = judge_fit(fitted, arc, prior, records, threshold, free, doubts)
         run = NO_FILTER
         if spec.estimator is not None:
             ctx.info("the filter runs over the values that the fit has used")
@@ -175,16 +181,17 @@ class OrbitFitStage:
             self.plant, zero, orientation, stations, observers, centre,
             (float(times.min()), float(times.max())),
         )  # fmt: skip
-        start = start_state(spec.start, self.plant, surroundings, start_s)
-        return _Situation(zero, start_s, start, data, surroundings)
+        guess = first_guess(spec.start, self.plant, start_s)
+        check_above_ground(self.plant, guess.x, start_s, guess.key)
+        return _Situation(zero, start_s, guess, data, surroundings)
 
     def _model_and_prior(
         self, here: _Situation, records: Sequence[Record], arc: Arc
     ) -> tuple[FixedStepModel, Belief, tuple[list[str], list[str]]]:
         """Return the model with constant errors, the prior, and names and units of the errors."""
         spec = self.spec
-        size = np.linalg.norm(here.start[:3])
-        speed = max(float(np.linalg.norm(here.start[3:])), 1e-6 * float(size))
+        size = np.linalg.norm(here.guess.x[:3])
+        speed = max(float(np.linalg.norm(here.guess.x[3:])), 1e-6 * float(size))
         sigma = np.repeat(
             [spec.position_sigma_m or _WIDE * size, spec.velocity_sigma_m_s or _WIDE * speed], 3
         )
@@ -201,10 +208,20 @@ class OrbitFitStage:
         )  # fmt: skip
         biases, names, units = _biases(spec, records)
         whole = BiasAugmentedModel(motion, 6, biases)
-        belief = Belief(here.start[:, None], np.diag(sigma)[None], np.array([here.start_s]))
+        root = np.diag(sigma) if spec.prior == "stated" else _stated_root(here.guess)
+        belief = Belief(here.guess.x[:, None], root[None], np.array([here.start_s]))
         prior = whole.append_biases(belief)
         steps = np.concatenate([np.repeat([_STEP * size, _STEP * speed], 3), biases.sigma])
         return FixedStepModel(whole, motion.blocks, steps), prior, (names, units)
+
+    def _describe(
+        self, here: _Situation, records: Sequence[Record], arc: Arc, model: FixedStepModel, x: Array
+    ) -> tuple[str, ...]:
+        """Return what is wrong with the trajectory of a fit that has failed."""
+        return describe_trajectory(
+            model, self.plant, here.surroundings, here.data.craft,
+            [record.observable.path for record in records], arc, x, here.start_s,
+        )  # fmt: skip
 
     def _product(
         self,
@@ -241,6 +258,7 @@ class OrbitFitStage:
             bias_units=tuple(names[1]),
             answer=judged.answer,
             reasons=judged.reasons,
+            hints=judged.hints,
             squares=judged.squares,
             low=judged.low,
             high=judged.high,
@@ -290,6 +308,22 @@ class OrbitFitStage:
         return t, inertial, moved @ moved.T
 
 
+def _stated_root(guess: FirstGuess) -> Array:
+    """Return a root (6, 6) of the covariance that the message of the start states.
+
+    Raises
+    ------
+    InputError
+        If it states none.
+    """
+    if guess.covariance is None:
+        raise InputError(
+            f"prior: {guess.key} states no covariance at the time of the start; give an OPM with "
+            "one, or position_sigma and velocity_sigma"
+        )
+    return covariance_factor(guess.covariance)
+
+
 def _biases(
     spec: OrbitFitSpec, records: Sequence[Record]
 ) -> tuple[BiasStates, list[str], list[str]]:
@@ -336,20 +370,16 @@ def _biases(
     ), names, units  # fmt: skip
 
 
-def _labels(records: Sequence[Record]) -> list[str]:
-    """Return names of the rows, for sentences and tables."""
-    return [f"{r.observable.label}, {name}" for r in records for name in r.observable.names]
-
-
 def _rows(records: Sequence[Record], arc: Arc, fitted: EditedFit, judged: Judgement) -> FittedRows:
     """Return the residuals of the product."""
     about = fitted.residuals
     channels = [c for record in records for c in record.observable.channels]
     return FittedRows(
-        tuple(_labels(records)),
+        tuple(labels_of(records)),
         tuple(c.unit for c in channels),
         np.array([row.count for row in judged.rows], dtype=float),
         np.array([row.edited for row in judged.rows], dtype=float),
+        np.array([row.mean for row in judged.rows]),
         np.array([row.rms for row in judged.rows]),
         np.array([row.bias for row in judged.rows]),
         np.array([row.correlation for row in judged.rows]),
@@ -393,4 +423,4 @@ def fit_records(
     """
     arc = arrange(records)
     fitted = fit_and_edit(model, prior, arc, threshold, rounds, lambda _: None)
-    return fitted, judge_fit(fitted, arc, threshold, 0, _labels(records))
+    return fitted, judge_fit(fitted, arc, prior, records, threshold, 0)

@@ -2,21 +2,44 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from pathlib import Path
+
 import numpy as np
 
-from hillsphere.base.constants import DAY_S
+from hillsphere.engine.start_messages import epoch_of_message, start_of_message
+from hillsphere.engine.start_specs import MessageStartSpec
 from hillsphere.engine.start_states import TimedFrame, place_start
 from hillsphere.errors import InputError
-from hillsphere.formats.oem import OemSegment, read_oem
-from hillsphere.formats.opm import read_opm
 from hillsphere.interfaces import Array, Plant
 from hillsphere.time import Epoch
-from hillsphere_estimators.orbit_fit.reading import text_of
+from hillsphere_estimators.orbit_fit.reading import place_of
 from hillsphere_estimators.orbit_fit.specs import FitStartSpec
-from hillsphere_estimators.orbit_fit.surroundings import Surroundings
-from hillsphere_estimators.orbit_fit.trajectory import Trajectory
 
-__all__ = ["start_epoch", "start_state"]
+__all__ = ["FirstGuess", "first_guess", "start_epoch"]
+
+
+_SAME_S = 1.0
+"""Dates of one start may differ by this: in a second axes of date turn by 1e-11 rad."""
+
+
+@dataclass(frozen=True, eq=False)
+class FirstGuess:
+    """A state near which a fit begins.
+
+    Parameters
+    ----------
+    x : ndarray, shape (6,)
+        In the plant's frame, SI.
+    covariance : ndarray, shape (6, 6), or None
+        That its message states.
+    key : str
+        The key that gives it, for messages.
+    """
+
+    x: Array
+    covariance: Array | None
+    key: str
 
 
 def start_epoch(start: FitStartSpec) -> Epoch:
@@ -27,18 +50,28 @@ def start_epoch(start: FitStartSpec) -> Epoch:
     InputError
         If it is no date, or its file cannot be read.
     """
-    if start.epoch:
-        try:
-            return Epoch.parse(start.epoch, start.time_scale)
-        except InputError as error:
-            raise InputError(f"start.epoch: {error}") from error
-    segment = _segment(start)
-    tai = segment.epoch.to("TAI")
-    return Epoch(tai.day, tai.fraction + float(segment.t_s[0]) / DAY_S, "TAI")
+    message = _message(start)
+    if message is None:
+        form = start.inertial or start.elements
+        if form is None or form.epoch is None:
+            return _date(start)
+        of_axes = Epoch.parse(form.epoch, "TDB")
+        if start.epoch and abs(_date(start).seconds_since(of_axes)) > _SAME_S:
+            key = "inertial" if start.inertial else "elements"
+            raise InputError(
+                f"start.epoch: expected the instant of start.{key}.epoch, {form.epoch} TDB, got "
+                f"{start.epoch} {start.time_scale}; leave one of the two out"
+            )
+        return _date(start) if start.epoch else of_axes
+    key, path, name, epoch = message
+    try:
+        return epoch_of_message(path, name=name, epoch=epoch)
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from error
 
 
-def start_state(start: FitStartSpec, plant: Plant, surroundings: Surroundings, t_s: float) -> Array:
-    """Return the first guess (6,) in the plant's frame, SI.
+def first_guess(start: FitStartSpec, plant: Plant, t_s: float) -> FirstGuess:
+    """Return the first guess in the plant's frame.
 
     Parameters
     ----------
@@ -46,8 +79,6 @@ def start_state(start: FitStartSpec, plant: Plant, surroundings: Surroundings, t
         Its form.
     plant : Plant
         Gives the frame.
-    surroundings : Surroundings
-        Places the frame.
     t_s : float
         Its time, after the plant's epoch.
 
@@ -57,35 +88,36 @@ def start_state(start: FitStartSpec, plant: Plant, surroundings: Surroundings, t
         If it cannot be given in the plant's frame.
     """
     if start.position_m is not None and start.velocity_m_s is not None:
-        return np.array([*start.position_m, *start.velocity_m_s])
-    if start.file is None:
+        x = np.array([*start.position_m, *start.velocity_m_s])
+        return FirstGuess(x, None, "start.position")
+    message = _message(start)
+    if message is None:
         frame: object = plant.turning_frame(t_s) if isinstance(plant, TimedFrame) else plant
         placed = place_start(start, frame, {}, "start")
         assert placed is not None
-        return np.concatenate(placed)
-    segment = _segment(start)
-    t = segment.epoch.seconds_since(surroundings.zero) + segment.t_s
-    if abs(t[0] - t_s) < 1e-6:
-        state = segment.x[:, :1]
-    else:
-        state = Trajectory(f"start.file: {start.file}", t, segment.x).states(np.array([t_s]))
+        key = "start.inertial" if start.inertial else "start.elements"
+        return FirstGuess(np.concatenate(placed), None, key)
+    key, path, name, epoch = message
     try:
-        return surroundings.from_celestial(segment.ref_frame, state, np.array([t_s]))[:, 0]
+        read = start_of_message(path, plant, name=name, epoch=epoch, time_s=t_s)
     except InputError as error:
-        raise InputError(f"start.file: {start.file}: {error}") from error
+        raise InputError(f"{key}: {error}") from error
+    return FirstGuess(read.x, read.covariance, key)
 
 
-def _segment(start: FitStartSpec) -> OemSegment:
-    """Return the states of a file; a parameter message is an ephemeris of one state."""
-    assert start.file is not None
-    text = text_of(start.file)
-    if "CCSDS_OPM_VERS" in text[:1000] or "<opm" in text[:1000]:
-        opm = read_opm(text, start.file)
-        return OemSegment(
-            opm.object_name, opm.object_id, opm.center_name, opm.frame, opm.epoch,
-            np.zeros(1), opm.x[:, None],
-        )  # fmt: skip
-    segments = read_oem(text, start.file)
-    if len(segments) != 1:
-        raise InputError(f"start.file: {start.file} has {len(segments)} segments; expected one")
-    return segments[0]
+def _date(start: FitStartSpec) -> Epoch:
+    try:
+        return Epoch.parse(start.epoch, start.time_scale)
+    except InputError as error:
+        raise InputError(f"start.epoch: {error}") from error
+
+
+def _message(start: FitStartSpec) -> tuple[str, Path, str, str | Epoch] | None:
+    """Return key, file, object and date of a message; None for other forms."""
+    if start.file is not None:
+        epoch: str | Epoch = _date(start) if start.epoch else ""
+        return "start.file", place_of(start.file), "", epoch
+    given: MessageStartSpec | None = start.message
+    if given is None:
+        return None
+    return "start.message", place_of(given.file), given.object, given.epoch

@@ -211,27 +211,6 @@ class Surroundings:
         solved = np.linalg.solve(np.moveaxis(linear, 2, 0), states.T[:, :, None])
         return np.ascontiguousarray(solved[:, :, 0].T)
 
-    def from_celestial(self, frame: str, states: Array, t_s: Array) -> Array:
-        """Return states (6, N) of a celestial frame about the plant's centre in its own frame.
-
-        Raises
-        ------
-        InputError
-            If the frame is none of ICRF, GCRF, EME2000 and, about the Earth, TEME.
-        """
-        bias = frame_bias(frame)
-        if bias is not None:
-            states = np.concatenate([bias @ states[:3], bias @ states[3:]])
-            if self.axes == "teme":
-                states = self._turned(self._teme_axes(t_s), states)
-        elif frame == "TEME" and self.about_earth:
-            if self.axes == "gcrs":
-                states = self._turned(np.swapaxes(self._teme_axes(t_s), 1, 2), states)
-        else:
-            raise InputError(f"states are in {frame}; expected ICRF, GCRF, EME2000 or, about the "
-                             "Earth, TEME")  # fmt: skip
-        return self.from_inertial(states, t_s)
-
     def observer(self, name: str, t_s: Array, near: bool) -> Array:
         """Return the inertial states (6, N) of an observer at times (N,), see `is_near`."""
         if name in self._stations:

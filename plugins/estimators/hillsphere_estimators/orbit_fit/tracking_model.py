@@ -30,7 +30,7 @@ class TrackingModel(PlantModel):
         Where everything is.
     craft : str
         Name of the spacecraft among the participants.
-    aberration : {"none", "observer", "stars"}
+    aberration : {"none", "observer", "stars", "instantaneous"}
         Of directions.
     transmissions : mapping of str to Transmission
         Frequencies by the name of the participant that sends first.

@@ -173,7 +173,10 @@ class EphemerisReferenceStage:
         start = self._since(one, np.array([begin]))[0]
         values = self._others(np.append(start, since))
         motion = frame_motion(self.plant, self.epoch, np.append(start, since), values)
-        x = common_axes(one.segment.ref_frame, one(t), motion.axes_name, where)
+        segment = one.segment
+        x = common_axes(
+            segment.ref_frame, one(t), motion.axes_name, where, segment.epoch, np.atleast_1d(t)
+        )
         if one.segment.center_name.lower() not in [name.lower() for name in motion.centres]:
             raise InputError(
                 f"{where}: CENTER_NAME: expected {' or '.join(map(str.upper, motion.centres))}, "
