@@ -45,6 +45,10 @@ _SAME_S = 1e-6
 """Times (s) nearer than this are one time: ten times the accuracy of the roots. Larger, and a short
 interval between a mask's edges is lost; smaller, and rounding makes empty intervals."""
 
+_TIMES_AT_ONCE = 1_000_000
+"""Times of tracks, times the stations, that are searched at once: the arrays of a search then take
+some 100 MB, whatever the number of satellites. Fewer cost more calls."""
+
 
 @dataclass(frozen=True)
 class Air:
@@ -161,17 +165,18 @@ def find_all_passes(
     masks = [HorizonMask()] * len(stations) if masks is None else masks
     if len(masks) != len(stations):
         raise InputError(f"masks: expected {len(stations)}, one a station, got {len(masks)}")
-    seen = find_visible(stations, TrackSet(tracks), [_geometric(mask, air) for mask in masks])
-    number = np.ravel_multi_index((seen.station, seen.track), seen.top_s.shape)
-    cuts = np.searchsorted(number, np.arange(seen.top_s.size + 1))
-    found = []
-    for k in range(len(stations)):
-        row = []
-        for j, track in enumerate(tracks):
-            pair = k * len(tracks) + j
-            own = slice(int(cuts[pair]), int(cuts[pair + 1]))
+    lowered = [_geometric(mask, air) for mask in masks]
+    found: list[list[Passes]] = [[] for _ in stations]
+    for part in TrackSet(tracks).parts(_TIMES_AT_ONCE // len(stations)):
+        seen = find_visible(stations, part, lowered)
+        shape = seen.top_s.shape
+        cuts = np.searchsorted(
+            np.ravel_multi_index((seen.station, seen.track), shape), np.arange(seen.top_s.size + 1)
+        )
+        for pair, (k, j) in enumerate(np.ndindex(shape)):
+            own, track = slice(int(cuts[pair]), int(cuts[pair + 1])), part.tracks[j]
             rise, set_ = seen.spans_s[:, own]
-            row.append(Passes(
+            one = Passes(
                 rise_s=rise,
                 culmination_s=seen.highest_s[own],
                 set_s=set_,
@@ -180,9 +185,9 @@ def find_all_passes(
                 highest_s=float(seen.top_s[k, j]),
                 highest_rad=float(np.arcsin(np.clip(seen.top_sine[k, j], -1.0, 1.0))),
                 searched_s=track.end_s,
-            ))  # fmt: skip
-        found.append(tuple(row))
-    return tuple(found)
+            )
+            found[k].append(one)
+    return tuple(map(tuple, found))
 
 
 def _geometric(mask: HorizonMask, air: Air | None) -> HorizonMask:

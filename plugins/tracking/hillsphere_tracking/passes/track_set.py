@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from copy import copy
 
 import numpy as np
 
@@ -56,6 +57,23 @@ class TrackSet:
                     elements = track.orbit.near_earth_elements
                     self._elements[:, k] = np.nan if elements is None else elements
         self._compiled = ~np.isnan(self._elements[0])
+
+    def parts(self, most_times: int) -> Iterator[TrackSet]:
+        """Yield sets of consecutive tracks with at most so many times, or one track, in each."""
+        begin, times = 0, 0
+        for k, track in enumerate(self.tracks):
+            if k > begin and times + track.times_s.size > most_times:
+                yield self._part(begin, k)
+                begin, times = k, 0
+            times += track.times_s.size
+        yield self._part(begin, len(self.tracks))
+
+    def _part(self, begin: int, end: int) -> TrackSet:
+        part, own = copy(self), slice(begin, end)
+        part.tracks = self.tracks[own]
+        part._offset_s, part._compiled = self._offset_s[own], self._compiled[own]
+        part._elements = self._elements[:, own]
+        return part
 
     def states(self, index: Integers, t_s: Array) -> Array:
         """Return Earth-fixed states, each of its own satellite at its own time.
