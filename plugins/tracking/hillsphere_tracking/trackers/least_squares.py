@@ -45,6 +45,7 @@ from hillsphere_tracking.mean_elements import retrograde_sign
 from hillsphere_tracking.trackers.charts import Chart, EquinoctialElements, SelectedElements
 from hillsphere_tracking.trackers.correction import Correction, correct_estimate, select_correction
 from hillsphere_tracking.trackers.observation import compare_directions, propagate_and_compare
+from hillsphere_tracking.trackers.one_call import predict_and_correct
 from hillsphere_tracking.trackers.specs import LeastSquaresSpec
 from hillsphere_tracking.trackers.state import (
     OrbitState,
@@ -133,6 +134,13 @@ class LeastSquares:
         self._bias_slopes = (
             [6, 7] * spec.angle_biases + [8] * spec.time_bias + [9] * spec.horizon_bias
         )
+        # selected elements are simple enough to be predicted and corrected by one function
+        self._one_call = (
+            (self._field, self.short_period, tuple(self._chart.rows), tuple(self._bias_slopes),
+             spec.drift_m, spec.gate, _LEAST_SIGMA)
+            if isinstance(self._chart, SelectedElements)
+            else None
+        )  # fmt: skip
         # rows of the estimated quantities among the coordinates and all four biases (`predict`)
         self._prediction_rows = np.array([*range(n), *(row - 6 + n for row in self._bias_slopes)])
 
@@ -321,6 +329,14 @@ class LeastSquares:
     ) -> _Update:
         """Propagate the estimate to the time of a measurement and compute the first correction."""
         dt = t_s - state.t_s
+        if self._one_call is not None:
+            after, prior, correction = predict_and_correct(
+                state.elements, dt, state.time_bias_s, t_s + state.time_bias_s, state.site,
+                (*angles, *state.biases_rad, state.horizon_rad), state.covariance, noise,
+                self._one_call,
+            )  # fmt: skip
+            at = _Estimate(after, state.biases_rad, state.time_bias_s, state.horizon_rad)
+            return _Update(at, prior, correction)
         after, slopes, comparison = propagate_and_compare(
             state.elements, dt, state.time_bias_s, t_s + state.time_bias_s, state.site,
             np.array([*angles, *state.biases_rad, state.horizon_rad]), self._field,
