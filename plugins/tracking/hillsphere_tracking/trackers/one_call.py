@@ -20,10 +20,11 @@ from hillsphere_tracking.dynamics_brouwer import ZonalField
 from hillsphere_tracking.trackers.correction import Correction, correction_of, packing_of
 from hillsphere_tracking.trackers.observation import Site, measurement_columns, propagation_of
 
-__all__ = ["predict_and_correct"]
+__all__ = ["compile_update", "predict_and_correct"]
 
 
 def predict_and_correct(
+    function: ArrayFunction,
     elements: Array,
     dt_s: Array,
     clock_s: Array,
@@ -32,21 +33,19 @@ def predict_and_correct(
     measured: Sequence[Array],
     covariance: Array,
     noise: Array,
-    model: tuple[ZonalField, bool, tuple[int, ...], tuple[int, ...], float, float, float],
 ) -> tuple[Array, Array, Correction]:
     """Propagate an estimate to a measurement and correct it.
 
     Parameters
     ----------
+    function : ArrayFunction
+        From `compile_update`.
     elements, dt_s, clock_s, t_s, site, measured
         As for `observation.propagate_and_compare`; `measured` are five arrays (N,).
     covariance : ndarray, shape (m, m, N)
         Covariance before.
     noise : ndarray, shape (2, N)
         Variances of azimuth and elevation, rad².
-    model : tuple
-        Gravity field, whether there are short-period terms, rows of the estimated elements, columns
-        of the estimated biases, drift (m), gate, and least standard deviation on the sky (rad).
 
     Returns
     -------
@@ -64,7 +63,7 @@ def predict_and_correct(
     measurement_columns(elements, clock_s, t_s, site, measured, given)
     given[25], given[26:28] = dt_s, noise
     given[28:] = covariance.reshape(m * m, cases)[upper]
-    outputs = _compile_update(*model)(given)
+    outputs = function(given)
     end = 6 + size
     step = outputs[end : end + m]
     return outputs[:6], outputs[6:end][full], Correction(
@@ -73,7 +72,7 @@ def predict_and_correct(
 
 
 @lru_cache(maxsize=16)
-def _compile_update(
+def compile_update(
     field: ZonalField,
     short_period: bool,
     rows: tuple[int, ...],
@@ -82,7 +81,25 @@ def _compile_update(
     gate: float,
     least_sigma: float,
 ) -> ArrayFunction:
-    """Compile `predict_and_correct`; the arguments are those of its `model`."""
+    """Compile the function of `predict_and_correct`.
+
+    Parameters
+    ----------
+    field : ZonalField
+        Gravity field of the planet.
+    short_period : bool
+        Add the short-period terms of J2.
+    rows : tuple of int
+        Rows of the estimated elements, see `charts.SelectedElements`.
+    others : tuple of int
+        Columns of the estimated biases among the slopes of `observation.compare_directions`.
+    drift_m : float
+        Displacement by the random walk in an hour, see `charts.Chart.walk`.
+    gate : float
+        Number of standard deviations beyond which a measurement is an outlier.
+    least_sigma : float
+        Least standard deviation on the sky, rad.
+    """
     later, turned, compared, inputs = propagation_of(field, short_period)
     n, m = len(rows), len(rows) + len(others)
     a, dt = inputs[0], inputs[-1]
