@@ -38,7 +38,8 @@ MASKS = [
 
 def random_sets(count: int, per_day: tuple[float, float] = (6.6, 16.4)) -> list[Any]:
     """Return initialised element sets of random orbits with drag from little to much."""
-    random, found = np.random.default_rng(11), []
+    random = np.random.default_rng(11)
+    found: list[Any] = []
     while len(found) < count:
         one = Satrec()
         one.sgp4init(

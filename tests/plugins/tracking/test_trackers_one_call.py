@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from hillsphere_tracking.trackers.specs import LeastSquaresSpec
 EPOCH = Epoch.parse("1989-01-31T09:58:00", "UTC")
 ELEMENTS = np.array([7180e3, 0.0436, *np.radians([23.82, 240.14, 15.47, 350.56])])
 PLACES = (Station("Alcântara", np.radians(-2.18), np.radians(-44.26), 39.0),)
-OPTIONS = [
+OPTIONS: list[dict[str, Any]] = [
     {},
     {"parameters": "node_anomaly", "time_bias": True},
     {"angle_biases": False, "horizon_bias": False, "drift_m": 0.0, "short_period": False},
@@ -25,7 +26,7 @@ OPTIONS = [
 
 
 @pytest.mark.parametrize("options", OPTIONS)
-def test_one_call_gives_what_the_parts_give(options: dict[str, object]) -> None:
+def test_one_call_gives_what_the_parts_give(options: dict[str, Any]) -> None:
     """Propagation, random walk, transition and Joseph's form, by the modules that state them."""
     tracker = LeastSquares(LeastSquaresSpec(**options))
     cases = 3

@@ -306,7 +306,7 @@ def _first_largest(group: Integers, value: Array) -> Integers:
     first = np.flatnonzero(np.diff(group, prepend=-1))
     most = np.maximum.reduceat(value, first)
     (at,) = np.nonzero(value == np.repeat(most, np.diff(first, append=group.size)))
-    return at[np.diff(group[at], prepend=-1) != 0]
+    return np.asarray(at[np.diff(group[at], prepend=-1) != 0])
 
 
 def _highest(heights: LaneFunction, curve: Curve, lane: Integers, spans: Array) -> Array:
@@ -328,4 +328,4 @@ def _highest(heights: LaneFunction, curve: Curve, lane: Integers, spans: Array) 
     times = np.concatenate([*spans, curve.t_s[inside]])[order]
     value = np.concatenate([*ends, curve.value[inside]])[order]
     best = times[_first_largest(group[order], value)]
-    return np.clip(best, *spans)
+    return np.asarray(np.clip(best, *spans))

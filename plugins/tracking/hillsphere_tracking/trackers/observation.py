@@ -7,7 +7,7 @@ zenith.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import pi, sin
@@ -246,7 +246,7 @@ def propagate_and_compare(
 
 
 def measurement_columns(
-    elements: Array, dt_s: Array, t_s: Array, site: Site, measured: Sequence[Array], out: Array
+    elements: Array, dt_s: Array, t_s: Array, site: Site, measured: Iterable[Array], out: Array
 ) -> None:
     """Write the inputs of a comparison to the first 25 rows of an array (≥ 25, N).
 
