@@ -27,7 +27,7 @@ __all__ = [
     "Expr", "Overloaded", "Params", "Scalar", "Vec3", "absolute", "acos", "asin", "atan2",
     "constant", "cos", "cross", "dot", "eccentric_anomaly", "exp", "gradient", "greater",
     "is_zero", "jacobian", "kepler", "less", "log", "matvec", "maximum", "minimum", "norm",
-    "number_in", "parameter", "parameter_names", "pi", "power", "product", "select", "sin",
+    "number_in", "parameter", "parameter_names", "pi", "power", "product", "select", "sgp4", "sin",
     "spherical_harmonics_potential", "sqrt", "substitute", "sum_of", "tan", "time", "variable",
     "variable_names", "variables",
 ]  # fmt: skip
@@ -803,3 +803,21 @@ def spherical_harmonics_potential(
     """
     table = [[_as_expr(c), _as_expr(s)] for c, s in coefficients]
     return cast(Expr, _hy.model.sh_gravity_pot(list(r), table, _as_expr(gm), _as_expr(radius)))
+
+
+def sgp4(elements: Sequence[Scalar], minutes: Scalar) -> tuple[Expr, ...]:
+    """Return the state that the analytic theory SGP4 gives, without its part for deep space.
+
+    Parameters
+    ----------
+    elements : sequence of 7
+        Mean motion of the element set (rad/min), e, i, Ω, ω, M (rad) and the drag term B*.
+    minutes : Scalar
+        Time since the epoch of the elements, min.
+
+    Returns
+    -------
+    tuple of 7 Expr
+        Position (km) and velocity (km/s) in TEME, and the theory's error code, 0 for none.
+    """
+    return tuple(_hy.model.sgp4([*map(_as_expr, elements), _as_expr(minutes)]))

@@ -68,6 +68,10 @@ class ArrayFunction:
         if numbered:
             outputs = _hy.subs(outputs, numbered)
         self._function: Any = _hy.cfunc(outputs, vars=[*inputs, *outside], compact_mode=compact)
+        # functions of their inputs alone are called without a look at the rest
+        self._is_plain = not (
+            terms is not None or self._function.nparams or self._function.is_time_dependent
+        )
 
     def __call__(self, x: ArrayLike, p: ArrayLike | None = None, t: ArrayLike = 0.0) -> Array:
         """Evaluate the expressions.
@@ -87,6 +91,9 @@ class ArrayFunction:
             Outputs.
         """
         inputs = np.ascontiguousarray(x, dtype=float)
+        if self._is_plain and inputs.ndim == 2 and len(inputs) == self.n_in:
+            plain: Array = self._function(inputs)
+            return plain
         if inputs.shape[0] != self.n_in or inputs.ndim > 2:
             raise InputError(f"x must be ({self.n_in}, N), got {inputs.shape}")
         single = inputs.ndim == 1

@@ -151,6 +151,8 @@ def to_earth_fixed(
         If the frame is unknown or shapes do not match.
     """
     x, t_s = _states(x, t_s)
+    if frame == "teme":
+        return _from_mean_equinox(x, epoch, t_s, orientation)
     about_axis, pole = _factors(frame, epoch, t_s, orientation)
     rate = ROTATION_RATES_RAD_S[frame]
     place = np.einsum("ijn,jn->in", about_axis, x[:3])
@@ -241,6 +243,33 @@ def celestial_to_intermediate(epoch: Epoch, t_s: Array) -> Array:
         for angle in angles
     )
     return np.moveaxis(erfa.c2ixys(x, y, s), 0, -1)
+
+
+def _from_mean_equinox(x: Array, epoch: Epoch, t_s: Array, orientation: EarthOrientation) -> Array:
+    """Return `to_earth_fixed` of states in TEME, without the matrices, most of which is zeros."""
+    now = orientation.at(epoch, t_s)
+    angle = _angle("teme", epoch, t_s, now.ut1_minus_tai_s)
+    c, s, rate = np.cos(angle), np.sin(angle), ROTATION_RATES_RAD_S["teme"]
+    turned = np.empty_like(x)
+    for row in (0, 3):
+        turned[row] = c * x[row] + s * x[row + 1]
+        turned[row + 1] = c * x[row + 1] - s * x[row]
+        turned[row + 2] = x[row + 2]
+    turned[3] += rate * turned[1]
+    turned[4] -= rate * turned[0]
+    x_pole, y_pole = now.x_pole_rad, now.y_pole_rad
+    if not (x_pole.any() or y_pole.any()):
+        return turned
+    # P = R1(−y_p) R2(−x_p); s′ belongs to the system of 2006 only
+    cx, sx, cy, sy = np.cos(x_pole), np.sin(x_pole), np.cos(y_pole), np.sin(y_pole)
+    fixed = np.empty_like(x)
+    for row in (0, 3):
+        a, b, d = turned[row : row + 3]
+        fixed[row] = cx * a + sx * d
+        along = cx * d - sx * a
+        fixed[row + 1] = cy * b - sy * along
+        fixed[row + 2] = sy * b + cy * along
+    return fixed
 
 
 def _states(x: Array, t_s: Array) -> tuple[Array, Array]:

@@ -1,19 +1,21 @@
 """Passes of satellites over stations: rise, culmination and set.
 
-A pass is an interval in which the satellite is above the station's horizon mask. The sine of the
-elevation is a smooth function of time; `search` finds the intervals in which it exceeds the lowest
-point of the mask, even grazing ones. Within each interval a mask that depends on azimuth is then
-evaluated segment by segment.
+A pass is an interval in which the satellite is above the station's horizon mask. `visibility`
+finds the intervals in which the sine of the elevation, a smooth function of time, exceeds the
+lowest point of the mask, even grazing ones. Within each interval a mask that depends on azimuth is
+then evaluated segment by segment.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from hillsphere.base.constants import DAY_S
 from hillsphere.base.geodetic import WGS84, Ellipsoid, Station
+from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere_tracking.ground_track import EarthTrack
 from hillsphere_tracking.passes.masks import BlindSector, HorizonMask
@@ -25,12 +27,14 @@ from hillsphere_tracking.passes.search import (
     sample_curve,
     zeros,
 )
+from hillsphere_tracking.passes.track_set import TrackSet
+from hillsphere_tracking.passes.visibility import find_visible
 from hillsphere_tracking.sun import shadow_margin, sun_earth_fixed
 from hillsphere_tracking.topocentric import apparent_elevation, geometric_elevation, rates
 
 __all__ = [
-    "Air", "Passes", "blind_spans", "eclipses", "find_passes", "peak_azimuth_rates",
-    "sun_in_beam",
+    "Air", "Passes", "blind_spans", "eclipses", "find_all_passes", "find_passes",
+    "peak_azimuth_rates", "sun_in_beam",
 ]  # fmt: skip
 
 _TURN = 2.0 * np.pi
@@ -40,6 +44,10 @@ _SOLAR_DAY_RATE = _TURN / DAY_S
 _SAME_S = 1e-6
 """Times (s) nearer than this are one time: ten times the accuracy of the roots. Larger, and a short
 interval between a mask's edges is lost; smaller, and rounding makes empty intervals."""
+
+_TIMES_AT_ONCE = 1_000_000
+"""Times of tracks, times the stations, that are searched at once: the arrays of a search then take
+some 100 MB, whatever the number of satellites. Fewer cost more calls."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +105,7 @@ def find_passes(
     mask: HorizonMask | None = None,
     air: Air | None = None,
 ) -> Passes:
-    """Find all passes of a satellite over a station.
+    """Find all passes of a satellite over a station; see `find_all_passes`.
 
     Parameters
     ----------
@@ -108,47 +116,86 @@ def find_passes(
     mask : HorizonMask, optional
         Horizon mask of the station; by default the horizontal plane.
     air : Air, optional
-        Air that refracts the signal: the mask then gives apparent elevations (the interpolation
-        between its azimuths remains linear in geometric elevation). By default there is no
-        refraction.
+        Air that refracts the signal.
 
     Returns
     -------
     Passes
-        Passes in order of time; times are accurate to 1e-6 s for the given orbit and orientation.
+        Passes in order of time.
     """
-    mask = HorizonMask() if mask is None else mask
-    if air is not None:
-        lowered = geometric_elevation(
-            np.array(mask.elevation_rad), air.pressure_hpa, air.temperature_c
+    return find_all_passes([station], [track], None if mask is None else [mask], air)[0][0]
+
+
+def find_all_passes(
+    stations: Sequence[Station],
+    tracks: Sequence[EarthTrack],
+    masks: Sequence[HorizonMask] | None = None,
+    air: Air | None = None,
+) -> tuple[tuple[Passes, ...], ...]:
+    """Find all passes of satellites over stations, which share one propagation of each satellite.
+
+    Parameters
+    ----------
+    stations : sequence of Station
+        S observing stations.
+    tracks : sequence of EarthTrack
+        T satellites over the rotating Earth, of the same start and orientation, each with the
+        interval of its search.
+    masks : sequence of HorizonMask, optional
+        Horizon mask of each station; by default the horizontal plane.
+    air : Air, optional
+        Air that refracts the signal: the masks then give apparent elevations (the interpolation
+        between their azimuths remains linear in geometric elevation). By default there is no
+        refraction.
+
+    Returns
+    -------
+    tuple of tuple of Passes
+        One tuple for each station, of the passes of each track in order of time; times are accurate
+        to 1e-6 s for the given orbit and orientation.
+
+    Raises
+    ------
+    InputError
+        If there is no station or track, the number of masks is not that of the stations, or tracks
+        differ in their start or orientation.
+    """
+    if not stations:
+        raise InputError("a search for passes needs at least one station, got none")
+    masks = [HorizonMask()] * len(stations) if masks is None else masks
+    if len(masks) != len(stations):
+        raise InputError(f"masks: expected {len(stations)}, one a station, got {len(masks)}")
+    lowered = [_geometric(mask, air) for mask in masks]
+    found: list[list[Passes]] = [[] for _ in stations]
+    for part in TrackSet(tracks).parts(_TIMES_AT_ONCE // len(stations)):
+        seen = find_visible(stations, part, lowered)
+        shape = seen.top_s.shape
+        cuts = np.searchsorted(
+            np.ravel_multi_index((seen.station, seen.track), shape), np.arange(seen.top_s.size + 1)
         )
-        mask = HorizonMask(tuple(lowered.tolist()), mask.azimuth_rad)
-    # sin h is smooth through the zenith, where h is not
-    threshold = np.sin(mask.lowest_rad)
+        for pair, (k, j) in enumerate(np.ndindex(shape)):
+            own, track = slice(int(cuts[pair]), int(cuts[pair + 1])), part.tracks[j]
+            rise, set_ = seen.spans_s[:, own]
+            one = Passes(
+                rise_s=rise,
+                culmination_s=seen.highest_s[own],
+                set_s=set_,
+                begun=rise == track.times_s[0],
+                unfinished=set_ == track.end_s,
+                highest_s=float(seen.top_s[k, j]),
+                highest_rad=float(np.arcsin(np.clip(seen.top_sine[k, j], -1.0, 1.0))),
+                searched_s=track.end_s,
+            )
+            found[k].append(one)
+    return tuple(map(tuple, found))
 
-    def height(t_s: Array) -> tuple[Array, Array]:
-        _, up, _, d_up = _direction(station, track, t_s)
-        return up - threshold, d_up
 
-    # Every other time suffices: the search evaluates the midpoints of its steps.
-    coarse = np.append(track.times_s[:-1:2], track.end_s)
-    whole = sample_curve(height, coarse)
-    spans = positive_spans(height, whole)
-    if not mask.constant:
-        parts = [_above_mask(station, track, mask, *span) for span in spans.T]
-        spans = merge_spans(np.concatenate([np.zeros((2, 0)), *parts], axis=1))
-    rise, set_ = spans
-    top = int(np.argmax(whole.value))
-    return Passes(
-        rise_s=rise,
-        culmination_s=_culminations(height, whole.t_s, whole.value, spans),
-        set_s=set_,
-        begun=rise == track.times_s[0],
-        unfinished=set_ == track.end_s,
-        highest_s=float(whole.t_s[top]),
-        highest_rad=float(np.arcsin(np.clip(whole.value[top] + threshold, -1.0, 1.0))),
-        searched_s=track.end_s,
-    )
+def _geometric(mask: HorizonMask, air: Air | None) -> HorizonMask:
+    """Return a mask in geometric elevations."""
+    if air is None:
+        return mask
+    lowered = geometric_elevation(np.array(mask.elevation_rad), air.pressure_hpa, air.temperature_c)
+    return HorizonMask(tuple(lowered.tolist()), mask.azimuth_rad)
 
 
 def peak_azimuth_rates(station: Station, track: EarthTrack, passes: Passes) -> Array:
@@ -302,31 +349,6 @@ def eclipses(track: EarthTrack, ellipsoid: Ellipsoid = WGS84) -> Array:
     return positive_spans(depth, sample_curve(depth, track.times_s))
 
 
-def _above_mask(
-    station: Station, track: EarthTrack, mask: HorizonMask, begin_s: float, end_s: float
-) -> Array:
-    """Return the intervals (2, M) above a mask, within an interval above its lowest elevation."""
-    cuts = [np.array([begin_s, end_s])]
-    grid = _grid(begin_s, end_s)
-    for azimuth in mask.azimuth_rad:
-        across = _crossing_function(station, track, azimuth)
-        cuts.append(zeros(across, sample_curve(across, grid)))
-    # between two crossings of a mask's azimuth the satellite is over one segment
-    edges = _drop_duplicates(cuts)
-    middles = 0.5 * (edges[:-1] + edges[1:])
-    lines = mask.segment(rates(station, track.states(middles))[0])
-    spans = []
-    for low, high, line in zip(edges[:-1], edges[1:], lines, strict=True):
-
-        def over(t_s: Array, line: np.int64 = line) -> tuple[Array, Array]:
-            azimuth, elevation, _, d_azimuth, d_elevation, _ = rates(station, track.states(t_s))
-            height, slope = mask.on(np.full(t_s.shape, line), azimuth)
-            return elevation - height, d_elevation - slope * d_azimuth
-
-        spans.append(positive_spans(over, sample_curve(over, np.linspace(low, high, 5))))
-    return merge_spans(np.concatenate([np.zeros((2, 0)), *spans], axis=1))
-
-
 def _drop_duplicates(times_s: list[Array]) -> Array:
     """Return sorted times, without repeated ones that differ only by the accuracy of roots."""
     cuts = np.unique(np.concatenate(times_s))
@@ -378,14 +400,3 @@ def _grid(begin_s: float, end_s: float) -> Array:
     """Return times of a pass, 20 s or a hundredth of the pass apart, whichever is longer."""
     step = max(20.0, (end_s - begin_s) / 100.0)
     return np.linspace(begin_s, end_s, max(5, int(np.ceil((end_s - begin_s) / step)) + 1))
-
-
-def _culminations(height: Function, t_s: Array, value: Array, spans: Array) -> Array:
-    """Return the time of the highest elevation in each span: at an extremum or at an end."""
-    at_ends = height(spans.ravel())[0].reshape(spans.shape)
-    culminations = []
-    for (begin, end), ends in zip(spans.T, at_ends.T, strict=True):
-        inside = slice(*np.searchsorted(t_s, [begin, end], side="right").tolist())
-        times = np.concatenate([[begin, end], t_s[inside]])
-        culminations.append(times[np.argmax(np.concatenate([ends, value[inside]]))])
-    return np.array(culminations)

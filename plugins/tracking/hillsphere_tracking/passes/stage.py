@@ -25,7 +25,7 @@ from hillsphere_tracking.passes.passes import (
     Passes,
     blind_spans,
     eclipses,
-    find_passes,
+    find_all_passes,
     peak_azimuth_rates,
     sun_in_beam,
 )
@@ -140,22 +140,23 @@ class PassesStage:
         return present_passes(product, self.start, self.spec.label)
 
     def _find_passes(self, ctx: Context) -> PassList:
+        tracks = [
+            EarthTrack(self._fly(orbit), self.start, self.spec.duration_s, self.orientation)
+            for orbit in self.orbits
+        ]
+        found = find_all_passes(
+            [site.station for site in self.sites], tracks, [site.mask for site in self.sites],
+            self.air,
+        )  # fmt: skip
         advance = ctx.track("passes", len(self.orbits))
-        tracks: list[EarthTrack] = []
         shadows: list[Array] = []
-        by_pair: dict[tuple[int, int], Passes] = {}
         columns: list[dict[str, Array]] = []
         spans: list[tuple[int, int, float, str, float, float]] = []
-        for n, elements in enumerate(self.orbits):
-            orbit = self._fly(elements)
-            track = EarthTrack(orbit, self.start, self.spec.duration_s, self.orientation)
+        for n, track in enumerate(tracks):
             shadow = eclipses(track, self.ellipsoid)
             for s, site in enumerate(self.sites):
-                passes = find_passes(site.station, track, site.mask, self.air)
-                by_pair[s, n] = passes
-                columns.append(self._columns(s, n, site, track, passes, shadow))
-                spans += self._spans(s, n, site, track, passes)
-            tracks.append(track)
+                columns.append(self._columns(s, n, site, track, found[s][n], shadow))
+                spans += self._spans(s, n, site, track, found[s][n])
             shadows.append(shadow)
             advance(1)
         merged = {key: np.concatenate([one[key] for one in columns], axis=-1) for key in columns[0]}
@@ -170,7 +171,7 @@ class PassesStage:
         spans.sort(key=lambda span: (number[span[:3]], span[4]))
         ground_s, ground = _ground(tracks, self.ellipsoid)
         shape = (len(self.sites), len(self.orbits))
-        each = [by_pair[s, n] for s, n in np.ndindex(shape)]
+        each = [one for row in found for one in row]
         return PassList(
             stations=tuple(site.station.name for site in self.sites),
             satellites=tuple(orbit.name for orbit in self.orbits),

@@ -21,6 +21,7 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -32,7 +33,7 @@ from hillsphere.dynamics import ArrayFunction
 from hillsphere.interfaces import Array
 from hillsphere.symbolic import Expr
 
-__all__ = ["Correction", "correct_estimate", "select_correction"]
+__all__ = ["Correction", "correct_estimate", "correction_of", "packing_of", "select_correction"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +90,7 @@ def correct_estimate(
         Corrections of all cases.
     """
     m, cases = slopes.shape[1:]
-    function, upper, full = _compile_correction(m)
+    function, (upper, full) = _compile_correction(m), packing_of(m)
     n = upper.size
     given = np.empty((n + 3 * m + 6, cases))
     given[:n] = prior.reshape(m * m, cases)[upper]
@@ -109,22 +110,59 @@ def select_correction(choice: NDArray[np.bool_], new: Correction, old: Correctio
 
 
 @lru_cache(maxsize=16)
-def _compile_correction(m: int) -> tuple[ArrayFunction, NDArray[np.intp], NDArray[np.intp]]:
-    """Compile the correction of m quantities; return it with the packing of symmetric matrices.
+def packing_of(m: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return two index arrays of symmetric (m, m) matrices.
 
-    The function takes the upper triangle of P, H, −ν at the point of linearisation, R, the known
-    step, the weight (0: to be computed) and the gate. It returns step, weight, shift and the upper
-    triangle of P⁺. The two index arrays take the triangle from a flat matrix, and a matrix from the
-    triangle.
+    The first takes the upper triangle from a flat matrix, the second a matrix from the triangle.
     """
     rows, columns = np.triu_indices(m)
     full = np.empty((m, m), dtype=np.intp)
     full[rows, columns] = full[columns, rows] = np.arange(rows.size)
-    packed = sy.variables(*(f"p{k}" for k in range(rows.size)))
+    return rows * m + columns, full
+
+
+@lru_cache(maxsize=16)
+def _compile_correction(m: int) -> ArrayFunction:
+    """Compile the correction of m quantities.
+
+    The function takes the upper triangle of P, H, −ν at the point of linearisation, R, the known
+    step, the weight (0: to be computed) and the gate. It returns step, weight, shift and the upper
+    triangle of P⁺.
+    """
+    upper, full = packing_of(m)
+    packed = sy.variables(*(f"p{k}" for k in range(upper.size)))
     flat = sy.variables(*(f"h{k}" for k in range(2 * m)))
     off, noise = sy.variables("off0", "off1"), sy.variables("noise0", "noise1")
     known, given, gate = sy.variables(*(f"step{k}" for k in range(m))), *sy.variables("w", "gate")
-    prior, slopes = [[packed[k] for k in row] for row in full], (flat[:m], flat[m:])
+    prior = [[packed[k] for k in row] for row in full.tolist()]
+    outputs = correction_of(prior, (flat[:m], flat[m:]), off, noise, known, given, gate)
+    return ArrayFunction(outputs, (*packed, *flat, *off, *noise, *known, given, gate))
+
+
+def correction_of(
+    prior: Sequence[Sequence[Expr]],
+    slopes: tuple[Sequence[Expr], Sequence[Expr]],
+    off: Sequence[Expr],
+    noise: Sequence[Expr],
+    known: Sequence[Expr],
+    given: Expr,
+    gate: Expr,
+) -> list[Expr]:
+    """Return the correction as expressions: step, weight, shift and the upper triangle of P⁺.
+
+    Parameters
+    ----------
+    prior : sequence of m rows
+        P before the measurement.
+    slopes : two rows of m
+        H.
+    off, noise : sequence of 2
+        −ν at the point of linearisation, and the diagonal of R.
+    known, given, gate
+        As for `correct_estimate`; a weight of 0 is computed.
+    """
+    m = len(prior)
+    rows, columns = np.triu_indices(m)
     # Innovation at the prior estimate in this linearisation: ν + H · (known step).
     left = [sy.dot(h, known) - q for h, q in zip(slopes, off, strict=True)]
     crossed = [[sy.dot(row, h) for h in slopes] for row in prior]
@@ -149,10 +187,7 @@ def _compile_correction(m: int) -> tuple[ArrayFunction, NDArray[np.intp], NDArra
     back = [[gain[i][k] * grown[k] - sy.dot(rest[i], slopes[k]) for k in range(2)]
             for i in range(m)]  # fmt: skip
     after = [rest[i][j] + sy.dot(back[i], gain[j]) for i, j in zip(rows, columns, strict=True)]
-    function = ArrayFunction(
-        [*step, weight, shift, *after], (*packed, *flat, *off, *noise, *known, given, gate)
-    )
-    return function, rows * m + columns, full
+    return [*step, weight, shift, *after]
 
 
 def _inverse(p: Expr, q: Expr, r: Expr) -> tuple[Expr, Expr, Expr]:

@@ -7,7 +7,7 @@ zenith.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import pi, sin
@@ -39,7 +39,9 @@ __all__ = [
     "derivatives",
     "directions",
     "fold_over_zenith",
+    "measurement_columns",
     "propagate_and_compare",
+    "propagation_of",
     "site_of",
     "tangents",
 ]
@@ -199,11 +201,7 @@ def compare_directions(
         elevation, the time of the observation, and the horizon bias.
     """
     columns = np.empty((25, elements.shape[1]))
-    columns[:6] = elements
-    columns[6] = dt_s
-    columns[7] = site.angle_rad + _RATE * t_s
-    columns[8:20] = site.place
-    columns[20:] = measured
+    measurement_columns(elements, dt_s, t_s, site, measured, columns)
     return _split(_compile_comparison(field, short_period)(columns))
 
 
@@ -241,14 +239,24 @@ def propagate_and_compare(
         Result of `compare_directions`, with derivatives by the later elements.
     """
     columns = np.empty((26, elements.shape[1]))
-    columns[:6] = elements
-    columns[6] = clock_s
-    columns[7] = site.angle_rad + _RATE * t_s
-    columns[8:20] = site.place
-    columns[20:25] = measured
+    measurement_columns(elements, clock_s, t_s, site, measured, columns)
     columns[25] = dt_s
     outputs = _compile_propagation(field, short_period)(columns)
     return outputs[:6], outputs[6:15].reshape(3, 3, -1), _split(outputs[15:])
+
+
+def measurement_columns(
+    elements: Array, dt_s: Array, t_s: Array, site: Site, measured: Iterable[Array], out: Array
+) -> None:
+    """Write the inputs of a comparison to the first 25 rows of an array (≥ 25, N).
+
+    The other arguments are those of `compare_directions`.
+    """
+    out[:6] = elements
+    out[6] = dt_s
+    out[7] = site.angle_rad + _RATE * t_s
+    out[8:20] = site.place
+    out[20], out[21], out[22], out[23], out[24] = measured
 
 
 def _split(outputs: Array) -> tuple[Array, Array, Array]:
@@ -282,12 +290,24 @@ def _compile_comparison(field: ZonalField, short_period: bool) -> ArrayFunction:
 
 @lru_cache(maxsize=16)
 def _compile_propagation(field: ZonalField, short_period: bool) -> ArrayFunction:
+    later, slopes, compared, inputs = propagation_of(field, short_period)
+    return ArrayFunction([*later, *(q for row in slopes for q in row), *compared], inputs)
+
+
+def propagation_of(
+    field: ZonalField, short_period: bool
+) -> tuple[tuple[Expr, ...], list[tuple[Expr, ...]], list[Expr], tuple[Expr, ...]]:
+    """Return the outputs of `propagate_and_compare` as expressions, and its 26 inputs.
+
+    The outputs are the later elements, the derivatives of Ω, ω, M by a, e, i, row by row, and those
+    of the comparison: two residuals, cos² h, two rows of ten derivatives.
+    """
     outputs, inputs = _comparison(field, short_period)
     elements, dt = inputs[:6], sy.variable("interval")
     later = at_time(elements, dt, field)
-    slopes = [slope for row in sy.jacobian(later[3:], elements[:3]) for slope in row]
-    compared = sy.substitute(outputs, dict(zip(elements[3:], later[3:], strict=True)))
-    return ArrayFunction([*later, *slopes, *compared], (*inputs, dt))
+    slopes = [tuple(row) for row in sy.jacobian(later[3:], elements[:3])]
+    compared = list(sy.substitute(outputs, dict(zip(elements[3:], later[3:], strict=True))))
+    return tuple(later), slopes, compared, (*inputs, dt)
 
 
 def _comparison(field: ZonalField, short_period: bool) -> tuple[tuple[Expr, ...], tuple[Expr, ...]]:

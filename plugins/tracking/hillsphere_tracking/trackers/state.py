@@ -101,7 +101,7 @@ def validate_measurement(
                 raise InputError(f"{name} must be one number or ({cases[0]},), got {value.shape}")
             value = np.broadcast_to(value, cases)
         arrays.append(value)
-    if not np.isfinite(arrays[0]).all():
+    if np.count_nonzero(np.isfinite(arrays[0])) < cases[0]:
         raise InputError("times of measurements must be finite, got nan or inf")
     return arrays[0], arrays[1], arrays[2]
 
