@@ -479,7 +479,7 @@ NO_READERS = {
     "hillsphere.runs.rerun": RUN_DIRECTORY,
     "hillsphere.runs.run_figures": RUN_DIRECTORY,
     "hillsphere.model.spice_kernel": "judges the head and the records of a kernel; test_spice.py",
-    "hillsphere.model.spice": "starts the process that reads kernels; test_spice.py",
+    "hillsphere.model.spice_calls": "starts the processes of SPICE; test_spice.py",
     "hillsphere.model.spice_process": "CSPICE, ends its process at some kernels; test_spice.py",
     "hillsphere.runs.store": "appends to the log",
     "hillsphere_controllers.systems.exchange": "MATLAB's files; test_mat_file.py",
