@@ -1,4 +1,4 @@
-"""Initial states, with their covariance, from messages: CCSDS OPM, or a state of an OEM.
+"""Initial states, with their covariance, from files: CCSDS OPM, OEM, or SPK of SPICE.
 
 References
 ----------
@@ -9,7 +9,8 @@ References
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,11 +18,19 @@ import numpy as np
 
 from hillsphere.base.arrays import Array
 from hillsphere.base.errors import InputError
-from hillsphere.base.time import Epoch
-from hillsphere.formats.ephemeris_files import common_axes, read_message, segments_of_object
+from hillsphere.base.time import J2000, Epoch
+from hillsphere.formats.ephemeris_files import (
+    common_axes,
+    object_segments,
+    read_message,
+    refuse_kernels,
+    segments_of_object,
+)
 from hillsphere.formats.oem_interpolation import interpolant_of, segment_at
+from hillsphere.formats.oem_segments import OemSegment
 from hillsphere.formats.opm import read_opm
 from hillsphere.model.frame_motion import FrameMotion, frame_motion
+from hillsphere.model.spk import is_daf
 
 __all__ = ["MessageStart", "start_of_message"]
 
@@ -70,8 +79,10 @@ def start_of_message(
     epoch: str = "",
     others: Mapping[str, float] | None = None,
     time_s: float = 0.0,
+    lenient: bool = False,
+    kernels: Sequence[str] = (),
 ) -> MessageStart:
-    r"""Return the state of a message in the frame of a plant.
+    r"""Return the state of a file in the frame of a plant.
 
     With the axes A of the frame and its angular velocity ω, the covariance is
     :math:`J P J^T`, :math:`J = ((A^T, 0), (-[\omega\times] A^T, A^T))`.
@@ -79,7 +90,7 @@ def start_of_message(
     Parameters
     ----------
     path : Path or str
-        Orbit Parameter Message or Orbit Ephemeris Message.
+        Orbit Parameter Message, Orbit Ephemeris Message, or SPK kernel.
     plant : object
         Equations of motion in whose frame the state is wanted.
     name : str
@@ -90,6 +101,11 @@ def start_of_message(
         States of the plant that are neither position nor velocity, at the start, SI.
     time_s : float
         Time of the start on the plant's clock.
+    lenient : bool
+        Whether harmless departures of a message from the standard are warnings, not errors; they
+        are given as Python warnings.
+    kernels : sequence of str
+        Further kernels, see `hillsphere.model.spk.read_spk`.
 
     Raises
     ------
@@ -98,7 +114,18 @@ def start_of_message(
         or the plant does not know its frame among the stars; the key or keyword is named.
     """
     path = Path(path)
-    stated = _read(path, name, epoch)
+    kernel = is_daf(path)
+    centres: Sequence[str] = ()
+    if kernel:
+        values = {key: np.array([value]) for key, value in (others or {}).items()}
+        centres = list(frame_motion(plant, J2000, np.zeros(1), values).centres)
+    else:
+        refuse_kernels(path, kernels)
+    stated = (
+        _of_ephemeris(segments_of_object(path, name, centres=centres, kernels=kernels), epoch)
+        if kernel
+        else _read(path, name, epoch, lenient)
+    )
     motion = _motion(stated, plant, others or {}, time_s)
     if stated.centre.lower() not in [one.lower() for one in motion.centres]:
         raise InputError(
@@ -135,19 +162,25 @@ def _motion(
     return frame_motion(plant, stated.epoch.after(-time_s), np.array([time_s]), values)
 
 
-def _read(path: Path, name: str, epoch: str) -> _Stated:
+def _read(path: Path, name: str, epoch: str, lenient: bool) -> _Stated:
     text = read_message(path)
     if "CCSDS_OPM_VERS" in text or re.search(r"<(\w+:)?opm\b", text):
         if epoch:
             raise InputError(
                 f"epoch: expected none, {path.name} is an OPM and has one state, got {epoch!r}"
             )
-        opm = read_opm(text, path.name)
+        opm = read_opm(text, path.name, lenient=lenient)
+        for warning in opm.warnings:
+            warnings.warn(warning, stacklevel=2)
         return _Stated(
             opm.x, opm.epoch, opm.center_name, opm.frame, opm.covariance,
             opm.covariance_frame or opm.frame,
         )  # fmt: skip
-    segments = segments_of_object(path, name)
+    return _of_ephemeris(object_segments(text, path.name, name, lenient=lenient), epoch)
+
+
+def _of_ephemeris(segments: Sequence[OemSegment], epoch: str) -> _Stated:
+    """Return the state of an ephemeris at an epoch, or its first one; tell what was noticed."""
     if epoch:
         when = Epoch.parse(epoch, "TDB")
         segment = segment_at(segments, when)
@@ -155,6 +188,8 @@ def _read(path: Path, name: str, epoch: str) -> _Stated:
     else:
         segment = segments[0]
         t = interpolant_of(segment).span_s[0]
+    for warning in segment.warnings:
+        warnings.warn(warning, stacklevel=2)
     covariance, frame = None, segment.ref_frame
     for one in segment.covariances:
         if abs(one.t_s - t) <= _SAME_S * 1e-6:

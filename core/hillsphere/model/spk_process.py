@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hillsphere.base.arrays import Array
-from hillsphere.model.spk_sampling import METHODS, sample
+from hillsphere.model.spk_sampling import METHODS, sample, velocities_are_derivatives
 
 __all__ = ["main", "own_spans", "read"]
 
@@ -91,7 +91,8 @@ def read(asked: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
             kind = "states"
             centre = _centre(spice, segment, begin, codes)
             evaluate = _evaluator(spice, handle, segment, codes[centre])
-            for method in METHODS:
+            is_smooth = velocities_are_derivatives(evaluate, begin, end)
+            for method in METHODS if is_smooth else METHODS[1:]:
                 sampled = sample(evaluate, begin, end, method, left)
                 if sampled is not None:
                     break
@@ -239,6 +240,8 @@ def _evaluator(spice: Any, handle: int, segment: _Segment, code: int) -> Callabl
     turn = np.array(spice.pxform(frame, "J2000", 0.0)) if is_inertial else None
 
     def evaluate(t_s: Array) -> Array:
+        if not t_s.size:
+            return np.zeros((6, 0))
         x = np.array([spice.spkpvn(handle, segment.summary, float(t))[1] for t in t_s]).T
         if turn is None:
             try:

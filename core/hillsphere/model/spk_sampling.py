@@ -16,7 +16,7 @@ from hillsphere.base.time import J2000
 from hillsphere.formats.oem_interpolation import OemInterpolant
 from hillsphere.formats.oem_segments import OemSegment
 
-__all__ = ["METHODS", "Sampled", "sample"]
+__all__ = ["METHODS", "Sampled", "sample", "velocities_are_derivatives"]
 
 METHODS = ("HERMITE", "LAGRANGE")
 """Hermite's polynomials need the fewest states, but also velocities that are the derivatives of the
@@ -40,6 +40,10 @@ _FIRST = 8
 """Intervals at the beginning."""
 _PLACES = (0.5, 0.29, 0.71)
 """Places within an interval where the polynomials are compared; the first one becomes a state."""
+
+
+_STEP_S = 0.5
+"""Step of the differences of positions, s: a number that doubles of these times hold exactly."""
 
 
 class Sampled(NamedTuple):
@@ -120,6 +124,30 @@ def sample(
         x = np.insert(x, after, x_middle[:, split], axis=1)
         is_open = np.insert(is_open, after, True)
         is_stuck = np.insert(is_stuck, after, False)
+
+
+def velocities_are_derivatives(
+    evaluate: Callable[[Array], Array], begin_s: float, end_s: float
+) -> bool:
+    """Return whether velocities are those of the positions, by central differences of fourth order.
+
+    A span of less than a few seconds is taken to be so.
+
+    Parameters
+    ----------
+    evaluate, begin_s, end_s
+        As for `sample`.
+    """
+    if end_s - begin_s < 10.0 * _STEP_S:
+        return True
+    places = begin_s + (end_s - begin_s) * np.array([0.0, 0.13, 0.5, 0.77, 1.0])
+    places = np.clip(places, begin_s + 3.0 * _STEP_S, end_s - 3.0 * _STEP_S)
+    places = np.round(places / _STEP_S) * _STEP_S
+    before2, before, here, after, after2 = (evaluate(places + k * _STEP_S) for k in range(-2, 3))
+    slope = (before2 - after2 + 8.0 * (after - before))[:3] / (12.0 * _STEP_S)
+    off = np.linalg.norm(slope - here[3:], axis=0)
+    rounding = 4.0 * _ROUNDING * np.linalg.norm(here[:3], axis=0) / _STEP_S
+    return bool(np.all(off <= _VELOCITY_M_S + rounding))
 
 
 def _differ(

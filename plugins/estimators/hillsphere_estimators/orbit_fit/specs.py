@@ -97,6 +97,10 @@ class FitStartSpec(StartFormsSpec):
     file: DataPath | None = data_path(
         "state message (CCSDS OPM or OEM) about the centre of the plant", default=None
     )
+    lenient: bool = option(
+        "whether harmless departures of the file from the standard are warnings, not errors",
+        default=False,
+    )
 
     @model_validator(mode="after")
     def _one_start(self) -> Self:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 
 from hillsphere.base.constants import DAY_S
@@ -80,12 +82,20 @@ def _segment(start: FitStartSpec) -> OemSegment:
     assert start.file is not None
     text = text_of(start.file)
     if "CCSDS_OPM_VERS" in text[:1000] or "<opm" in text[:1000]:
-        opm = read_opm(text, start.file)
+        opm = read_opm(text, start.file, lenient=start.lenient)
+        _tell(opm.warnings)
         return OemSegment(
             opm.object_name, opm.object_id, opm.center_name, opm.frame, opm.epoch,
             np.zeros(1), opm.x[:, None],
         )  # fmt: skip
-    segments = read_oem(text, start.file)
+    segments = read_oem(text, start.file, lenient=start.lenient)
+    _tell(segments[0].warnings)
     if len(segments) != 1:
         raise InputError(f"start.file: {start.file} has {len(segments)} segments; expected one")
     return segments[0]
+
+
+def _tell(noticed: tuple[str, ...]) -> None:
+    """Give what a reader noticed as warnings."""
+    for one in noticed:
+        warnings.warn(one, stacklevel=2)

@@ -71,7 +71,7 @@ def track(
         str,
         typer.Option(
             metavar="FILE",
-            help="Elements of the satellite: TLE or OMM.",
+            help="Elements of the satellite (TLE or OMM), or its ephemeris (OEM, or SPK of SPICE).",
             rich_help_panel=_SATELLITE,
         ),
     ] = "",
