@@ -143,11 +143,11 @@ def own_spans(segments: list[Any]) -> list[tuple[Any, float, float]]:
             at = end
         if at < segment.end:
             own.append((segment, at, segment.end))
-        taken = _joined([*taken, (segment.begin, segment.end)])
+        taken = _union_of([*taken, (segment.begin, segment.end)])
     return sorted(own, key=lambda one: one[1])
 
 
-def _joined(spans: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
+def _union_of(spans: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
     """Return the union of spans, in order."""
     union: list[tuple[float, float]] = []
     for begin, end in sorted(spans):
