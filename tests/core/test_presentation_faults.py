@@ -1,5 +1,8 @@
 """Faults of a presentation that a report could not show."""
 
+from pathlib import Path
+from typing import Any
+
 import pytest
 
 from hillsphere.errors import StageError
@@ -15,6 +18,7 @@ from hillsphere.presentation import (
     Table,
     presentation_faults,
 )
+from hillsphere.runs.store import RunDirectory
 from hillsphere.show.presentation import check_presentation
 
 
@@ -57,3 +61,18 @@ def test_a_message_tells_the_first_faults_only() -> None:
     table = Table("T", [Column("a")], [{"a": 1.0}])
     with pytest.raises(StageError, match=r"rows 3 to 3 of its table 't', which has 1; and 5 more$"):
         check_presentation(Presentation(tables={"t": table}, figures={"f": many}))
+
+
+def test_files_hold_text_or_bytes(tmp_path: Path) -> None:
+    """Bytes were written as if they were text; what is neither is named."""
+    shown = Presentation(files={"a.bsp": b"\x00\xff\r\n", "a.oem": "é\r\n"})
+    assert presentation_faults(shown) == []
+    directory = RunDirectory(tmp_path)
+    for name, content in shown.files.items():
+        directory.put_file(f"files/{name}", content)
+    assert (tmp_path / "files" / "a.bsp").read_bytes() == b"\x00\xff\r\n"
+    assert (tmp_path / "files" / "a.oem").read_bytes() == "é\r\n".encode()
+    wrong: Any = {"a.bsp": [1]}
+    assert presentation_faults(Presentation(files=wrong)) == [
+        "file 'a.bsp': its content must be text or bytes, got list"
+    ]

@@ -186,7 +186,7 @@ def test_a_kernel_that_keeps_spice_busy_is_refused(
     kernel: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("hillsphere.model.spice._LIMIT_S", 1.0)
-    monkeypatch.setattr("hillsphere.model.spice._START", "import time; time.sleep(60)")
+    monkeypatch.setattr("hillsphere.model.spice_calls._START", "import time; time.sleep(60)")
     refused(kernel, "SPICE did not come to an end in 1 s")
 
 
@@ -223,7 +223,7 @@ PROGRAM = """
 import os, sys
 seen = []
 sys.addaudithook(lambda event, given: seen.append((event, given)))
-from hillsphere.model.spice import spice_environment
+from hillsphere.model.spice_calls import spice_environment
 os.environ.update(spice_environment('a test'))
 import spiceypy
 here = os.getcwd()

@@ -1,4 +1,4 @@
-"""Initial states from messages: CCSDS OPM or OEM, with their covariance, TLE or OMM.
+"""Initial states, with their covariance, from files: OPM, OEM, TLE, OMM, or SPK of SPICE.
 
 References
 ----------
@@ -9,6 +9,7 @@ References
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,12 +19,20 @@ import numpy as np
 from hillsphere.base.arrays import Array
 from hillsphere.base.errors import InputError, PluginError, PropagationError
 from hillsphere.base.problems import did_you_mean
-from hillsphere.base.time import Epoch
-from hillsphere.formats.ephemeris_files import common_axes, object_segments, read_message
+from hillsphere.base.time import J2000, Epoch
+from hillsphere.formats.ephemeris_files import (
+    common_axes,
+    object_segments,
+    read_message,
+    refuse_kernels,
+    segments_of_object,
+)
 from hillsphere.formats.oem_interpolation import interpolant_of, segment_at
+from hillsphere.formats.oem_segments import OemSegment
 from hillsphere.formats.opm import read_opm
 from hillsphere.interfaces.file_formats import ElementFormat, StatedOrbit
 from hillsphere.model.frame_motion import FrameMotion, frame_motion
+from hillsphere.model.spk import is_daf
 from hillsphere.plugins.registry import default_registry
 
 __all__ = ["MessageStart", "epoch_of_message", "start_of_message"]
@@ -75,8 +84,10 @@ def start_of_message(
     epoch: str | Epoch = "",
     others: Mapping[str, float] | None = None,
     time_s: float = 0.0,
+    lenient: bool = False,
+    kernels: Sequence[str] = (),
 ) -> MessageStart:
-    r"""Return the state of a message in the frame of a plant.
+    r"""Return the state of a file in the frame of a plant.
 
     With the axes A of the frame and its angular velocity ω, the covariance is
     :math:`J P J^T`, :math:`J = ((A^T, 0), (-[\omega\times] A^T, A^T))`.
@@ -84,8 +95,8 @@ def start_of_message(
     Parameters
     ----------
     path : Path or str
-        Orbit Parameter Message, Orbit Ephemeris Message, or elements for SGP4: two-line element
-        sets or Orbit Mean-Elements Messages.
+        Orbit Parameter Message, Orbit Ephemeris Message, SPK kernel, or elements for SGP4:
+        two-line element sets or Orbit Mean-Elements Messages.
     plant : object
         Equations of motion in whose frame the state is wanted.
     name : str
@@ -97,6 +108,11 @@ def start_of_message(
         States of the plant that are neither position nor velocity, at the start, SI.
     time_s : float
         Time of the start on the plant's clock.
+    lenient : bool
+        Whether harmless departures of a message from the standard are warnings, not errors; they
+        are given as Python warnings.
+    kernels : sequence of str
+        Further kernels, see `hillsphere.model.spk.read_spk`.
 
     Raises
     ------
@@ -105,7 +121,20 @@ def start_of_message(
         or the plant does not know its frame among the stars; the key or keyword is named.
     """
     path = Path(path)
-    stated = _read(path, name, epoch)
+    kernel = is_daf(path)
+    centres: Sequence[str] = ()
+    if kernel:
+        values = {key: np.array([value]) for key, value in (others or {}).items()}
+        centres = list(frame_motion(plant, J2000, np.zeros(1), values).centres)
+    else:
+        refuse_kernels(path, kernels)
+    stated = (
+        _of_ephemeris(
+            segments_of_object(path, name, centres=centres, kernels=kernels), _instant(epoch)
+        )
+        if kernel
+        else _read(path, name, epoch, lenient=lenient)
+    )
     motion = _motion(stated, plant, others or {}, time_s)
     if stated.centre.lower() not in [one.lower() for one in motion.centres]:
         raise InputError(
@@ -126,9 +155,19 @@ def start_of_message(
     return MessageStart(x, covariance, stated.epoch)
 
 
-def epoch_of_message(path: Path | str, *, name: str = "", epoch: str | Epoch = "") -> Epoch:
+def epoch_of_message(
+    path: Path | str,
+    *,
+    name: str = "",
+    epoch: str | Epoch = "",
+    lenient: bool = False,
+    kernels: Sequence[str] = (),
+) -> Epoch:
     """Return the instant of the state of a message; arguments and errors as `start_of_message`."""
-    return _read(Path(path), name, epoch).epoch
+    if is_daf(Path(path)):
+        segments = segments_of_object(Path(path), name, kernels=kernels)
+        return _of_ephemeris(segments, _instant(epoch)).epoch
+    return _read(Path(path), name, epoch, lenient=lenient).epoch
 
 
 def _motion(
@@ -147,11 +186,18 @@ def _motion(
     return frame_motion(plant, stated.epoch.after(-time_s), np.array([time_s]), values)
 
 
-def _read(path: Path, name: str, epoch: str | Epoch) -> _Stated:
+def _instant(epoch: str | Epoch) -> str | Epoch:
+    """Return the epoch that a text gives; an empty one stays as it is."""
+    return Epoch.parse(epoch, "TDB") if isinstance(epoch, str) and epoch else epoch
+
+
+def _read(path: Path, name: str, epoch: str | Epoch, *, lenient: bool) -> _Stated:
     text = read_message(path)
-    when = Epoch.parse(epoch, "TDB") if isinstance(epoch, str) and epoch else epoch
+    when = _instant(epoch)
     if "CCSDS_OPM_VERS" in text or re.search(r"<(\w+:)?opm\b", text):
-        opm = read_opm(text, path.name)
+        opm = read_opm(text, path.name, lenient=lenient)
+        for warning in opm.warnings:
+            warnings.warn(warning, stacklevel=2)
         if isinstance(when, Epoch) and abs(opm.epoch.seconds_since(when)) > _SAME_S:
             raise InputError(
                 f"epoch: expected none, {path.name} is an OPM and has one state, of "
@@ -163,13 +209,19 @@ def _read(path: Path, name: str, epoch: str | Epoch) -> _Stated:
         )  # fmt: skip
     if orbits := _orbits(path, text):
         return _of_elements(_one_orbit(orbits, name, path.name), when, path.name)
-    segments = object_segments(text, path.name, name)
+    return _of_ephemeris(object_segments(text, path.name, name, lenient=lenient), when)
+
+
+def _of_ephemeris(segments: Sequence[OemSegment], when: str | Epoch) -> _Stated:
+    """Return the state of an ephemeris at an instant, or its first one; tell what was noticed."""
     if isinstance(when, Epoch):
         segment = segment_at(segments, when)
         t = when.seconds_since(segment.epoch)
     else:
         segment = segments[0]
         t = interpolant_of(segment).span_s[0]
+    for warning in segment.warnings:
+        warnings.warn(warning, stacklevel=2)
     covariance, frame = None, segment.ref_frame
     for one in segment.covariances:
         if abs(one.t_s - t) <= _SAME_S * 1e-6:

@@ -86,19 +86,32 @@ class KeplerianStartSpec(_InertialSpec):
 
 
 class MessageStartSpec(Spec):
-    """An initial state from a message: CCSDS OPM, or a state of an OEM."""
+    """An initial state from a file: OPM, a state of an OEM or SPK kernel, or elements for SGP4."""
 
     examples = ({"file": "start.opm"}, {"file": "flight.oem", "epoch": "2027-06-01T00:00:00"})
 
-    file: DataPath = data_path("orbit parameter message (OPM) or orbit ephemeris message (OEM)")
+    file: DataPath = data_path(
+        "orbit parameter message (OPM), orbit ephemeris message (OEM), elements (TLE, OMM), or SPK "
+        "kernel, which needs the extra spice"
+    )
+    kernels: tuple[DataPath, ...] = data_path(
+        "with an SPK kernel: further kernels, of the bodies between (SPK), of names and frames "
+        "(text)",
+        default=(),
+    )
     object: str = option(
-        "object of an ephemeris by name or identifier; left out: the only one",
+        "object of an ephemeris by name or identifier (of a kernel: name or NAIF number); left "
+        "out: the only one",
         default="", max_length=80,
     )  # fmt: skip
     epoch: str = option(
         "date and time (TDB) of the state of an ephemeris; left out: its first useable state",
         default="", max_length=40,
     )  # fmt: skip
+    lenient: bool = option(
+        "whether harmless departures of a message from the standard are warnings, not errors",
+        default=False,
+    )
 
 
 class StartFormsSpec(Spec):

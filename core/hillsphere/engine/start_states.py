@@ -205,7 +205,7 @@ def _read_message(
     try:
         return start_of_message(
             given.file, plant, name=given.object, epoch=given.epoch, others=others,
-            time_s=getattr(start, "time_s", 0.0),
+            time_s=getattr(start, "time_s", 0.0), lenient=given.lenient, kernels=given.kernels,
         )  # fmt: skip
     except InputError as error:
         raise InputError(f"{where}.message: {error}") from error

@@ -1,4 +1,4 @@
-"""Ephemeris messages as sources of states: by object, and in axes of the ICRF where they are."""
+"""Ephemeris files as sources of states: by object, and in axes of the ICRF where they are."""
 
 from __future__ import annotations
 
@@ -18,12 +18,14 @@ from hillsphere.base.time import Epoch
 from hillsphere.formats.oem import read_oem
 from hillsphere.formats.oem_segments import OemSegment
 from hillsphere.model.earth.rotation import earth_fixed
+from hillsphere.model.spk import is_daf, read_spk
 
 __all__ = [
     "common_axes",
     "eme2000_to_icrf",
     "object_segments",
     "read_message",
+    "refuse_kernels",
     "segments_of_object",
 ]
 
@@ -48,27 +50,53 @@ def read_message(path: Path) -> str:
         raise InputError(f"{path.name}: not a text file: {error}") from error
 
 
-def segments_of_object(path: Path, name: str = "") -> list[OemSegment]:
-    """Return the segments of one object of an Orbit Ephemeris Message.
+def segments_of_object(
+    path: Path,
+    name: str = "",
+    *,
+    lenient: bool = False,
+    centres: Sequence[str] = (),
+    kernels: Sequence[str] = (),
+) -> list[OemSegment]:
+    """Return the segments of one object of an Orbit Ephemeris Message or an SPK kernel.
 
     Parameters
     ----------
     path : Path
         The file.
     name : str
-        Name or identifier of the object; may be empty if the message has only one.
+        Name or identifier of the object; may be empty if the file has only one.
+    lenient : bool
+        Whether harmless departures of a message from the standard become warnings of the segments.
+    centres, kernels
+        Of a kernel: as for `hillsphere.model.spk.read_spk`.
 
     Raises
     ------
     InputError
-        If the file cannot be read or departs from the standard, or does not have the object.
+        If the file cannot be read or departs from the standard, does not have the object, or needs
+        no further kernels.
     """
-    return object_segments(read_message(path), path.name, name)
+    if is_daf(path):
+        return read_spk(path, name, centres=centres, kernels=kernels)
+    refuse_kernels(path, kernels)
+    return object_segments(read_message(path), path.name, name, lenient=lenient)
 
 
-def object_segments(text: str, where: str, name: str = "") -> list[OemSegment]:
+def refuse_kernels(path: Path, kernels: Sequence[str]) -> None:
+    """Refuse further kernels for a file that is none itself."""
+    if kernels:
+        raise InputError(
+            f"{path.name}: kernels: expected none, since the file is no SPK kernel, got "
+            f"{len(kernels)}"
+        )
+
+
+def object_segments(
+    text: str, where: str, name: str = "", *, lenient: bool = False
+) -> list[OemSegment]:
     """Return the segments of one object of a message; as `segments_of_object`, of its text."""
-    segments = read_oem(text, where)
+    segments = read_oem(text, where, lenient=lenient)
     names = list(dict.fromkeys(one.object_name for one in segments))
     if not name:
         if len(names) > 1:

@@ -24,6 +24,8 @@ __all__ = ["OemInterpolant", "interpolant_of", "segment_at"]
 
 _DEFAULT_DEGREE = 7
 """Degree of Hermite's polynomial through four states, where a message recommends none."""
+_AT_ONCE = 20_000
+"""Times that are interpolated together: 10 MB of divided differences of degree 7."""
 
 
 @dataclass(frozen=True)
@@ -82,10 +84,11 @@ class OemInterpolant:
         """
         times = np.atleast_1d(np.asarray(t_s, dtype=float))
         first, last = self.span_s
-        if outside := [float(t) for t in times if not first <= t <= last]:
+        inside = (times >= first) & (times <= last)
+        if not inside.all():
             raise InputError(
                 f"t_s: {self.segment.object_name} has useable states from {first!r} s to {last!r} "
-                f"s after its epoch, got {outside[0]!r} s"
+                f"s after its epoch, got {float(times[np.argmin(inside)])!r} s"
             )
         nodes = self.segment.t_s
         count = states_needed(self.method, self.degree)
@@ -94,20 +97,23 @@ class OemInterpolant:
         interval = np.clip(np.searchsorted(nodes, times, side="right") - 1, 0, nodes.size - 1)
         begin = np.clip(interval - (count - 1) // 2, 0, nodes.size - count)
         states = np.empty((6, times.size))
-        for window in np.unique(begin):
-            here = begin == window
-            chosen = slice(window, window + count)
+        order = np.argsort(begin, kind="stable")
+        for first_one in range(0, times.size, _AT_ONCE):
+            some = order[first_one : first_one + _AT_ONCE]
+            windows, of_time = np.unique(begin[some], return_inverse=True)
+            chosen = windows + np.arange(count)[:, None]
             t, x = nodes[chosen], self.segment.x[:, chosen]
             # Times in units of the window keep the divided differences within range.
-            middle, unit = 0.5 * (t[0] + t[-1]), max(0.5 * (t[-1] - t[0]), 1e-9)
-            tau, at = (t - middle) / unit, (times[here] - middle) / unit
+            middle, unit = 0.5 * (t[0] + t[-1]), np.maximum(0.5 * (t[-1] - t[0]), 1e-9)
+            tau, at = (t - middle) / unit, (times[some] - middle[of_time]) / unit[of_time]
             if self.method == "HERMITE":
-                twice = np.repeat(tau, 2)
-                table = _differences(twice, np.repeat(x[:3], 2, axis=1), x[3:] * unit)
-                place, slope = _evaluate(twice, table, at)
-                states[:, here] = np.concatenate([place, slope / unit])
+                tau = np.repeat(tau, 2, axis=0)
+                table = _differences(tau, np.repeat(x[:3], 2, axis=1), x[3:] * unit)
+                place, slope = _evaluate(tau[:, of_time], table[:, :, of_time], at)
+                states[:, some] = np.concatenate([place, slope / unit[of_time]])
             else:
-                states[:, here] = _evaluate(tau, _differences(tau, x), at)[0]
+                table = _differences(tau, x)
+                states[:, some] = _evaluate(tau[:, of_time], table[:, :, of_time], at)[0]
         return states
 
 
@@ -180,19 +186,19 @@ def segment_at(segments: Sequence[OemSegment], epoch: Epoch) -> OemSegment:
 
 
 def _differences(nodes: Array, values: Array, slopes: Array | None = None) -> Array:
-    """Return the divided differences of Newton's polynomial [2]_.
+    """Return the divided differences of Newton's polynomials [2]_, one for each of W windows.
 
     Parameters
     ----------
-    nodes : ndarray, shape (M,)
-        Abscissas; of Hermite's polynomial each stands twice.
-    values : ndarray, shape (C, M)
+    nodes : ndarray, shape (M, W)
+        Abscissas; of Hermite's polynomials each stands twice.
+    values : ndarray, shape (C, M, W)
         Values of C components there.
-    slopes : ndarray, shape (C, M / 2), optional
+    slopes : ndarray, shape (C, M / 2, W), optional
         Derivatives at the doubled nodes, which stand for the difference of a node from itself.
     """
     table = values.copy()
-    for order in range(1, nodes.size):
+    for order in range(1, len(nodes)):
         gap = nodes[order:] - nodes[:-order]
         rise = table[:, order:] - table[:, order - 1 : -1]
         if order == 1 and slopes is not None:
@@ -205,11 +211,11 @@ def _differences(nodes: Array, values: Array, slopes: Array | None = None) -> Ar
 
 
 def _evaluate(nodes: Array, table: Array, at: Array) -> tuple[Array, Array]:
-    """Return values and derivatives, each (C, N), of Newton's polynomial by Horner's scheme."""
-    value = np.repeat(table[:, -1:], at.size, axis=1)
+    """Return values and derivatives, each (C, N), of N polynomials at (N,) by Horner's scheme."""
+    value = table[:, -1].copy()
     slope = np.zeros_like(value)
-    for order in range(nodes.size - 2, -1, -1):
+    for order in range(len(nodes) - 2, -1, -1):
         step = at - nodes[order]
         slope = slope * step + value
-        value = value * step + table[:, order, None]
+        value = value * step + table[:, order]
     return value, slope

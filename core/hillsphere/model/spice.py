@@ -8,11 +8,6 @@ References
 
 from __future__ import annotations
 
-import importlib.util
-import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,23 +16,19 @@ import numpy as np
 from hillsphere.base.arrays import Array
 from hillsphere.base.errors import InputError
 from hillsphere.base.time import J2000, Epoch
+from hillsphere.model.spice_calls import run_spice
 from hillsphere.model.spice_kernel import checked_kernel
 
 if TYPE_CHECKING:
     from hillsphere.model.ephemeris_specs import SpiceOrbitSpec
 
-__all__ = ["SpiceOrbit", "spice_environment"]
+__all__ = ["SpiceOrbit"]
 
 _LIMIT_S = 60.0
 """Time limit for the start of SPICE, which takes 1 s; a machine under load may be fifty times
 slower."""
 _LIMIT_PER_TIME_S = 1e-3
 """Further time limit for each state, which takes some 20 µs, with the same margin."""
-
-_START = (
-    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
-    "from hillsphere.model.spice_process import main; main()"
-)
 
 
 class SpiceOrbit:
@@ -114,69 +105,12 @@ class SpiceOrbit:
 
     def _asked(self, t: Array) -> tuple[dict[str, Any], Array]:
         """Read states in a separate process; return its answer and the states, km and km/s."""
-        environment = spice_environment("a body of type 'spice'")
         with checked_kernel(self.kernel) as (kernel, held):
-            asked = {"kernel": kernel, "target": self.target, "centre": self.centre}
-            limit_s = _LIMIT_S + _LIMIT_PER_TIME_S * t.size
-            damaged = f"kernel {Path(self.kernel).name!r} is damaged: "
-            try:
-                done = subprocess.run(
-                    [sys.executable, "-P", "-c", _START, json.dumps(sys.path)],
-                    input=json.dumps(asked).encode() + b"\n" + t.tobytes(),
-                    capture_output=True, timeout=limit_s, pass_fds=held, env=environment,
-                    check=False,
-                )  # fmt: skip
-            except subprocess.TimeoutExpired:
-                raise InputError(
-                    f"{damaged}SPICE did not come to an end in {limit_s:.0f} s"
-                ) from None
-            if done.returncode < 0:
-                raise InputError(f"{damaged}SPICE ended at it with signal {-done.returncode}")
-            line, _, states = done.stdout.partition(b"\n")
-            if done.returncode or not line:
-                said = done.stderr.decode("utf-8", "replace").strip().splitlines()
-                raise InputError(
-                    f"kernel {Path(self.kernel).name!r} cannot be read with SPICE: "
-                    f"{said[-1] if said else f'exit code {done.returncode}'}"
-                )
-            return json.loads(line), np.frombuffer(states, dtype=float)
-
-
-def spice_environment(what: str) -> dict[str, str]:
-    """Return the environment of a process that uses spiceypy.
-
-    Parameters
-    ----------
-    what : str
-        What needs it, for the message.
-
-    Raises
-    ------
-    InputError
-        If spiceypy is not installed, or has no CSPICE library.
-    """
-    if importlib.util.find_spec("spiceypy") is None:
-        raise InputError(
-            f"{what} needs spiceypy, which is not installed: pip install 'hillsphere[spice]'"
-        )
-    library = os.environ.get("CSPICE_SHARED_LIB") or _library()
-    return {**os.environ, "CSPICE_SHARED_LIB": library}
-
-
-def _library() -> str:
-    """Return the CSPICE library of spiceypy, or that of the Python environment.
-
-    By default spiceypy looks for ``libcspice.so`` in the working directory first. That may be the
-    directory of another user's mission, whose code would be executed.
-    """
-    spec = importlib.util.find_spec("spiceypy")
-    directories = (spec.submodule_search_locations if spec else None) or ()
-    places = [Path(place) / "utils" for place in directories]
-    places += [Path(sys.prefix) / "lib", Path(sys.prefix) / "Library" / "bin"]  # as conda has it
-    names = ("libcspice.so", "libcspice.dylib", "libcspice.dll", "cspice.dll")
-    for path in (place / name for place in places for name in names):
-        if path.is_file():
-            return str(path)
-    raise InputError(
-        "spiceypy has no CSPICE library beside it; set CSPICE_SHARED_LIB to the path of yours"
-    )
+            answered, states = run_spice(
+                "hillsphere.model.spice_process",
+                {"kernel": kernel, "target": self.target, "centre": self.centre},
+                t.tobytes(), file=f"kernel {Path(self.kernel).name!r}",
+                user="a body of type 'spice'", limit_s=_LIMIT_S + _LIMIT_PER_TIME_S * t.size,
+                descriptors=held,
+            )  # fmt: skip
+        return answered, np.frombuffer(states, dtype=float)

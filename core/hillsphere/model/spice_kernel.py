@@ -1,8 +1,9 @@
 """Check of kernels before SPICE reads them.
 
 SPICE chooses by a file's first bytes how to read it. A text kernel may be a meta-kernel, which
-names further files for SPICE to load, so that a mission would read other paths than it names. Only
-the binary kernels that the framework uses are accepted.
+names further files for SPICE to load, so that a mission would read other paths than it names. Where
+states are read, only the binary kernels that the framework uses are accepted; text kernels with
+names, frames and orientations are where they are asked for, and none that names files.
 
 References
 ----------
@@ -23,7 +24,7 @@ from typing import BinaryIO
 from hillsphere.base.errors import InputError
 from hillsphere.base.regular_files import open_regular
 
-__all__ = ["checked_kernel"]
+__all__ = ["checked_kernel", "checked_text_kernel", "is_text_kernel"]
 
 _WORDS = (b"DAF/SPK ", b"NAIF/DAF")
 """Accepted first eight bytes. ``DAF/SPK`` is a table of states over time, the only kind that is
@@ -34,6 +35,9 @@ identify it. Refused are text kernels (``KPL/``), which may name other files; ``
 
 _RECORD = 1024
 """Length of a record of a DAF in bytes [1]_."""
+
+_LARGEST_TEXT = 50_000_000
+"""Bytes of a text kernel at most: the largest of NAIF, of orientations and names, have 1 MB."""
 
 _SPK_FORMAT = (2, 6)
 """Doubles and integers in a summary of an SPK [1]_: the span; body, centre, frame, type, places."""
@@ -74,6 +78,44 @@ def checked_kernel(path: str) -> Iterator[tuple[str, tuple[int, ...]]]:
                 )
             if fault := _structure_fault(stream):
                 raise InputError(f"{name!r} is a damaged SPK kernel: {fault}")
+            held = f"/proc/self/fd/{stream.fileno()}"
+            yield (held, (stream.fileno(),)) if os.path.exists(held) else (path, ())
+    except OSError as error:
+        raise InputError(
+            f"{name!r} cannot be read as a SPICE kernel: {error.strerror or error}"
+        ) from error
+
+
+def is_text_kernel(path: str) -> bool:
+    """Return whether a file begins as a text kernel; `False` if it cannot be read."""
+    try:
+        with open_regular(path) as stream:
+            return stream.read(4) == b"KPL/"
+    except OSError:
+        return False
+
+
+@contextmanager
+def checked_text_kernel(path: str) -> Iterator[tuple[str, tuple[int, ...]]]:
+    """Check a text kernel; arguments and results as those of `checked_kernel`.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is no regular file, no text kernel, or a meta-kernel.
+    """
+    name = Path(path).name
+    try:
+        with open_regular(path, _LARGEST_TEXT) as stream:
+            content = stream.read()
+            if not content.startswith(b"KPL/"):
+                raise InputError(
+                    f"{name!r} is no text kernel: it begins with {content[:8]!r}, not with b'KPL/'"
+                )
+            if b"KERNELS_TO_LOAD" in content.upper():
+                raise InputError(
+                    f"{name!r} is a meta-kernel, which names other files; name those themselves"
+                )
             held = f"/proc/self/fd/{stream.fileno()}"
             yield (held, (stream.fileno(),)) if os.path.exists(held) else (path, ())
     except OSError as error:

@@ -1,8 +1,5 @@
 """The process in which SPICE reads a kernel: `hillsphere.model.spice` starts it and asks it once.
 
-CSPICE does not check a kernel's content. Some damaged kernels make it read beyond its arrays, which
-ends the process, or loop for ever; a separate process protects the run from both.
-
 The request is a line of JSON on stdin, followed by one double per time. The answer is a line of
 JSON on stdout, followed by six doubles per time if there are states.
 """

@@ -428,8 +428,8 @@ class _Run:
             record.own_figures[key] = free
             is_lead = self._is_lead(name, key)
             record.figures[free] = self._show_figure(free, figure, is_lead=is_lead)
-        for key, text in shown.files.items():
-            self.directory.put_text(f"files/{name}/{key}", text)
+        for key, content in shown.files.items():
+            self.directory.put_file(f"files/{name}/{key}", content)
             record.files = (*record.files, f"files/{name}/{key}")
 
     def _is_lead(self, stage: str, name: str) -> bool:

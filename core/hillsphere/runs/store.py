@@ -286,7 +286,18 @@ class RunDirectory:
 
     def put_text(self, name: str, text: str) -> None:
         """Write a text file."""
-        self._write(name, lambda path: write_text(path, text))
+        self.put_file(name, text)
+
+    def put_file(self, name: str, content: str | bytes) -> None:
+        """Write a file: text as UTF-8, bytes as they are."""
+
+        def write(path: Path) -> None:
+            if isinstance(content, str):
+                write_text(path, content)
+            else:
+                write_bytes(path, content)
+
+        self._write(name, write)
 
     def _write(self, name: str, write: Callable[[Path], None]) -> Path:
         path = self.path / name

@@ -213,14 +213,15 @@ class Presentation:
     verdict : sequence of str
         Sentences for the head of the report, model-validity warnings among them.
     files : mapping
-        Further text files by name (``"qso.oem"``), for other programs to read.
+        Further files by name (``"qso.oem"``), for other programs to read: text is written as UTF-8,
+        bytes as they are.
     """
 
     metrics: Mapping[str, Metric] = field(default_factory=dict)
     tables: Mapping[str, Table] = field(default_factory=dict)
     figures: Mapping[str, AnyFigure] = field(default_factory=dict)
     verdict: Sequence[str] = ()
-    files: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, str | bytes] = field(default_factory=dict)
 
 
 _TOLD = 3
@@ -283,6 +284,11 @@ def presentation_faults(presentation: Presentation) -> list[str]:
         f"file {name!r}: its name must be letters, digits, '-', '_' and '.', with a suffix"
         for name in presentation.files
         if not _FILE.fullmatch(name)
+    ]
+    faults += [
+        f"file {name!r}: its content must be text or bytes, got {type(content).__name__}"
+        for name, content in presentation.files.items()
+        if not isinstance(content, str | bytes)
     ]
     for name, figure in presentation.figures.items():
         if isinstance(figure, Chart):

@@ -1,4 +1,4 @@
-"""Orbits of Earth satellites from Orbit Ephemeris Messages (CCSDS OEM)."""
+"""Orbits of Earth satellites from ephemerides: CCSDS OEM, or SPK kernels of SPICE."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from hillsphere.interfaces import Array
 from hillsphere.model.earth.rotation import InertialFrame, to_inertial
 from hillsphere.time import Epoch
 
-__all__ = ["EphemerisOrbit", "ephemeris_orbits_of"]
+__all__ = ["EphemerisOrbit", "ephemeris_orbits_of", "orbits_of_segments"]
 
 _SAME_S = 1e-6
 """Spans of segments that are nearer than this, s, follow each other without a gap: messages state
@@ -194,11 +194,24 @@ def ephemeris_orbits_of(
     Raises
     ------
     InputError
-        If the text departs from the standard, a segment is not about the Earth, is in a frame that
-        is not converted, or overlaps the one before.
+        If the text departs from the standard, or see `orbits_of_segments`.
+    """
+    return orbits_of_segments(read_oem(text, where, lenient=lenient), where, orientation)
+
+
+def orbits_of_segments(
+    segments: Sequence[OemSegment], where: str, orientation: EarthOrientation = UT1_IS_UTC
+) -> tuple[EphemerisOrbit, ...]:
+    """Return the orbits of the segments of a file; as `ephemeris_orbits_of`.
+
+    Raises
+    ------
+    InputError
+        If a segment is not about the Earth, is in a frame that is not converted, or overlaps the
+        one before.
     """
     parts: dict[str, list[list[OemSegment]]] = {}
-    for number, segment in enumerate(read_oem(text, where, lenient=lenient), start=1):
+    for number, segment in enumerate(segments, start=1):
         place = f"{where}: segment {number} ({segment.object_name})"
         try:
             _axes_of(segment)

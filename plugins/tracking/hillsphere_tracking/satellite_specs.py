@@ -80,7 +80,7 @@ class SatelliteSpec(Spec):
 
     name: str = option(
         "name of the satellite; with a file: name or catalogue number of one of its satellites, "
-        "default: all",
+        "default: all (of a kernel: name or NAIF number, default: the only one)",
         default="",
         max_length=60,
     )
@@ -93,9 +93,14 @@ class SatelliteSpec(Spec):
         "two-line element set, with or without a title line", default="", max_length=400
     )
     file: DataPath | None = data_path(
-        "two-line element sets, orbit mean-elements messages (CCSDS OMM, KVN or XML), or an orbit "
-        "ephemeris message (CCSDS OEM)",
+        "two-line element sets, orbit mean-elements messages (CCSDS OMM, KVN or XML), an orbit "
+        "ephemeris message (CCSDS OEM), or an SPK kernel, which needs the extra spice",
         default=None,
+    )
+    kernels: tuple[DataPath, ...] = data_path(
+        "with an SPK kernel: further kernels, of the bodies between (SPK), of names and frames "
+        "(text)",
+        default=(),
     )
     elements: MeanElementsSpec | None = option("mean elements", default=None)
     lenient: bool = option(
@@ -118,6 +123,8 @@ class SatelliteSpec(Spec):
         if self.elements is not None and not self.name:
             text = "mean elements need the satellite's name"
             raise rule("elements", text)
+        if self.kernels and self.file is None:
+            raise rule("kernels", "only a file may be a kernel; leave them out or give file")
         return self
 
 

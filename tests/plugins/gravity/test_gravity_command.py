@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -135,7 +136,8 @@ def test_places_on_the_axes_are_shown_without_any_and_stl_names_its_option(
 ) -> None:
     """1.5 times the reference radius of the field, or the half diagonal √3 m of the cube."""
     assert run(["gravity", str(FIELD), "--json"]) == 0
-    radius_m = float(create("gravity", "harmonics", file=str(FIELD)).reference_radius_m)
+    field: Any = create("gravity", "harmonics", file=str(FIELD))
+    radius_m = float(field.reference_radius_m)
     points = json.loads(capsys.readouterr().out)["points"]
     places = [(p["latitude_deg"], p["longitude_deg"]) for p in points]
     assert places == [(0.0, 0.0), (0.0, 90.0), (90.0, 0.0)]

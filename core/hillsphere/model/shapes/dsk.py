@@ -7,10 +7,7 @@ References
 
 from __future__ import annotations
 
-import json
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -18,17 +15,13 @@ import numpy as np
 from hillsphere.base.arrays import Array, Integers
 from hillsphere.base.errors import InputError
 from hillsphere.base.regular_files import open_regular
-from hillsphere.model.spice import spice_environment
+from hillsphere.model.spice_calls import run_spice
 
 __all__ = ["read_dsk"]
 
 _LIMIT_S = 180.0
 """Time limit for SPICE, which reads three million plates in a few seconds; a machine under load may
 be many times slower. A damaged file can make it loop for ever."""
-_START = (
-    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
-    "from hillsphere.model.shapes.dsk_process import main; main()"
-)
 
 
 def read_dsk(path: str | Path, segment: int | None = None) -> tuple[Array, Integers]:
@@ -54,7 +47,6 @@ def read_dsk(path: str | Path, segment: int | None = None) -> tuple[Array, Integ
         If spiceypy is not installed, the file is no DSK file or damaged, the segment is not of type
         2, or there are several and none is chosen.
     """
-    environment = spice_environment(f"{path}: a DSK file")
     try:
         with open_regular(path) as stream:
             word = stream.read(8)
@@ -64,25 +56,13 @@ def read_dsk(path: str | Path, segment: int | None = None) -> tuple[Array, Integ
             name, descriptors = (
                 (held, (stream.fileno(),)) if os.path.exists(held) else (str(path), ())
             )
-            done = subprocess.run(
-                [sys.executable, "-P", "-c", _START, json.dumps(sys.path)],
-                input=json.dumps({"file": name, "segment": segment}).encode(),
-                capture_output=True, timeout=_LIMIT_S, pass_fds=descriptors, env=environment,
-                check=False,
+            answer, content = run_spice(
+                "hillsphere.model.shapes.dsk_process", {"file": name, "segment": segment},
+                file=str(path), user=f"{path}: a DSK file", limit_s=_LIMIT_S,
+                descriptors=descriptors,
             )  # fmt: skip
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except subprocess.TimeoutExpired:
-        raise InputError(
-            f"{path}: damaged: SPICE did not come to an end in {_LIMIT_S:.0f} s"
-        ) from None
-    line, _, content = done.stdout.partition(b"\n")
-    if done.returncode < 0:
-        raise InputError(f"{path}: damaged: SPICE ended at it with signal {-done.returncode}")
-    if done.returncode or not line:
-        said = done.stderr.decode("utf-8", "replace").strip().splitlines() or ["no reason"]
-        raise InputError(f"{path}: cannot be read with SPICE: {said[-1]}")
-    answer = json.loads(line)
     if text := answer.get("fault"):
         raise InputError(f"{path}: {text}")
     many = answer["vertices"]

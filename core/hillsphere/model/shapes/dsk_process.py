@@ -20,7 +20,7 @@ _MOST_SHOWN = 9
 
 def main() -> None:
     """Answer the request on stdin."""
-    asked = json.loads(sys.stdin.buffer.read())
+    asked = json.loads(sys.stdin.buffer.readline())
     answer, vertices, plates = read_segment(asked["file"], asked["segment"])
     sys.stdout.buffer.write(
         json.dumps(answer).encode() + b"\n" + vertices.tobytes() + plates.tobytes()

@@ -101,6 +101,10 @@ class FitStartSpec(StartFormsSpec):
         "or about the Earth elements for SGP4 (TLE or OMM); of several objects: message",
         default=None,
     )
+    lenient: bool = option(
+        "whether harmless departures of the file from the standard are warnings, not errors",
+        default=False,
+    )
 
     @model_validator(mode="after")
     def _one_start(self) -> Self:

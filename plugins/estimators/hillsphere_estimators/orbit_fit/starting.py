@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -63,11 +64,10 @@ def start_epoch(start: FitStartSpec) -> Epoch:
                 f"{start.epoch} {start.time_scale}; leave one of the two out"
             )
         return _date(start) if start.epoch else of_axes
-    key, path, name, epoch = message
     try:
-        return epoch_of_message(path, name=name, epoch=epoch)
+        return epoch_of_message(message.path, **message.options)
     except InputError as error:
-        raise InputError(f"{key}: {error}") from error
+        raise InputError(f"{message.key}: {error}") from error
 
 
 def first_guess(start: FitStartSpec, plant: Plant, t_s: float) -> FirstGuess:
@@ -97,12 +97,11 @@ def first_guess(start: FitStartSpec, plant: Plant, t_s: float) -> FirstGuess:
         assert placed is not None
         key = "start.inertial" if start.inertial else "start.elements"
         return FirstGuess(np.concatenate(placed), None, key)
-    key, path, name, epoch = message
     try:
-        read = start_of_message(path, plant, name=name, epoch=epoch, time_s=t_s)
+        read = start_of_message(message.path, plant, time_s=t_s, **message.options)
     except InputError as error:
-        raise InputError(f"{key}: {error}") from error
-    return FirstGuess(read.x, read.covariance, key)
+        raise InputError(f"{message.key}: {error}") from error
+    return FirstGuess(read.x, read.covariance, message.key)
 
 
 def _date(start: FitStartSpec) -> Epoch:
@@ -112,12 +111,23 @@ def _date(start: FitStartSpec) -> Epoch:
         raise InputError(f"start.epoch: {error}") from error
 
 
-def _message(start: FitStartSpec) -> tuple[str, Path, str, str | Epoch] | None:
-    """Return key, file, object and date of a message; None for other forms."""
+@dataclass(frozen=True)
+class _Message:
+    """A file with the start, and the keys that say how to read it."""
+
+    key: str
+    path: Path
+    options: dict[str, Any]
+
+
+def _message(start: FitStartSpec) -> _Message | None:
     if start.file is not None:
         epoch: str | Epoch = _date(start) if start.epoch else ""
-        return "start.file", place_of(start.file), "", epoch
+        options: dict[str, Any] = {"epoch": epoch, "lenient": start.lenient}
+        return _Message("start.file", place_of(start.file), options)
     given: MessageStartSpec | None = start.message
     if given is None:
         return None
-    return "start.message", place_of(given.file), given.object, given.epoch
+    options = {"name": given.object, "epoch": given.epoch, "lenient": given.lenient}
+    options["kernels"] = [str(place_of(one)) for one in given.kernels]
+    return _Message("start.message", place_of(given.file), options)

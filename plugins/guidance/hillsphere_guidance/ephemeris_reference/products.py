@@ -20,3 +20,5 @@ class EphemerisReference(FlightSet):
     deviation_m: float
     """Largest distance, at the middles of the reference's intervals, of the cubic polynomial along
     which a closed loop follows the states from the interpolation of the file."""
+    warnings: tuple[str, ...] = ()
+    """What the reader of the file noticed."""

@@ -41,7 +41,7 @@ META_STOP
 
 
 class EphemerisReferenceSpec(StageSpec):
-    """A trajectory of an Orbit Ephemeris Message (CCSDS OEM) in the frame of a plant.
+    """A trajectory of an ephemeris (CCSDS OEM, or SPK of SPICE) in the frame of a plant.
 
     Each segment of the object becomes a trajectory of its own, since a manoeuvre may lie between
     two of them: named as the object if it is the only one, otherwise ``segment 1`` and so on.
@@ -59,11 +59,25 @@ class EphemerisReferenceSpec(StageSpec):
 
     plant: Ref = reference("plant", "equations of motion in whose frame the trajectory is wanted")
     file: DataPath | None = data_path(
-        "orbit ephemeris message (CCSDS OEM, KVN or XML)", default=None
+        "orbit ephemeris message (CCSDS OEM, KVN or XML), or SPK kernel, which needs the extra "
+        "spice",
+        default=None,
+    )
+    kernels: tuple[DataPath, ...] = data_path(
+        "with an SPK kernel: further kernels, of the bodies between (SPK), of names and frames "
+        "(text)",
+        default=(),
     )
     text: str = option("instead of a file: the message itself", default="", max_length=1_000_000)
     object: str = option(
-        "name or identifier of the object; left out: the only one", default="", max_length=80
+        "name or identifier of the object (of a kernel: its name or NAIF number); left out: the "
+        "only one",
+        default="",
+        max_length=80,
+    )
+    lenient: bool = option(
+        "whether harmless departures of a message from the standard are warnings, not errors",
+        default=False,
     )
     epoch: str | None = option(
         "date and time (TDB) of time 0; left out: that of the plant's clock, if it has one, else "
@@ -88,4 +102,6 @@ class EphemerisReferenceSpec(StageSpec):
     def _one_source(self) -> Self:
         if (self.file is None) == (not self.text):
             raise rule("file", "give one of file and text")
+        if self.kernels and self.file is None:
+            raise rule("kernels", "only a file may be a kernel; leave them out or give file")
         return self

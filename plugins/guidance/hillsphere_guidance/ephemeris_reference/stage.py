@@ -59,11 +59,14 @@ class EphemerisReferenceStage:
     def interpolants(self) -> list[OemInterpolant]:
         """The segments of the object; the file is read when they are first needed."""
         spec = self.spec
-        segments = (
-            object_segments(spec.text, "text", spec.object)
-            if spec.file is None
-            else segments_of_object(Path(spec.file), spec.object)
-        )
+        if spec.file is None:
+            segments = object_segments(spec.text, "text", spec.object, lenient=spec.lenient)
+        else:
+            motion = frame_motion(self.plant, J2000, np.zeros(1), self._others(np.zeros(1)))
+            segments = segments_of_object(
+                Path(spec.file), spec.object, lenient=spec.lenient, centres=list(motion.centres),
+                kernels=spec.kernels,
+            )  # fmt: skip
         return [interpolant_of(one) for one in segments]
 
     @cached_property
@@ -121,6 +124,9 @@ class EphemerisReferenceStage:
             interpolation=" and ".join(dict.fromkeys(map(str, self.interpolants))),
             epoch=self.epoch.isot(np.zeros(1), 9)[0],
             deviation_m=deviation,
+            warnings=tuple(
+                dict.fromkeys(told for one in self.interpolants for told in one.segment.warnings)
+            ),
         )
 
     def present(self, product: EphemerisReference) -> Presentation:
@@ -139,7 +145,8 @@ class EphemerisReferenceStage:
             f"{product.deviation_m:.3g} m at most in the middles; interval_s makes it smaller.",
         )
         return Presentation(
-            tables={"ephemeris_reference": tabulate("Trajectories of the file", columns, notes)}
+            tables={"ephemeris_reference": tabulate("Trajectories of the file", columns, notes)},
+            verdict=product.warnings,
         )
 
     def _times(self, one: OemInterpolant) -> Array:

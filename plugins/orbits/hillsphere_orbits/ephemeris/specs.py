@@ -39,9 +39,10 @@ class EphemerisNeeds(Spec):
 
 
 class EphemerisSpec(StageSpec):
-    """Orbits and flights as orbit ephemeris messages (CCSDS OEM) in inertial axes, and as CSV.
+    """Orbits and flights in inertial axes: orbit ephemeris messages (CCSDS OEM), or SPK kernels.
 
-    A flight with impulses is written as an orbit parameter message (CCSDS OPM), too.
+    Messages are accompanied by tables (CSV), and, for a flight with impulses, by an orbit parameter
+    message (CCSDS OPM); kernels by a frame kernel. Kernels need the extra ``spice``.
 
     The body that the plant is about must have an orientation: its pole and prime meridian.
     """
@@ -54,6 +55,9 @@ class EphemerisSpec(StageSpec):
                 "ends",
                 "states",
                 "segments",
+                "spacecraft_id",
+                "degrees",
+                "between_m",
             ),
         },
     )
@@ -81,6 +85,26 @@ class EphemerisSpec(StageSpec):
     )
     step_s: float = quantity("time", "interval of an orbit's states", default=300.0, gt=0)
     object_id: str = option("identifier in the files", default="0000-000A", min_length=1)
+    format: Literal["oem", "spk"] = option(
+        "files: oem, orbit ephemeris messages and tables; spk, kernels of SPICE", default="oem"
+    )
+    spk_type: Literal[13, 9] = option(
+        "type of the segments of kernels: 13, Hermite's polynomials; 9, Lagrange's", default=13
+    )
+    spacecraft_id: int | None = option(
+        "with format = 'spk': NAIF number of the spacecraft of the first file, negative; further "
+        "files count down from it",
+        default=None,
+        lt=0,
+        ge=-999_999_999,
+    )
+    body_id: int | None = option(
+        "with format = 'spk': NAIF number of the centre; left out: that which SPICE knows by its "
+        "name",
+        default=None,
+        gt=0,
+        le=999_999_999,
+    )
     label: str = label("name of the table")
 
     @model_validator(mode="after")
@@ -90,4 +114,16 @@ class EphemerisSpec(StageSpec):
                 "nothing to write; name stages as needs.orbits, needs.flights or needs.closed_loops"
             )
             raise rule("needs", text)
+        return self
+
+    @model_validator(mode="after")
+    def _numbers_of_a_kernel(self) -> Self:
+        if self.format == "spk" and self.spacecraft_id is None:
+            raise rule(
+                "spacecraft_id",
+                "format = 'spk' needs the NAIF number of the spacecraft, such as -999",
+            )
+        for key in ("spacecraft_id", "body_id"):
+            if self.format != "spk" and getattr(self, key) is not None:
+                raise rule(key, "only a kernel has it; give format = 'spk' as well")
         return self

@@ -16,12 +16,15 @@ from hillsphere.formats.opm import write_opm
 from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.model.frame_motion import epoch_of, frame_motion
 from hillsphere.model.inertial import AboutMoon
+from hillsphere.model.spice_calls import spice_environment
 from hillsphere.presentation import Presentation
 from hillsphere.products import Flown, OrbitSet, PeriodicOrbits
 from hillsphere.products.fields import Shape
 from hillsphere.products.flight_files import Coast, Craft, in_inertial_axes, opm_of
 from hillsphere.show.tables import column, tabulate, text_column
+from hillsphere_orbits.ephemeris.kernels import kernels_of
 from hillsphere_orbits.ephemeris.specs import EphemerisSpec
+from hillsphere_orbits.ephemeris.spk_files import body_code
 from hillsphere_orbits.flow import flow_of
 from hillsphere_orbits.qso.presentation import label_identifier
 from hillsphere_orbits.sources import members_of
@@ -79,6 +82,13 @@ class EphemerisStage:
                 f"centre: expected 'moon', the plant is about {centres[0]!r} alone, got 'primary'"
             )
         self.centre = centres[spec.centre == "primary"]
+        if spec.format == "spk":
+            spice_environment("format: 'spk'")
+            if self.axes == "TEME":
+                raise InputError(
+                    "format: SPICE has no axes TEME, in which the plant is written; expected a "
+                    "plant of frame = 'gcrs'"
+                )
 
     def _frame(self) -> tuple[str, list[str]]:
         """Return the inertial axes and the bodies; refuse a plant that lacks what they need."""
@@ -111,10 +121,13 @@ class EphemerisStage:
         Raises
         ------
         InputError
-            If the interval asks for more states than can be written.
+            If the interval asks for more states than can be written, or a kernel is wanted and the
+            centre has no NAIF number.
         StageError
             If an orbit or flight is given in another frame than the plant's.
         """
+        if self.spec.format == "spk":
+            body_code(self.centre, self.spec.body_id)
         crafts: list[Craft] = []
         given_names: set[str] = set()
         if orbits:
@@ -167,48 +180,56 @@ class EphemerisStage:
         flights: tuple[Flown, ...] = (),
         closed_loops: tuple[Flown, ...] = (),
     ) -> Presentation:
-        """List the files: one message and one CSV for each orbit or flight plan."""
-        files: dict[str, str] = {}
-        flown: list[list[OemSegment]] = []
-        for plan in dict.fromkeys(product.plans):
-            coasts = [i for i, other in enumerate(product.plans) if other == plan]
-            segments = [self._segment(product, plan, i) for i in coasts]
-            name = _free(_slug(plan), files)
-            files[f"{name}.oem"] = write_oem(segments)
-            files[f"{name}.csv"] = states_csv(segments)
-            flown.append(segments)
-            flight = Craft(
-                plan, product.centre, product.frame,
-                [
-                    Coast(product.labels[i], one.t_s, one.x)
-                    for i, one in zip(coasts, segments, strict=True)
-                ],
-            )  # fmt: skip
-            if (opm := opm_of(flight, self.epoch, self.spec.object_id)) is not None:
-                files[f"{name}.opm"] = write_opm(opm)
+        """List the files: one message and one CSV, or one kernel, for each orbit or flight."""
+        plans = list(dict.fromkeys(product.plans))
+        flown = [
+            [self._segment(product, plan, i) for i, of in enumerate(product.plans) if of == plan]
+            for plan in plans
+        ]
+        names = _file_names(plans)
+        about = f"Frame {product.frame}, centre {product.centre}, times {product.time_scale}. " + (
+            "The axes turn with the mean motion of the model from the body's orientation at "
+            "the epoch; periodic and secular terms of that orientation (all but the constant "
+            "rate of W), and the eccentricity of its orbit, are not in them."
+            if isinstance(self.plant, AboutMoon)
+            else "The plant's frame is turned as its own equations say."
+        )
         begins = [coasts[0].epoch.isot(coasts[0].t_s[:1], 3)[0] for coasts in flown]
         ends = [coasts[-1].epoch.isot(coasts[-1].t_s[-1:], 3)[0] for coasts in flown]
-        states = [sum(coast.t_s.size for coast in coasts) for coasts in flown]
+        suffix = "bsp" if self.spec.format == "spk" else "oem"
         columns = [
-            text_column("file", [name for name in files if name.endswith(".oem")], "file"),
+            text_column("file", [f"{name}.{suffix}" for name in names], "file"),
             text_column("begins", begins, "begins"),
             text_column("ends", ends, "ends"),
-            column("states", states, "states"),
+            column("states", [sum(c.t_s.size for c in coasts) for coasts in flown], "states"),
             column("segments", [len(coasts) for coasts in flown], "segments"),
         ]
-        notes = (
-            f"Frame {product.frame}, centre {product.centre}, times {product.time_scale}. "
-            + (
-                "The axes turn with the mean motion of the model from the body's orientation at "
-                "the epoch; periodic and secular terms of that orientation (all but the constant "
-                "rate of W), and the eccentricity of its orbit, are not in them."
-                if isinstance(self.plant, AboutMoon)
-                else "The plant's frame is turned as its own equations say."
-            ),
-        )
-        table = tabulate("Ephemerides (CCSDS OEM and CSV)", columns, notes)
+        notes: list[str] = [about]
+        verdict: tuple[str, ...] = ()
+        files: dict[str, str | bytes] = {}
+        if self.spec.format == "spk":
+            kernels = kernels_of(self.spec, self.plant, product.centre, flown, names, about)
+            files |= kernels.files
+            verdict = kernels.verdict
+            columns += kernels.columns
+            notes += kernels.notes
+            title = "Ephemerides (SPK of SPICE)"
+        else:
+            for plan, name, segments in zip(plans, names, flown, strict=True):
+                files[f"{name}.oem"] = write_oem(segments)
+                files[f"{name}.csv"] = states_csv(segments)
+                flight = Craft(
+                    plan, product.centre, product.frame,
+                    [Coast(one.comment, one.t_s, one.x) for one in segments],
+                )  # fmt: skip
+                if (opm := opm_of(flight, self.epoch, self.spec.object_id)) is not None:
+                    files[f"{name}.opm"] = write_opm(opm)
+            title = "Ephemerides (CCSDS OEM and CSV)"
         return Presentation(
-            tables={label_identifier("ephemerides", self.spec.label): table},
+            tables={
+                label_identifier("ephemerides", self.spec.label): tabulate(title, columns, notes)
+            },
+            verdict=verdict,
             files=files,
         )
 
@@ -274,9 +295,14 @@ def _slug(text: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:60] or "orbit"
 
 
-def _free(name: str, files: dict[str, str]) -> str:
-    number, free = 1, name
-    while f"{free}.oem" in files:
-        number += 1
-        free = f"{name}-{number}"
-    return free
+def _file_names(plans: list[str]) -> list[str]:
+    """Return names of files without suffix, numbered where two would be the same."""
+    names: list[str] = []
+    for plan in plans:
+        name = free = _slug(plan)
+        number = 1
+        while free in names:
+            number += 1
+            free = f"{name}-{number}"
+        names.append(free)
+    return names

@@ -74,7 +74,7 @@ def track(
         str,
         typer.Option(
             metavar="FILE",
-            help="Elements of the satellite (TLE or OMM), or its ephemeris (OEM).",
+            help="Elements of the satellite (TLE, OMM), or its ephemeris (OEM, SPK of SPICE).",
             rich_help_panel=_SATELLITE,
         ),
     ] = "",

@@ -37,7 +37,8 @@ def passes(
         Path,
         typer.Argument(
             metavar="FILE",
-            help="Satellites: elements (TLE or CCSDS OMM), or an ephemeris (CCSDS OEM).",
+            help="Satellites: elements (TLE or CCSDS OMM), or an ephemeris (CCSDS OEM, or SPK of "
+            "SPICE).",
         ),
     ],
     station: Annotated[
@@ -54,6 +55,14 @@ def passes(
     satellite: Annotated[
         str, typer.Option(metavar="NAME", help="One satellite of the file; by default all.")
     ] = "",
+    kernel: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE",
+            help="With an SPK kernel: a further kernel, of the bodies between (SPK), or of names "
+            "and frames (text). May be given several times.",
+        ),
+    ] = None,
     start: Annotated[
         str,
         typer.Option(metavar="DATE", help="Beginning, UTC; by default the epoch of the elements."),
@@ -97,6 +106,8 @@ def passes(
     one: dict[str, Any] = {"file": str(elements), "lenient": lenient, "checksum": checksum}
     if satellite:
         one["name"] = satellite
+    if kernel:
+        one["kernels"] = list(map(str, kernel))
     try:
         stage: Any = create(
             "stage", "passes", satellites=[one], stations=stations, duration_d=days, start=start,

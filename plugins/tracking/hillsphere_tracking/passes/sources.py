@@ -14,8 +14,14 @@ from hillsphere.base.geodetic import WGS84, Ellipsoid, Station
 from hillsphere.base.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.base.regular_files import read_text
 from hillsphere.errors import InputError
+from hillsphere.formats.ephemeris_files import refuse_kernels
+from hillsphere.model.spk import is_daf, read_spk
 from hillsphere.time import Epoch
-from hillsphere_tracking.ephemeris_orbit import EphemerisOrbit, ephemeris_orbits_of
+from hillsphere_tracking.ephemeris_orbit import (
+    EphemerisOrbit,
+    ephemeris_orbits_of,
+    orbits_of_segments,
+)
 from hillsphere_tracking.mean_elements import ZonalField
 from hillsphere_tracking.passes.masks import BlindSector, HorizonMask
 from hillsphere_tracking.passes.specs import OLDEST_ELEMENTS_S
@@ -71,7 +77,7 @@ def orbits_from(
         elif spec.file is not None:
             collected += orbits_of_file(
                 Path(spec.file), spec.name, spec.label, lenient=spec.lenient,
-                checksum=spec.checksum, orientation=orientation,
+                checksum=spec.checksum, orientation=orientation, kernels=spec.kernels,
             )  # fmt: skip
         else:
             orbits = orbits_of(spec.tle, "tle", lenient=spec.lenient, checksum=spec.checksum)
@@ -211,27 +217,35 @@ def orbits_of_file(
     lenient: bool = False,
     checksum: Checksum = "refuse",
     orientation: EarthOrientation = UT1_IS_UTC,
+    kernels: Sequence[str] = (),
 ) -> list[Sgp4Orbit | EphemerisOrbit]:
-    """Return the orbits of a file: element sets (TLE, OMM) or an ephemeris (OEM).
+    """Return the orbits of a file: element sets (TLE, OMM) or an ephemeris (OEM, SPK).
 
     Parameters
     ----------
     path : Path
         The file.
     name : str
-        Name or catalogue number of the satellite; by default all satellites.
+        Name or catalogue number of the satellite; by default all satellites, of a kernel the only
+        one.
     label : str
         New name of the satellite.
     lenient, checksum
         As for `orbits_of`.
     orientation : EarthOrientation
         As for `orbits_from`.
+    kernels : sequence of str
+        Of a kernel: further ones, see `hillsphere.model.spk.read_spk`.
 
     Raises
     ------
     InputError
         If the file cannot be read, or does not contain the satellite exactly once.
     """
+    if is_daf(path):
+        segments = read_spk(path, name, centres=("EARTH",), kernels=kernels)
+        return _set_label(list(orbits_of_segments(segments, path.name, orientation)), label)
+    refuse_kernels(path, kernels)
     try:
         text = read_text(path, "utf-8-sig", _LARGEST_FILE)
     except OSError as error:
