@@ -36,8 +36,8 @@ from hillsphere.interfaces import Context, Parameter
 from hillsphere.interfaces.cases import CaseBatch, CaseResults
 from hillsphere.interfaces.tasks import Executor
 from hillsphere.mission import Mission, load_mission
-from hillsphere.plugins import Component, Registry, hookimpl
-from hillsphere.plugins import builtin as components
+from hillsphere.plugins import Component, hookimpl
+from hillsphere.plugins.registry import discover
 from hillsphere.presentation import Presentation
 from hillsphere.products import CaseTable
 from hillsphere.runs.pipeline import run_mission
@@ -137,8 +137,7 @@ cases = 100000
 
 def idle(directory: Path) -> Mission:
     """Return the mission of the stage that does nothing."""
-    registry = Registry(strict=True)
-    registry.add_plugin("hillsphere", components)
+    registry = discover(strict=True)
     registry.add_plugin("idle", Plugin())
     path = directory / "idle.toml"
     path.write_text(IDLE)

@@ -21,6 +21,7 @@ from hillsphere.base.constants import HOUR_S
 from hillsphere.base.errors import InputError
 from hillsphere.base.lti import LtiSystem
 from hillsphere.base.problems import did_you_mean
+from hillsphere.products.columns import Columns
 from hillsphere.products.fields import Label, Shape
 from hillsphere.products.product_codec import load_product, save_product
 
@@ -546,7 +547,12 @@ class Ladder:
 
 @dataclass(frozen=True)
 class CaseTable:
-    """Results of a campaign: one row per case, stored by columns."""
+    """Results of a campaign: one row per case, stored by columns.
+
+    The columns of inputs and metrics of a large campaign stay in files of its run directory.
+    `input_values` and `values` then give them one by one (`hillsphere.products.columns.Columns`),
+    ``table.values[3]`` as an array; ``numpy.asarray(table.values)`` reads all of them.
+    """
 
     stage: str
     """Name of the stage that was repeated."""
@@ -568,13 +574,13 @@ class CaseTable:
     """Names of the inputs that differed."""
     input_units: Annotated[tuple[str, ...], Shape("inputs")]
     """Their units."""
-    input_values: Annotated[Array, Shape("inputs", "cases")]
+    input_values: Annotated[Array | Columns, Shape("inputs", "cases")]
     """Their values."""
     metrics: Annotated[tuple[str, ...], Shape("metrics")]
     """Names of the metrics."""
     units: Annotated[tuple[str, ...], Shape("metrics")]
     """Their units."""
-    values: Annotated[Array, Shape("metrics", "cases")]
+    values: Annotated[Array | Columns, Shape("metrics", "cases")]
     """Their values; NaN where a case has none."""
     status: Annotated[NDArray[np.str_], Shape("cases")]
     """How each case ended."""

@@ -137,8 +137,8 @@ def _rows(table: CaseTable, part: slice, said: dict[int, str]) -> Iterator[tuple
         point = table.point[part]
         columns += [point.tolist(), [table.point_labels[p] for p in point.tolist()]]
         columns += [row[point].tolist() for row in table.points]
-    columns += [row[part].tolist() for row in table.input_values]
-    columns += [row[part].tolist() for row in table.values]
+    columns += table.input_values[:, part].tolist()
+    columns += table.values[:, part].tolist()
     columns.append([said.get(k, "") for k in case])
     return zip(*columns, strict=True)
 
