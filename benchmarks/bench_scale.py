@@ -1,4 +1,4 @@
-"""Growth of campaigns: memory and CPU with the number of cases, and what eight workers of dask cost.
+"""Growth of campaigns: memory and CPU with the number of cases, and the cost of eight dask workers.
 
 ``python benchmarks/bench_scale.py figure`` draws ``docs/images/campaign-growth.svg`` from a hundred
 to a million cases. ``python benchmarks/run.py scale --long`` measures a million cases and the
@@ -53,15 +53,15 @@ def exponent(cases: np.ndarray, values: np.ndarray) -> float:
 
 
 def growth(sizes: tuple[int, ...] = GROWTH) -> dict[str, np.ndarray]:
-    """Return cases, CPU time (s) and memory (MB), each less what a run of one case takes."""
-    one(1)  # caches
-    start = np.array(one(1))
+    """Return cases, CPU time (s) and memory (MB); ``start`` is that of the least campaign."""
+    one(sizes[0])  # caches
     found = np.array([one(size) for size in sizes])
-    return {"cases": np.array(sizes), "cpu": found[:, 0], "memory": found[:, 1], "start": start}
+    cpu, memory = found.T
+    return {"cases": np.array(sizes), "cpu": cpu, "memory": memory, "start": found[0]}
 
 
 def draw(path: Path) -> None:
-    """Draw CPU time and memory against cases, with the exponents of the upper three decades."""
+    """Draw CPU time and memory against cases, with exponents from 10 000 cases on."""
     import matplotlib
 
     matplotlib.use("svg")
@@ -76,9 +76,9 @@ def draw(path: Path) -> None:
         values = found[key]
         slope = exponent(n[late], values[late] - start)
         axis.loglog(n, values, "o-", color=colour, label="measured")
-        axis.axhline(start, color="0.4", lw=0.8, ls="--", label="a single case")
+        axis.axhline(start, color="0.4", lw=0.8, ls="--", label="a hundred cases")
         fit = (values[-1] - start) * (n / n[-1]) ** slope
-        axis.loglog(n, start + fit, ":", color="0.2", label=f"start + c · cases^{slope:.2f}")
+        axis.loglog(n, start + fit, ":", color="0.2", label=f"that + c · cases^{slope:.2f}")
         axis.set(xlabel="cases", ylabel=label)
         axis.legend(frameon=False, fontsize=8)
         axis.grid(alpha=0.3)
