@@ -21,7 +21,6 @@ from hillsphere.base.constants import HOUR_S
 from hillsphere.base.errors import InputError
 from hillsphere.base.lti import LtiSystem
 from hillsphere.base.problems import did_you_mean
-from hillsphere.products.columns import Columns
 from hillsphere.products.fields import Label, Shape
 from hillsphere.products.product_codec import load_product, save_product
 
@@ -574,13 +573,13 @@ class CaseTable:
     """Names of the inputs that differed."""
     input_units: Annotated[tuple[str, ...], Shape("inputs")]
     """Their units."""
-    input_values: Annotated[Array | Columns, Shape("inputs", "cases")]
+    input_values: Annotated[Array, Shape("inputs", "cases")]
     """Their values."""
     metrics: Annotated[tuple[str, ...], Shape("metrics")]
     """Names of the metrics."""
     units: Annotated[tuple[str, ...], Shape("metrics")]
     """Their units."""
-    values: Annotated[Array | Columns, Shape("metrics", "cases")]
+    values: Annotated[Array, Shape("metrics", "cases")]
     """Their values; NaN where a case has none."""
     status: Annotated[NDArray[np.str_], Shape("cases")]
     """How each case ended."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import chain
+from typing import Any
 
 import numpy as np
 
-from hillsphere.base.arrays import Array
 from hillsphere.cases.block_outcome import BlockOutcome, join_outcomes
 from hillsphere.cases.plan import Plan
 from hillsphere.cases.stored_blocks import StoredBlocks, texts_of
@@ -36,8 +36,8 @@ def table_of(plan: Plan, outcomes: Sequence[BlockOutcome], stage: str, stopped: 
     CaseTable
         One row per case.
     """
-    inputs: Array | Columns
-    values: Array | Columns
+    inputs: Any  # an array, or columns in files, which are read as one
+    values: Any
     if isinstance(outcomes, StoredBlocks):
         rows, inputs, values = _read_rows(plan, outcomes)
     else:

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import median
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,7 +80,7 @@ def run_campaign(
     advance: Callable[[int], None] | None = None,
     on_failures: Callable[[int], None] | None = None,
     on_metrics: Callable[[Sequence[str]], None] | None = None,
-) -> tuple[Sequence[BlockOutcome], str]:
+) -> tuple[Any, str]:
     """Compute the blocks of a plan.
 
     Parameters
