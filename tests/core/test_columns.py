@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from numpy.typing import NDArray
 
 from hillsphere.base.cached_files import drop_oldest
 from hillsphere.errors import HillsphereError, InputError
@@ -43,7 +44,7 @@ def written(directory: Path) -> tuple[ColumnFiles, Array]:
             part[:] = np.nan
         rows = part[:0] if number == 2 else part
         path = directory / ColumnFiles.name(number)
-        columns = {
+        columns: dict[str, NDArray[Any]] = {
             "values": rows, "case": np.arange(first, first + count),
             "status": np.full(count, number, dtype=np.uint16), "failed": np.zeros(count, bool),
         }  # fmt: skip
@@ -52,14 +53,15 @@ def written(directory: Path) -> tuple[ColumnFiles, Array]:
             checks.append(file.check)
         sizes.append(path.stat().st_size)
         first += count
-    files = ColumnFiles(directory, *(np.array(a, dtype=np.int64) for a in (COUNTS, sizes, checks)))
+    counts, of_files, crcs = (np.array(a, dtype=np.int64) for a in (COUNTS, sizes, checks))
+    files = ColumnFiles(directory, counts, of_files, crcs)
     return files, values
 
 
 def test_every_way_to_read_gives_the_bits_that_were_written(tmp_path: Path) -> None:
     files, values = written(tmp_path / "a")
     columns = Columns(files, "values", range(ROWS))
-    assert (columns.shape, len(columns), columns.ndim, columns.dtype) == ((3, 100), 3, 2, float)
+    assert (columns.shape, len(columns), columns.ndim, columns.dtype.char) == ((3, 100), 3, 2, "d")
     assert_array_equal(np.asarray(columns), values)
     assert_array_equal(list(columns), values)
     mask = np.arange(100) % 7 == 0

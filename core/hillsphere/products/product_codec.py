@@ -111,7 +111,8 @@ def save_product(path: str | Path, product: Any, *, own: bool = False) -> None:
     arrays: dict[str, np.ndarray[Any, Any]] = {}
     root = _encode_product(product, arrays)
     head: dict[str, Any] = {"format": FORMAT, "root": root}
-    if columns := {key: a for key, a in arrays.items() if isinstance(a, Columns)}:
+    columns: dict[str, Any] = {key: a for key, a in arrays.items() if isinstance(a, Columns)}
+    if columns:
         head["columns"] = {key: [one.field, one.rows] for key, one in columns.items()}
         files = next(iter(columns.values())).files
         if any(one.files is not files for one in columns.values()):
@@ -171,8 +172,8 @@ def load_product(path: str | Path, *, own: bool = False) -> Any:
                 f"format {FORMAT}"
             )
         if "columns" in head:
-            facts = [arrays.pop(f"{_FILES}.{name}") for name in _OF_FILES]
-            files = ColumnFiles(column_folder(place), *facts, own=own)
+            facts = {name: arrays.pop(f"{_FILES}.{name}") for name in _OF_FILES}
+            files = ColumnFiles(column_folder(place), own=own, **facts)
             files.verify()
             for key, (field, rows) in head["columns"].items():
                 arrays[key] = Columns(files, field, rows)  # type: ignore[assignment]

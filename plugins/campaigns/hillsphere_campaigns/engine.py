@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import median
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,7 +80,7 @@ def run_campaign(
     advance: Callable[[int], None] | None = None,
     on_failures: Callable[[int], None] | None = None,
     on_metrics: Callable[[Sequence[str]], None] | None = None,
-) -> tuple[Any, str]:
+) -> tuple[list[BlockOutcome], str]:
     """Compute the blocks of a plan.
 
     Parameters
@@ -135,7 +135,8 @@ def run_campaign(
     if not campaign.over:
         with executor.crew(work) as crew:
             campaign.run(crew)
-    return campaign.outcomes(), campaign.stopped
+    # Files are as good as a list for whoever reads blocks one by one.
+    return cast("list[BlockOutcome]", campaign.outcomes()), campaign.stopped
 
 
 _Blocks = list[tuple[int, Sequence[BlockOutcome]]]
@@ -247,7 +248,7 @@ class _Campaign:
             ready_limit_s = None
             if self.limit_s is not None:
                 ready_limit_s = max(LEAST_READY_S, READY_LIMITS * self.limit_s)
-            limits = {"limit_s": limit_s, "ready_limit_s": ready_limit_s}
+            limits: dict[str, Any] = {"limit_s": limit_s, "ready_limit_s": ready_limit_s}
             task: Task | StoredTask
             if piece.files:
                 task = StoredTask(self._tasks, piece.files, piece.variant, **limits)
@@ -356,7 +357,8 @@ class _Campaign:
         # Workers with other storage: from now on blocks come as they are.
         self._by_value = True
         if not receipts:
-            return [(piece.first, outcomes)]
+            blocks: _Blocks = [(piece.first, outcomes)]
+            return blocks
         written = {one.number for one in accepted}
         missing = [number for number in piece.files if number not in written]
         for number in (block for of in missing for block in self.stored.files.blocks(of)):
@@ -421,7 +423,7 @@ class _Campaign:
         """Enter a file that is written into the list of outcomes."""
         assert self.stored is not None
         empty = lost_rows(np.zeros(0, dtype=np.int64), "", "", "")
-        names = {"metrics": receipt.metrics, "units": receipt.units}
+        names: dict[str, Any] = {"metrics": receipt.metrics, "units": receipt.units}
         self._check_metrics(replace(empty, **names, values=np.zeros((len(receipt.metrics), 0))))
         blocks = self.stored.files.blocks(receipt.number)
         self._done[blocks.start : blocks.stop] = True

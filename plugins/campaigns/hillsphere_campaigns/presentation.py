@@ -224,7 +224,8 @@ def _distributions(
 
     def read(row: int) -> Array:
         values = np.asarray(table.values[row])
-        return values[usable & np.isfinite(values)]
+        kept: Array = values[usable & np.isfinite(values)]
+        return kept
 
     varied = [
         Shown(partial(read, row), one, row)

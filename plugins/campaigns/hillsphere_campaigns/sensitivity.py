@@ -143,7 +143,7 @@ def rank_correlations(table: CaseTable, level: float = LEVEL) -> RankCorrelation
         for j in range(len(table.metrics)):
             metric = table.values[j][usable]
             rows = sound & np.isfinite(metric)
-            n = count[j] = np.count_nonzero(rows)
+            n = count[j] = int(np.count_nonzero(rows))
             if n < LEAST_FOR_CORRELATION:
                 continue
             key = sha256(rows.tobytes()).digest()

@@ -14,9 +14,9 @@ MOST_BYTES = 1 << 26
 """Size of a task's histories at most; a single block may have more."""
 
 MOST_RATE = 40.0
-"""Tasks per second at most, so that of many workers none waits for the run. A task of dask costs the
-process of the run and its scheduler 13 ms of CPU (docs/theory/large-campaigns.md): it is then half
-busy."""
+"""Tasks per second at most, so that of many workers none waits for the run. A task of dask costs
+the process of the run and its scheduler 13 ms of CPU (docs/theory/large-campaigns.md): it is then
+half busy."""
 
 WHOLE_FILE_S = 4.0
 """Work of a file of a large campaign, up to which it is one task: so much is lost with a worker
