@@ -151,7 +151,7 @@ def rank_correlations(table: CaseTable, level: float = LEVEL) -> RankCorrelation
                 ranks_of.clear()  # as a rule all metrics have the same cases
                 ranks_of[key] = _centred_ranks(given, inputs, usable, rows)
             rho[inputs, j] = ranks_of[key] @ _centre_ranks(rankdata(metric[rows]))
-    for j in np.flatnonzero(count[: len(table.metrics)] >= LEAST_FOR_CORRELATION):
+    for j in np.flatnonzero(count[: len(table.metrics)] >= LEAST_FOR_CORRELATION).tolist():
         rho[:, j] = np.clip(rho[:, j], -1.0, 1.0)
         p[:, j], interval[:, :, j] = _spearman_chance(rho[:, j], int(count[j]), level)
     if both:
