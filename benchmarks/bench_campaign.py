@@ -36,8 +36,8 @@ from hillsphere.interfaces import Context, Parameter
 from hillsphere.interfaces.cases import CaseBatch, CaseResults
 from hillsphere.interfaces.tasks import Executor
 from hillsphere.mission import Mission, load_mission
-from hillsphere.plugins import Component, Registry, hookimpl
-from hillsphere.plugins import builtin as components
+from hillsphere.plugins import Component, hookimpl
+from hillsphere.plugins.registry import discover
 from hillsphere.presentation import Presentation
 from hillsphere.products import CaseTable
 from hillsphere.runs.pipeline import run_mission
@@ -135,13 +135,12 @@ cases = 100000
 """
 
 
-def idle(directory: Path) -> Mission:
+def idle(directory: Path, cases: int = MANY_CASES) -> Mission:
     """Return the mission of the stage that does nothing."""
-    registry = Registry(strict=True)
-    registry.add_plugin("hillsphere", components)
+    registry = discover(strict=True)
     registry.add_plugin("idle", Plugin())
     path = directory / "idle.toml"
-    path.write_text(IDLE)
+    path.write_text(IDLE.replace("cases = 100000", f"cases = {cases}"))
     return load_mission(path, registry=registry)
 
 
@@ -292,14 +291,15 @@ def memory() -> dict[str, float]:
     }
 
 
-def _many() -> None:
-    """Run 100 000 cases in this process, and say how many there are and its memory."""
+def _many(count: int) -> None:
+    """Run so many cases in this process, and say how many there are and its memory."""
     with scratch() as directory:
-        result = run_mission(idle(directory), out=directory / "run", use_cache=False)
+        mission = idle(directory, count)
+        result = run_mission(mission, out=directory / "run", use_cache=False)
         table = result.products["many"]
         assert isinstance(table, CaseTable)
         cases = len(table.case)
-    assert cases == MANY_CASES
+    assert cases == count
     # Linux counts in kilobytes, macOS in bytes.
     unit = 1e6 if sys.platform == "darwin" else 1e3
     print(cases, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit)
@@ -314,8 +314,8 @@ def figures() -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:] == ["memory"]:
-        _many()
+    if sys.argv[1:2] == ["memory"]:
+        _many(int(sys.argv[2]) if sys.argv[2:] else MANY_CASES)
     else:
         for figure, number in figures().items():
             print(f"{figure:<40} {number:12.4g}")

@@ -16,9 +16,11 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "dependencies.md"
-EXTRAS = ("", "notebook", "web", "dask", "mesh", "spice", "slicot")
+EXTRAS = ("", "notebook", "web", "dask", "mesh", "spice", "parquet", "slicot")
 """Without an extra, and the extras that a user chooses."""
 _REASONS = {
+    "parquet": "Writes campaigns for pandas, polars, DuckDB and Spark, a row group at a time, with "
+    "units in the schema. Heavy, and therefore an extra: CSV and netCDF need nothing.",
     "mesh": "Reads shapes as STL and PLY, text and binary, whose variants are many. It needs numpy "
     "only; of its further functions none is used.",
 }

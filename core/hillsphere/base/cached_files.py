@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Collection
 from hashlib import sha256
 from pathlib import Path
+from stat import S_ISDIR
 
 from hillsphere.base.errors import InputError
 from hillsphere.base.regular_files import open_regular
@@ -42,16 +44,16 @@ def tree_digest(place: Path) -> str:
 
 
 def drop_oldest(directory: Path, suffixes: Collection[str], max_bytes: int) -> None:
-    """Remove the least recently used files until the rest is within a size.
+    """Remove the least recently used files and folders until the rest is within a size.
 
     Parameters
     ----------
     directory : Path
         Their directory; other processes may add and remove files at the same time.
     suffixes : collection of str
-        Endings of the files that count; others are left alone.
+        Endings of the entries that count; others are left alone.
     max_bytes : int
-        Largest total size of the files that stay.
+        Largest total size of the entries that stay, a folder with all that is in it.
     """
     entries = []
     for path in directory.iterdir():
@@ -59,12 +61,17 @@ def drop_oldest(directory: Path, suffixes: Collection[str], max_bytes: int) -> N
             continue
         try:
             status = path.lstat()
+            inside = path.iterdir() if S_ISDIR(status.st_mode) else ()
+            size = status.st_size + sum(one.lstat().st_size for one in inside)
         except FileNotFoundError:  # another process removed it
             continue
-        entries.append((status.st_mtime, status.st_size, path))
+        entries.append((status.st_mtime, size, path))
     total = sum(size for _, size, _ in entries)
     for _, size, path in sorted(entries, key=lambda entry: entry[0]):
         if total <= max_bytes:
             break
-        path.unlink(missing_ok=True)
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
         total -= size

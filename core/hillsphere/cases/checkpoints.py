@@ -61,6 +61,7 @@ class Checkpoints:
         self.directory, self.fingerprint = directory, fingerprint
         self._note = note or (lambda message: None)
         self._kept = 0
+        self._with_histories: set[Path] = set()
 
     def load(self) -> dict[int, BlockOutcome]:
         """Return what was kept, by number of the block, but for `histories`.
@@ -119,6 +120,8 @@ class Checkpoints:
             cases=join_outcomes(outcomes),
         )
         path = self.directory / f"blocks-{first:07d}-{last:07d}.npz"
+        if checkpoint.cases.histories is not None:
+            self._with_histories.add(path)
         try:
             save_product(path, checkpoint)
         except OSError as error:
@@ -127,6 +130,19 @@ class Checkpoints:
                 "finished before are kept: mend that and resume the run"
             ) from error
         self._kept += len(outcomes)
+
+    def drop(self, blocks: range) -> None:
+        """Remove the files of blocks that are kept elsewhere, but for those with histories.
+
+        Parameters
+        ----------
+        blocks : range
+            A file is removed if all its blocks are among these.
+        """
+        for path in self.directory.glob("blocks-*.npz"):
+            first, last = map(int, path.stem.split("-")[1:])
+            if first in blocks and last in blocks and path not in self._with_histories:
+                path.unlink(missing_ok=True)
 
     def histories(self) -> Iterator[tuple[Integers, Histories]]:
         """Yield the histories that were kept: numbers of cases (n,), and what they were like.
@@ -151,6 +167,8 @@ class Checkpoints:
 
     def _read(self, path: Path) -> dict[int, BlockOutcome]:
         checkpoint = self._checkpoint(path)
+        if checkpoint.cases.histories is not None:
+            self._with_histories.add(path)
         parts = divide_outcome(
             checkpoint.cases, checkpoint.counts.tolist(), checkpoint.seconds.tolist()
         )

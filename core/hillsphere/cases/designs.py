@@ -25,6 +25,11 @@ _MOST_SOBOL = 21201
 _AT_ONCE = 1024
 """Cases that are drawn together: their neighbours are asked for next."""
 
+_KEPT = 64
+"""Groups of random cases that are kept, as their inputs are asked for again for the table: all of
+65 536 cases, and more than the tasks under way of a larger campaign. One of 24 quantities has
+200 kB."""
+
 
 @dataclass
 class Design:
@@ -69,12 +74,12 @@ class Design:
     groups: tuple[tuple[str, int], ...]
     seed: int
     stream: str
-    _rows: Array = field(init=False, repr=False)
-    _drawn: np.ndarray[tuple[int], np.dtype[np.bool_]] = field(init=False, repr=False)
+    _whole: Array | None = field(init=False, repr=False, default=None)
+    _groups: dict[int, Array] = field(init=False, repr=False, default_factory=dict)
 
-    def __post_init__(self) -> None:
-        self._rows = np.empty((0, 0))
-        self._drawn = np.zeros(0, dtype=bool)
+    def __getstate__(self) -> dict[str, object]:
+        """Leave out what can be drawn again, for workers."""
+        return vars(self) | {"_whole": None, "_groups": {}}
 
     @property
     def quantities(self) -> int:
@@ -95,29 +100,37 @@ class Design:
         return which % self.cases
 
     def unit(self, which: Integers) -> Array:
-        """Return the numbers (k, N) of some cases, all in (0, 1); each is drawn once and kept."""
-        if not self._rows.size:
-            self._rows = np.empty((self._dimensions, self.cases))
-            self._drawn = np.zeros(self.cases, dtype=bool)
-            if self.name != "random":
-                self._rows[:] = space_filling(
-                    "latin_hypercube" if self.name == "latin_hypercube" else "sobol",
-                    self._dimensions,
-                    self.cases,
-                    self.seed,
-                    self.stream,
-                )
-                self._drawn[:] = True
+        """Return the numbers (k, N) of some cases, all in (0, 1)."""
         row = which % self.cases
-        for first in np.unique(row[~self._drawn[row]] // _AT_ONCE * _AT_ONCE).tolist():
-            here = np.arange(first, min(first + _AT_ONCE, self.cases))
-            self._rows[:, here] = random_rows(self.groups, here, self.seed, self.stream)
-            self._drawn[here] = True
+        if self.name == "random":
+            return self._random(row)
+        if self._whole is None:
+            what: Literal["latin_hypercube", "sobol"] = (
+                "latin_hypercube" if self.name == "latin_hypercube" else "sobol"
+            )
+            self._whole = space_filling(what, self._dimensions, self.cases, self.seed, self.stream)
         if self.name != "sobol_indices":
-            return np.ascontiguousarray(self._rows[:, row])
+            return np.ascontiguousarray(self._whole[:, row])
         k, sample = self.quantities, which // self.cases
         of_b = (sample == 1) | (sample - 2 == np.arange(k)[:, None])
-        return np.where(of_b, self._rows[k:, row], self._rows[:k, row])
+        return np.where(of_b, self._whole[k:, row], self._whole[:k, row])
+
+    def _random(self, row: Integers) -> Array:
+        """Return random numbers (k, N) of rows; those used last are kept."""
+        values = np.empty((self.quantities, len(row)))
+        group = row // _AT_ONCE
+        for number in np.unique(group).tolist():
+            drawn = self._groups.pop(number, None)
+            if drawn is None:
+                first = number * _AT_ONCE
+                here = np.arange(first, min(first + _AT_ONCE, self.cases))
+                drawn = random_rows(self.groups, here, self.seed, self.stream)
+            self._groups[number] = drawn  # the last one is the youngest
+            places = np.flatnonzero(group == number)
+            values[:, places] = drawn[:, row[places] - number * _AT_ONCE]
+        while len(self._groups) > _KEPT:
+            del self._groups[next(iter(self._groups))]
+        return values
 
     @property
     def _dimensions(self) -> int:

@@ -145,6 +145,21 @@ class Plan:
         """Return the number by which each case (N,) draws its noise."""
         return self._variants[0].sample.draws(cases % self.repetitions)
 
+    def cases_of(self, blocks: range) -> int:
+        """Return the number of cases in consecutive blocks."""
+        return self._case(blocks.stop) - self._case(blocks.start)
+
+    def _case(self, block: int) -> int:
+        """Return the number of cases in the blocks before one."""
+        at = int(np.searchsorted(self._first_block, block, side="right")) - 1
+        if at == len(self._variants):
+            return self.cases
+        return int(self._first_case[at] + (block - self._first_block[at]) * LANES)
+
+    def variant_of(self, block: int) -> int:
+        """Return the number of a block's stage in `variants`."""
+        return self._stage[int(np.searchsorted(self._first_block, block, side="right")) - 1]
+
     def block(self, number: int) -> tuple[CaseBatch, int]:
         """Return a block and the number of its stage in `variants`.
 

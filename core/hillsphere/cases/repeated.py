@@ -9,9 +9,11 @@ from typing import Any
 from hillsphere.base.errors import InputError
 from hillsphere.base.problems import did_you_mean, format_key
 from hillsphere.cases.isolation import BlockOutcome, compute
+from hillsphere.cases.stored_blocks import BlockFiles, FileReceipt
+from hillsphere.interfaces.cases import CaseBatch
 from hillsphere.interfaces.quantities import Parameter
 from hillsphere.interfaces.stages import CaseStage
-from hillsphere.interfaces.tasks import Task
+from hillsphere.interfaces.tasks import StoredTask, Task
 from hillsphere.mission.faults import faults_of
 from hillsphere.mission.links import links_of
 from hillsphere.mission.load import Mission
@@ -190,14 +192,17 @@ class RepeatedWork:
         What `Task.variant` counts; built when first needed, in each worker.
     bands : tuple of str
         Names or patterns of quantities whose histories are kept.
+    files : BlockFiles or None
+        Where `StoredTask` is written, of a large campaign.
     """
 
     variants: tuple[Repeated, ...]
     bands: tuple[str, ...] = ()
+    files: BlockFiles | None = None
 
-    def prepare(self) -> Callable[[Task], tuple[BlockOutcome, ...]]:
+    def prepare(self) -> Callable[[Task | StoredTask], Sequence[BlockOutcome | FileReceipt]]:
         """Return the function that computes a task."""
-        return _Computing(self.variants, self.bands)
+        return _Computing(self)
 
 
 class _Computing:
@@ -207,23 +212,44 @@ class _Computing:
     memory.
     """
 
-    def __init__(self, variants: Sequence[Repeated], bands: Sequence[str]) -> None:
-        self._variants, self._bands = variants, bands
+    def __init__(self, work: RepeatedWork) -> None:
+        self._variants, self._bands, self._files = work.variants, work.bands, work.files
         self._built: tuple[int, CaseStage] | None = None
 
-    def ready(self, task: Task) -> None:
+    def ready(self, task: Task | StoredTask) -> None:
         """Build the task's stage and have it compile, which does not count against a limit."""
         stage = self._stage(task.variant)
         prepare = getattr(stage, "prepare_cases", None)
         if prepare is not None:
-            for names in dict.fromkeys(block.names for block in task.blocks):
+            blocks = task.blocks if isinstance(task, Task) else [self._block(task.files[0], 0)]
+            for names in dict.fromkeys(block.names for block in blocks):
                 prepare(names, **self._variants[task.variant].inputs)
 
-    def __call__(self, task: Task) -> tuple[BlockOutcome, ...]:
+    def __call__(self, task: Task | StoredTask) -> tuple[BlockOutcome | FileReceipt, ...]:
         stage, inputs = self._stage(task.variant), self._variants[task.variant].inputs
+        if isinstance(task, StoredTask):
+            return tuple(
+                one for file in task.files for one in self._compute_file(stage, inputs, file)
+            )
         return tuple(
             compute(stage, block, inputs, task.history, self._bands) for block in task.blocks
         )
+
+    def _compute_file(
+        self, stage: CaseStage, inputs: Mapping[str, Any], file: int
+    ) -> Sequence[BlockOutcome | FileReceipt]:
+        """Compute a file; its blocks themselves are returned if it cannot be written here."""
+        assert self._files is not None
+        blocks = self._files.blocks(file)
+        outcomes = [compute(stage, self._block(file, i), inputs) for i in range(len(blocks))]
+        try:
+            return [self._files.write(file, outcomes)]
+        except OSError:  # the directory is not on this machine, or full: the run tells of that
+            return outcomes
+
+    def _block(self, file: int, place: int) -> CaseBatch:
+        assert self._files is not None
+        return self._files.plan.block(self._files.blocks(file)[place])[0]
 
     def _stage(self, variant: int) -> CaseStage:
         if self._built is None or self._built[0] != variant:

@@ -16,6 +16,7 @@ __all__ = [
     "Job",
     "Lost",
     "Outcome",
+    "StoredTask",
     "Task",
     "Work",
     "unready",
@@ -70,6 +71,22 @@ class Task(Job):
     blocks: tuple[CaseBatch, ...]
     variant: int = 0
     history: bool = False
+
+
+@dataclass(frozen=True)
+class StoredTask(Job):
+    """Whole files of a large campaign, which a worker plans, computes and writes; see also `Job`.
+
+    Parameters
+    ----------
+    files : range
+        Their numbers (`hillsphere.cases.stored_blocks`).
+    variant : int
+        Which variant of the mission their cases belong to.
+    """
+
+    files: range
+    variant: int = 0
 
 
 @dataclass(frozen=True)

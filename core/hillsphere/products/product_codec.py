@@ -3,7 +3,8 @@
 A product is a frozen dataclass whose fields are arrays, numbers, strings, ``None``, tuples of
 these and further products. Its file is an ordinary ``.npz``: the name of every array is the path of
 its field, so that ``numpy.load("family.npz")["orbits.x0"]`` works without this package, and the
-entry ``__product__`` holds all other fields as JSON. No pickle is written or read.
+entry ``__product__`` holds all other fields as JSON. No pickle is written or read. Columns that are
+in files already (`hillsphere.products.columns`) stay there, in a folder beside: ``family.columns``.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from hillsphere.base.errors import HillsphereError, InputError, StageError
 from hillsphere.base.npz import read_arrays as read_members
 from hillsphere.base.private_cache import is_private
 from hillsphere.base.regular_files import open_regular
+from hillsphere.products.columns import ColumnFiles, Columns, column_folder
 from hillsphere.products.fields import dimension_sizes
 from hillsphere.products.moved_classes import added_fields, current_class, current_field
 
@@ -41,6 +43,10 @@ T = TypeVar("T")
 FORMAT = 1
 """Version of the file format; files of another version are refused."""
 HEADER = "__product__"
+_FILES = "__columns__"
+"""Begin of the names of the arrays that say which files of columns belong to a product."""
+_OF_FILES = ("counts", "sizes", "checks")
+"""What is stored of `ColumnFiles`."""
 _SPECIAL_FLOATS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 _MOST_BYTES = 1 << 30
 """Largest array in a compressed file, that of a square matrix of 11 585 rows. Without a limit a
@@ -104,8 +110,19 @@ def save_product(path: str | Path, product: Any, *, own: bool = False) -> None:
     """
     arrays: dict[str, np.ndarray[Any, Any]] = {}
     root = _encode_product(product, arrays)
+    head: dict[str, Any] = {"format": FORMAT, "root": root}
+    columns: dict[str, Any] = {key: a for key, a in arrays.items() if isinstance(a, Columns)}
+    if columns:
+        head["columns"] = {key: [one.field, one.rows] for key, one in columns.items()}
+        files = next(iter(columns.values())).files
+        if any(one.files is not files for one in columns.values()):
+            raise InputError("the columns of a product must be in the same files")
+        files.store(column_folder(Path(path)), own=own)
+        arrays = {key: a for key, a in arrays.items() if key not in columns}
+        for name in _OF_FILES:
+            arrays[f"{_FILES}.{name}"] = getattr(files, name)
     # allow_nan is off on purpose: a special float that slipped through would not be JSON.
-    text = json.dumps({"format": FORMAT, "root": root}, allow_nan=False)
+    text = json.dumps(head, allow_nan=False)
     header = np.frombuffer(text.encode("ascii"), dtype=np.uint8)
     # Not numpy.savez: it takes member names as keyword arguments, where "file" is taken.
     mode = 0o600 if own else None
@@ -154,6 +171,12 @@ def load_product(path: str | Path, *, own: bool = False) -> Any:
                 f"{place.name}: written in product format {head['format']!r}; this version reads "
                 f"format {FORMAT}"
             )
+        if "columns" in head:
+            facts = {name: arrays.pop(f"{_FILES}.{name}") for name in _OF_FILES}
+            files = ColumnFiles(column_folder(place), own=own, **facts)
+            files.verify()
+            for key, (field, rows) in head["columns"].items():
+                arrays[key] = Columns(files, field, rows)  # type: ignore[assignment]
         return _decode(head["root"], arrays, place.name)
     except (OSError, MemoryError) as error:
         raise read_fault(place, error) from error
@@ -277,6 +300,9 @@ def _encode(
     if type(value) is tuple:
         items = [_encode(item, (*where, str(i)), arrays) for i, item in enumerate(value)]
         return {"tuple": items}
+    if isinstance(value, Columns):
+        arrays[".".join(where)] = value  # type: ignore[assignment]
+        return {"columns": ".".join(where)}
     if type(value) is np.ndarray or isinstance(value, np.generic):
         # One order in memory and in the file: see `canonical`. (Not `ascontiguousarray`, which
         # gives an array without axes one.)
@@ -330,6 +356,7 @@ def _decode(node: Any, arrays: dict[str, np.ndarray[Any, Any]], file: str) -> An
         "complex": lambda parts: complex(*(float.fromhex(part) for part in parts)),
         "tuple": lambda items: tuple(_decode(item, arrays, file) for item in items),
         "array": lambda key: arrays[key],
+        "columns": lambda key: arrays[key],
         "scalar": lambda key: arrays[key][()],
     }
     return decoders[tag](content)

@@ -546,7 +546,12 @@ class Ladder:
 
 @dataclass(frozen=True)
 class CaseTable:
-    """Results of a campaign: one row per case, stored by columns."""
+    """Results of a campaign: one row per case, stored by columns.
+
+    The columns of inputs and metrics of a large campaign stay in files of its run directory.
+    `input_values` and `values` then give them one by one (`hillsphere.products.columns.Columns`),
+    ``table.values[3]`` as an array; ``numpy.asarray(table.values)`` reads all of them.
+    """
 
     stage: str
     """Name of the stage that was repeated."""

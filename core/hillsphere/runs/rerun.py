@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from hillsphere.cases.executors.specs import PoolSpec
 from hillsphere.cases.isolation import only
 from hillsphere.cases.plan import Plan
 from hillsphere.cases.repeated import RepeatedWork
+from hillsphere.cases.stored_blocks import MOST_IN_MEMORY, BlockFiles
 from hillsphere.interfaces.cases import CaseBatch, Histories
 from hillsphere.interfaces.tasks import Executor, Failed, Finished, Lost, Task
 from hillsphere.mission.load import Mission
@@ -151,7 +153,7 @@ def rerun_case(
                 f"campaign {name!r} has no case {case}: they are 0 to {plan.cases - 1}"
             )
         number = _block_of(plan, case)
-        then = _stored_row(earlier, name, record.stages[name].key, number, case)
+        then = _stored_row(earlier, name, record.stages[name].key, plan, number, case)
         limit_s = getattr(spec, "block_limit_s", None)
         limit_s = None if limit_s is None else PATIENCE * limit_s
         now = _compute_case(plan, number, case, executor or Pool(PoolSpec(workers=1)), limit_s)
@@ -227,7 +229,7 @@ def _block_of(plan: Plan, case: int) -> int:
 
 
 def _stored_row(
-    earlier: EarlierRun, name: str, key: str | None, number: int, case: int
+    earlier: EarlierRun, name: str, key: str | None, plan: Plan, number: int, case: int
 ) -> BlockOutcome | None:
     """Return the row of a case, from the campaign's table or from its checkpoints."""
     if earlier.manifest["stages"].get(name, {}).get("product"):
@@ -235,6 +237,9 @@ def _stored_row(
     place = earlier.directory.path / "work" / name
     if key is None or not place.is_dir():
         return None
+    if plan.cases > MOST_IN_MEMORY:
+        with suppress(InputError):  # no such file yet
+            return _row(BlockFiles(place, key, plan).block(number), case)
     kept = Checkpoints(place, key).load().get(number)
     return None if kept is None else _row(kept, case)
 

@@ -28,6 +28,7 @@ from hillsphere.base.environment import environment
 from hillsphere.base.errors import InputError
 from hillsphere.base.paths import cache_directory
 from hillsphere.plugins.plugin_files import plugin_files
+from hillsphere.products.columns import column_folder
 from hillsphere.products.product_codec import load_product, save_product
 from hillsphere.spec.base import Ref, Spec
 
@@ -83,6 +84,8 @@ class StageCache:
             raise
         with suppress(OSError):  # only its age in the cache
             os.utime(path)
+            if (folder := column_folder(path)).exists():
+                os.utime(folder)
         return product
 
     def save(self, key: str, product: Any) -> None:
@@ -95,7 +98,8 @@ class StageCache:
         """
         self.directory.mkdir(mode=0o700, parents=True, exist_ok=True)
         save_product(self._path(key), product, own=True)
-        drop_oldest(self.directory, (".npz", PART_SUFFIX), self.max_bytes)
+        suffixes = (".npz", column_folder(self._path(key)).suffix, PART_SUFFIX)
+        drop_oldest(self.directory, suffixes, self.max_bytes)
 
 
 class StageKeys:

@@ -5,6 +5,7 @@
     manifest.json        what was run, with what, when, how it ended
     summary.json         verdict, metrics, tables, failures
     <stage>.npz          the product of a stage
+    <stage>.columns/     the columns of a large campaign, in files of a few thousand cases
     tables/<id>.csv      figures/<id>.svg, with --figures also figures/<id>.png
     files/<stage>/       what a stage writes for other programs (ephemerides)
     cases/               single cases that were repeated with their histories

@@ -14,6 +14,7 @@ from hillsphere.cases.checkpoints import Checkpoints
 from hillsphere.cases.plan import Plan
 from hillsphere.cases.repeated import Repeated, RepeatedWork
 from hillsphere.cases.specs import CampaignSpec
+from hillsphere.cases.stored_blocks import MOST_IN_MEMORY, BlockFiles, StoredBlocks
 from hillsphere.interfaces.cases import Histories
 from hillsphere.interfaces.stages import Context
 from hillsphere.presentation import Presentation
@@ -102,11 +103,16 @@ class Campaign(ABC):
 
         advance = ctx.track("cases", plan.cases, note=lambda: f"{failed} failed" if failed else "")
         checkpoints = Checkpoints(ctx.workspace(), ctx.fingerprint, ctx.info)
+        files = stored = None
+        if plan.cases > MOST_IN_MEMORY:
+            files = BlockFiles(ctx.workspace().absolute(), ctx.fingerprint, plan)
+            stored = StoredBlocks(files, ctx.info, by_workers=not self.bands())
         outcomes, stopped = run_campaign(
             plan,
-            RepeatedWork(plan.variants, self.bands()),
+            RepeatedWork(plan.variants, self.bands(), files),
             executor=ctx.executor,
             checkpoints=checkpoints,
+            stored=stored,
             limit_s=self.spec.block_limit_s,
             stop=self.stop(),
             advance=advance,

@@ -6,28 +6,32 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import median
-from typing import Protocol
+from typing import Any, Protocol, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hillsphere.base.errors import StageError
 from hillsphere.cases.block_outcome import BlockOutcome, complete_metrics, join_outcomes, lost_rows
 from hillsphere.cases.case_classes import decided_failures
 from hillsphere.cases.checkpoints import Checkpoints
 from hillsphere.cases.isolation import only
+from hillsphere.cases.stored_blocks import FileReceipt, StoredBlocks
 from hillsphere.interfaces.cases import CaseBatch
-from hillsphere.interfaces.tasks import Crew, Executor, Failed, Finished, Lost, Outcome, Task, Work
+from hillsphere.interfaces.tasks import (
+    Crew,
+    Executor,
+    Failed,
+    Finished,
+    Lost,
+    Outcome,
+    StoredTask,
+    Task,
+    Work,
+)
+from hillsphere_campaigns.task_sizes import blocks_of_task, files_of_task
 
 __all__ = ["CampaignPlan", "StopRule", "run_campaign"]
-
-GROUP_S = 1.0
-"""Work that makes a task worth its hand-over and its checkpoint."""
-
-MOST_BLOCKS = 64
-"""Blocks of a task at most."""
-
-MOST_BYTES = 1 << 26
-"""Size of a task's histories at most; a single block may have more."""
 
 READY_LIMITS = 10.0
 """Limits of a block that preparing the stage may take: it compiles, once for many blocks …"""
@@ -68,6 +72,7 @@ def run_campaign(
     *,
     executor: Executor,
     checkpoints: Checkpoints | None = None,
+    stored: StoredBlocks | None = None,
     limit_s: float | None = None,
     tries: int = 3,
     group_blocks: int | None = None,
@@ -88,6 +93,9 @@ def run_campaign(
         Where.
     checkpoints : Checkpoints, optional
         Where finished blocks are kept, and taken from.
+    stored : StoredBlocks, optional
+        Files of a large campaign, whose blocks are not held in memory. Workers that can reach them
+        write them; `checkpoints`, which are needed too, keep what is no whole file yet.
     limit_s : float, optional
         Wall-clock time for a block; a worker that takes longer is stopped.
     tries : int
@@ -107,11 +115,11 @@ def run_campaign(
 
     Returns
     -------
-    outcomes : list of BlockOutcome
-        One per block, from the first, in their order, all with the same metrics. Executor,
-        grouping and interruptions change no bit of them but `BlockOutcome.seconds`. With
-        checkpoints their histories are left there (`Checkpoints.histories`), as they would fill
-        the memory.
+    outcomes : sequence of BlockOutcome
+        `stored` if it is given, otherwise a list: one per block, from the first, in their order,
+        all with the same metrics. Executor, grouping and interruptions change no bit of them but
+        `BlockOutcome.seconds`. With checkpoints their histories are left there
+        (`Checkpoints.histories`), as they would fill the memory.
     stopped : str
         Why `stop` ended it; ``""`` if all blocks were computed.
 
@@ -120,18 +128,22 @@ def run_campaign(
     StageError
         If the work cannot be prepared, it raises, or a checkpoint cannot be written.
     """
-    campaign = _Campaign(plan, checkpoints, limit_s, tries, group_blocks, stop)
+    campaign = _Campaign(plan, checkpoints, stored, limit_s, tries, group_blocks, stop)
     campaign.tell, campaign.tell_failures = advance, on_failures
     campaign.tell_metrics = on_metrics
     campaign.resume()
     if not campaign.over:
         with executor.crew(work) as crew:
             campaign.run(crew)
-    return campaign.outcomes(), campaign.stopped
+    # Files are as good as a list for whoever reads blocks one by one.
+    return cast("list[BlockOutcome]", campaign.outcomes()), campaign.stopped
 
 
 _Blocks = list[tuple[int, Sequence[BlockOutcome]]]
 """Finished blocks that go into one file: number of the first, and what came of each."""
+
+_Stored = list[FileReceipt]
+"""Files that a worker has written."""
 
 
 @dataclass(frozen=True)
@@ -144,12 +156,17 @@ class _Piece:
     attempts: int
     part_of: int = 0
     """Cases of the whole block, if this is a part of it."""
+    files: range = range(0)
+    """Whole files of a large campaign, whose worker plans the batches itself."""
+    count: int = 0
+    """Blocks in these files."""
 
 
 @dataclass
 class _Campaign:
     plan: CampaignPlan
     checkpoints: Checkpoints | None
+    stored: StoredBlocks | None
     limit_s: float | None
     tries: int
     group_blocks: int | None
@@ -158,8 +175,11 @@ class _Campaign:
     tell_failures: Callable[[int], None] | None = None
     tell_metrics: Callable[[Sequence[str]], None] | None = None
     stopped: str = ""
-    _done: dict[int, BlockOutcome] = field(default_factory=dict)
+    _held: dict[int, BlockOutcome] = field(default_factory=dict)
     _prefix: list[BlockOutcome] = field(default_factory=list)
+    _length: int = 0
+    _by_value: bool = field(init=False)
+    _done: NDArray[np.bool_] = field(init=False)
     _parts: dict[int, dict[int, BlockOutcome]] = field(default_factory=dict)
     _again: deque[_Piece] = field(default_factory=deque)
     _under_way: dict[int, _Piece] = field(default_factory=dict)
@@ -170,20 +190,26 @@ class _Campaign:
     _failures: int = 0
     _left: int = 0
 
+    def __post_init__(self) -> None:
+        self._done = np.zeros(self.plan.blocks, dtype=np.bool_)
+        self._by_value = self.stored is None or not self.stored.by_workers
+
     @property
     def over(self) -> bool:
-        return bool(self.stopped) or len(self._prefix) == self.plan.blocks
+        return bool(self.stopped) or self._length == self.plan.blocks
 
-    def outcomes(self) -> list[BlockOutcome]:
-        return complete_metrics(self._prefix)
+    def outcomes(self) -> Sequence[BlockOutcome]:
+        return complete_metrics(self._prefix) if self.stored is None else self.stored
 
     def resume(self) -> None:
         """Read the blocks that an interrupted run has finished."""
+        for receipt in () if self.stored is None else self.stored.load():
+            self._book_file(receipt)
         kept = self.checkpoints.load() if self.checkpoints else {}
         for number in sorted(kept):
-            if number < self.plan.blocks:
+            if number < self.plan.blocks and not self._done[number]:
                 self._book(number, kept[number])
-        self._left = self.plan.blocks - len(self._done)
+        self._left = self.plan.blocks - int(np.count_nonzero(self._done))
         self._go_on()
 
     def run(self, crew: Crew) -> None:
@@ -194,30 +220,40 @@ class _Campaign:
             finished = self._take(outcome)
             # The worker goes on while this process writes.
             self._refill(crew, fresh)
-            for first, outcomes in finished:
-                if self.checkpoints:
+            for part in finished:
+                if isinstance(part, FileReceipt):
+                    self._book_file(part)
+                    continue
+                first, outcomes = part
+                if self.checkpoints and not self._is_file(first, outcomes):
                     self.checkpoints.save(first, outcomes)
                     outcomes = [replace(one, histories=None) for one in outcomes]
                 for number, one in enumerate(outcomes, first):
                     self._book(number, one)
             self._go_on()
 
+    def _is_file(self, first: int, outcomes: Sequence[BlockOutcome]) -> bool:
+        """Return whether blocks fill a file of their own, and need no checkpoint."""
+        if self.stored is None or any(one.histories is not None for one in outcomes):
+            return False
+        of = first // self.stored.files.blocks_per_file
+        return self.stored.files.blocks(of) == range(first, first + len(outcomes))
+
     def _refill(self, crew: Crew, fresh: Iterator[_Piece]) -> None:
         while len(self._under_way) < crew.slots:
             piece = self._again.popleft() if self._again else next(fresh, None)
             if piece is None:
                 return
-            limit_s = self._limit(len(piece.batches))
+            limit_s = self._limit(piece.count or len(piece.batches))
             ready_limit_s = None
             if self.limit_s is not None:
                 ready_limit_s = max(LEAST_READY_S, READY_LIMITS * self.limit_s)
-            task = Task(
-                self._tasks,
-                piece.batches,
-                piece.variant,
-                limit_s=limit_s,
-                ready_limit_s=ready_limit_s,
-            )
+            limits: dict[str, Any] = {"limit_s": limit_s, "ready_limit_s": ready_limit_s}
+            task: Task | StoredTask
+            if piece.files:
+                task = StoredTask(self._tasks, piece.files, piece.variant, **limits)
+            else:
+                task = Task(self._tasks, piece.batches, piece.variant, **limits)
             self._tasks += 1
             self._under_way[task.number] = piece
             crew.submit(task)
@@ -236,9 +272,18 @@ class _Campaign:
     def _groups(self, slots: int) -> Iterator[_Piece]:
         """Yield neighbouring blocks of one variant that are not done."""
         group: list[CaseBatch] = []
-        first, variant, size = 0, 0, 1
+        first, variant, size, end = 0, 0, 1, 0
         for number in range(self.plan.blocks):
-            if number in self._done:
+            if number < end or self._done[number]:
+                continue
+            begins = self.stored is not None and number % self.stored.files.blocks_per_file == 0
+            if begins and group:
+                yield _Piece(first, tuple(group), variant, self.tries)
+                group = []
+            if begins and (files := self._whole_files(number, slots)) is not None:
+                end = number + files.count
+                self._left -= files.count
+                yield files
                 continue
             batch, of = self.plan.block(number)
             if group and (of != variant or number != first + len(group) or len(group) >= size):
@@ -251,20 +296,36 @@ class _Campaign:
         if group:
             yield _Piece(first, tuple(group), variant, self.tries)
 
+    def _whole_files(self, number: int, slots: int) -> _Piece | None:
+        """Return the files that begin with a block as one task, if they are quick enough."""
+        if self.stored is None or self._by_value or self.group_blocks or not self._seconds:
+            return None
+        of = self.stored.files
+        first = number // of.blocks_per_file
+        most = files_of_task(median(self._seconds), of.blocks_per_file, self._left, slots)
+        variant, count, last = of.plan.variant_of(number), 0, first
+        while last < first + most and (blocks := of.blocks(last)):
+            is_new = not self._done[blocks.start : blocks.stop].any()
+            if not is_new or of.plan.variant_of(blocks[-1]) != variant:
+                break
+            last, count = last + 1, count + len(blocks)
+        if not count:
+            return None
+        return _Piece(number, (), variant, self.tries, files=range(first, last), count=count)
+
     def _size(self, slots: int) -> int:
         if self.group_blocks is not None:
             return self.group_blocks
         if not self._seconds:
             return 1
-        worth = GROUP_S / max(median(self._seconds), GROUP_S / MOST_BLOCKS)
-        worth = min(worth, MOST_BYTES / self._block_bytes)
-        # Towards the end smaller ones, so that no worker is left alone with a large one.
-        return max(1, min(int(worth), self._left // (2 * slots)))
+        return blocks_of_task(median(self._seconds), self._block_bytes, self._left, slots)
 
-    def _take(self, outcome: Outcome) -> _Blocks:
-        """Return the blocks that this outcome completes."""
+    def _take(self, outcome: Outcome) -> _Blocks | _Stored:
+        """Return the blocks or files that this outcome completes."""
         piece = self._under_way.pop(outcome.task.number)
         match outcome:
+            case Finished() if piece.files:
+                return self._take_files(piece, outcome.value)
             case Finished():
                 self._seconds.extend(o.seconds for o in outcome.value)
                 for one in outcome.value:
@@ -281,10 +342,42 @@ class _Campaign:
                     error.add_note(outcome.detail)
                 raise error
 
+    def _take_files(
+        self, piece: _Piece, value: Sequence[FileReceipt | BlockOutcome]
+    ) -> _Blocks | _Stored:
+        """Return what came of whole files; those that cannot be seen here are computed again."""
+        assert self.stored is not None
+        receipts = [one for one in value if isinstance(one, FileReceipt)]
+        outcomes = [one for one in value if isinstance(one, BlockOutcome)]
+        accepted = [one for one in receipts if self.stored.accept(one)]
+        seconds = sum(one.seconds for one in value) / piece.count
+        self._seconds.append(seconds)
+        if len(accepted) == len(receipts) and not outcomes:
+            return accepted
+        # Workers with other storage: from now on blocks come as they are.
+        self._by_value = True
+        if not receipts:
+            blocks: _Blocks = [(piece.first, outcomes)]
+            return blocks
+        written = {one.number for one in accepted}
+        missing = [number for number in piece.files if number not in written]
+        for number in (block for of in missing for block in self.stored.files.blocks(of)):
+            self._again.append(self._single(number, piece.attempts))
+        return accepted
+
+    def _single(self, number: int, attempts: int) -> _Piece:
+        """Return a block as a task of its own."""
+        batch, variant = self.plan.block(number)
+        return _Piece(number, (batch,), variant, attempts)
+
     def _lost(self, piece: _Piece, lost: Lost) -> _Blocks:
         """Repeat or divide a lost task; a single case that is lost is undecided."""
         if piece.attempts > 1:
             self._again.append(replace(piece, attempts=piece.attempts - 1))
+            return []
+        if piece.files:
+            for number in range(piece.first, piece.first + piece.count):
+                self._again.append(self._single(number, attempts=1))
             return []
         if len(piece.batches) > 1:
             for number, batch in enumerate(piece.batches, piece.first):
@@ -316,25 +409,52 @@ class _Campaign:
 
     def _book(self, number: int, outcome: BlockOutcome) -> None:
         """Enter a finished block into the list of outcomes."""
+        self._check_metrics(outcome)
+        self._done[number] = True
+        if self.stored is None:
+            self._held[number] = outcome
+        else:
+            self.stored.hold(number, outcome)
+            if self.checkpoints and self.stored.is_written(number):
+                self.checkpoints.drop(self.stored.files.blocks_beside(number))
+        self._tell(len(outcome.numbers), int(np.count_nonzero(decided_failures(outcome))))
+
+    def _book_file(self, receipt: FileReceipt) -> None:
+        """Enter a file that is written into the list of outcomes."""
+        assert self.stored is not None
+        empty = lost_rows(np.zeros(0, dtype=np.int64), "", "", "")
+        names: dict[str, Any] = {"metrics": receipt.metrics, "units": receipt.units}
+        self._check_metrics(replace(empty, **names, values=np.zeros((len(receipt.metrics), 0))))
+        blocks = self.stored.files.blocks(receipt.number)
+        self._done[blocks.start : blocks.stop] = True
+        self._tell(receipt.cases, receipt.failures)
+
+    def _check_metrics(self, outcome: BlockOutcome) -> None:
+        """Raise unless an outcome has the metrics of the earlier ones."""
         if self._known is None:
             self._known = outcome if outcome.metrics else None
             if self._known and self.tell_metrics:
                 self.tell_metrics(outcome.metrics)
         else:
             complete_metrics([self._known, outcome])
-        self._done[number] = outcome
-        if (failed := decided_failures(outcome)).any():
-            self._failures += int(failed.sum())
+
+    def _tell(self, cases: int, failures: int) -> None:
+        if failures:
+            self._failures += failures
             if self.tell_failures:
                 self.tell_failures(self._failures)
         if self.tell:
-            self.tell(len(outcome.numbers))
+            self.tell(cases)
 
     def _go_on(self) -> None:
         """Lengthen the part of the list without gaps, and ask after each block whether to stop."""
-        while not self.over and (outcome := self._done.get(len(self._prefix))) is not None:
-            self._prefix.append(outcome)
+        while not self.over and self._done[self._length]:
+            self._length += 1
+            if self.stored is None:
+                self._prefix.append(self._held.pop(self._length - 1))
+            else:
+                self.stored.lengthen(self._length)
             if self.stop:
-                self.stopped = self.stop(self._prefix)
+                self.stopped = self.stop(self._prefix if self.stored is None else self.stored)
         if self.tell:
             self.tell(0)

@@ -1,11 +1,12 @@
-"""A campaign's table as files for other programs: CSV and netCDF."""
+"""A campaign's table as files for other programs: CSV, netCDF and Parquet."""
 
 from __future__ import annotations
 
 import csv
+import json
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, cast
@@ -22,12 +23,13 @@ from hillsphere.products import CaseTable
 from hillsphere.products.products import Bands
 from hillsphere.runs.earlier_run import EarlierRun
 from hillsphere.runs.rerun import one_campaign
+from hillsphere_campaigns.parquet import check_pyarrow, write_parquet
 from hillsphere_campaigns.result_tables import percentile
 
-__all__ = ["export_bands_csv", "export_cases", "export_csv", "export_netcdf"]
+__all__ = ["export_bands_csv", "export_cases", "export_csv", "export_netcdf", "export_parquet"]
 
-_ROWS = 4096
-"""Rows that are made into text at a time."""
+ROWS = 4096
+"""Rows that are written at a time: as many as a file of a large campaign has."""
 
 
 def export_csv(table: CaseTable, path: str | Path) -> None:
@@ -58,9 +60,11 @@ def export_csv(table: CaseTable, path: str | Path) -> None:
     with replacing(Path(path), follow_links=True) as stream:
         text = TextIOWrapper(stream, "utf-8", errors="backslashreplace", newline="")
         writer = csv.writer(text)
-        writer.writerow(_header(table))
-        for begin in range(0, table.case.size, _ROWS):
-            writer.writerows(_rows(table, slice(begin, begin + _ROWS), said))
+        names = column_names(table)
+        writer.writerow([f"{name} [{unit}]" if unit else name for name, unit in names])
+        for begin in range(0, table.case.size, ROWS):
+            part = slice(begin, begin + ROWS)
+            writer.writerows(zip(*column_values(table, part, said), strict=True))
         # Not closed: `replacing` syncs and renames the file.
         text.detach()
 
@@ -100,7 +104,12 @@ def export_bands_csv(bands: Bands, path: str | Path) -> None:
         text.detach()
 
 
-def _header(table: CaseTable) -> list[str]:
+def column_names(table: CaseTable) -> list[tuple[str, str]]:
+    """Return name and unit of every column, in their order; ``""`` for no unit.
+
+    A name that is listed twice is told apart by ``"swept "``, ``"input "`` or ``"metric "`` before
+    it.
+    """
     fixed = ["case", "draw", "status", "cause", "class", "failed"]
     if table.step_error is not None:
         fixed.append("step_error")
@@ -112,15 +121,16 @@ def _header(table: CaseTable) -> list[str]:
         ("metric ", table.metrics, table.units),
     )
     names = [*fixed, "message", *(name for _, group, _ in groups for name in group)]
-    header = list(fixed)
+    found = [(name, "") for name in fixed]
     for word, group, units in groups:
         for name, unit in zip(group, units, strict=bool(group)):
             plain = name if names.count(name) == 1 else word + name
-            header.append(f"{plain} [{unit}]" if unit not in ("", "-") else plain)
-    return [*header, "message"]
+            found.append((plain, unit if unit != "-" else ""))
+    return [*found, ("message", "")]
 
 
-def _rows(table: CaseTable, part: slice, said: dict[int, str]) -> Iterator[tuple[Any, ...]]:
+def column_values(table: CaseTable, part: slice, said: dict[int, str]) -> list[Sequence[Any]]:
+    """Return the columns of `column_names` for a part of the cases, with messages by case."""
     # csv writes a float as its repr, which is exact; tolist makes floats of numpy's numbers.
     case = table.case[part].tolist()
     columns: list[Sequence[Any]] = [
@@ -137,10 +147,49 @@ def _rows(table: CaseTable, part: slice, said: dict[int, str]) -> Iterator[tuple
         point = table.point[part]
         columns += [point.tolist(), [table.point_labels[p] for p in point.tolist()]]
         columns += [row[point].tolist() for row in table.points]
-    columns += [row[part].tolist() for row in table.input_values]
-    columns += [row[part].tolist() for row in table.values]
+    columns += table.input_values[:, part].tolist()
+    columns += table.values[:, part].tolist()
     columns.append([said.get(k, "") for k in case])
-    return zip(*columns, strict=True)
+    return columns
+
+
+def export_parquet(table: CaseTable, path: str | Path, provenance: Mapping[str, str]) -> None:
+    """Write a campaign as Apache Parquet, which pandas, polars, DuckDB, Spark and others read.
+
+    Parameters
+    ----------
+    table : CaseTable
+        The cases.
+    path : str or Path
+        Where; the file appears complete or not at all. A link is followed.
+    provenance : mapping of str to str
+        Where the table comes from, for the metadata of the file.
+
+    Raises
+    ------
+    InputError
+        If pyarrow is not installed.
+    OSError
+        If it cannot be written.
+
+    Notes
+    -----
+    Columns as of `export_csv`, one row per case. The unit of a column is in the metadata of its
+    field (``unit``), stage, design, number of planned cases, reason of an early end and provenance
+    are in those of the schema, each key with ``hillsphere.`` before it. A row group has 4096 cases,
+    one of which is in memory at a time. Doubles are written bit by bit, NaN where a case has none.
+    """
+    about = {
+        "stage": table.stage, "design": table.design, "planned": str(table.planned),
+        "stopped": table.stopped, **provenance,
+    }  # fmt: skip
+    said = dict(zip(table.message_case.tolist(), table.messages, strict=True))
+    parts = (
+        column_values(table, slice(begin, begin + ROWS), said)
+        for begin in range(0, table.case.size, ROWS)
+    )
+    with replacing(Path(path), follow_links=True) as stream:
+        write_parquet(stream, column_names(table), parts, about)
 
 
 def export_netcdf(table: CaseTable, path: str | Path) -> None:
@@ -305,7 +354,7 @@ class _Writer:
 _TABLE = "hillsphere.products:CaseTable"
 """Public name of the product that can be exported."""
 
-_SUFFIXES = {"csv": ".csv", "netcdf": ".nc"}
+_SUFFIXES = {"csv": ".csv", "netcdf": ".nc", "parquet": ".parquet"}
 
 
 def export_cases(
@@ -320,9 +369,9 @@ def export_cases(
     stage : str or None
         The campaign.
     format_ : str
-        ``"csv"`` or ``"netcdf"``.
+        ``"csv"``, ``"netcdf"`` or ``"parquet"``.
     out : Path or None
-        The file; by default ``<stage>.csv`` or ``<stage>.nc`` in the run directory.
+        The file; by default ``<stage>.csv``, ``.nc`` or ``.parquet`` in the run directory.
     registry : Registry
         Where the types of stages are found.
 
@@ -334,8 +383,11 @@ def export_cases(
     Raises
     ------
     InputError
-        If there is no such campaign, it is not finished, or the file cannot be written.
+        If there is no such campaign, it is not finished, the file cannot be written, or the format
+        needs a package that is not installed.
     """
+    if format_ == "parquet":
+        check_pyarrow()  # before anything is read
     earlier = EarlierRun.open(run)
     stages: dict[str, Any] = earlier.manifest["mission"].get("stage", {})
     specs = {key: _spec_of(run, key, table["type"], registry) for key, table in stages.items()}
@@ -356,6 +408,8 @@ def export_cases(
         table = earlier.product(name, CaseTable)
         if format_ == "netcdf":
             export_netcdf(table, path)
+        elif format_ == "parquet":
+            export_parquet(table, path, _provenance(earlier, name))
         else:
             export_csv(table, path)
             if table.bands is not None:
@@ -366,6 +420,18 @@ def export_cases(
             f"{paths[-1]} cannot be written: {error.strerror or error}; choose another with --out"
         ) from error
     return tuple(paths)
+
+
+def _provenance(earlier: EarlierRun, stage: str) -> dict[str, str]:
+    """Return from which run a table comes, as texts."""
+    manifest = earlier.manifest
+    return {
+        "mission": str(manifest["mission"].get("name", "")),
+        "seed": str(manifest.get("seed", "")),
+        "started_utc": str(manifest.get("started_utc", "")),
+        "versions": json.dumps(manifest.get("versions", {}), sort_keys=True, default=str),
+        "product_sha256": str(manifest["stages"][stage]["product"]),
+    }
 
 
 def _spec_of(run: Path, key: str, type_: str, registry: Registry) -> Any:

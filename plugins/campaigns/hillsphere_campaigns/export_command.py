@@ -21,6 +21,7 @@ class ExportFormat(StrEnum):
 
     csv = "csv"
     netcdf = "netcdf"
+    parquet = "parquet"
 
 
 @app.command()
@@ -31,7 +32,7 @@ def export(
         typer.Option(metavar="NAME", help="Campaign; needed if the mission has several."),
     ] = None,
     format_: Annotated[
-        ExportFormat, typer.Option("--format", help="Text with every digit, or netCDF.")
+        ExportFormat, typer.Option("--format", help="Text with every digit, netCDF, or Parquet.")
     ] = ExportFormat.csv,
     out: Annotated[
         Path | None,

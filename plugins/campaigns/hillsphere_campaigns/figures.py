@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hillsphere.base.arrays import Array
+from hillsphere.cases.case_classes import decided_failures, has_ended, is_undecided
 from hillsphere.plugins.registry import KINDS
 from hillsphere.presentation import (
     Axis,
@@ -29,7 +29,8 @@ from hillsphere.products import CaseTable
 from hillsphere.show.charts import even_indices
 from hillsphere.show.reference import without_unit
 from hillsphere_campaigns.convergence import Convergence
-from hillsphere_campaigns.sensitivity import Explanatory, RankCorrelations, SobolIndices
+from hillsphere_campaigns.explanatory import Explanatory
+from hillsphere_campaigns.sensitivity import RankCorrelations, SobolIndices, independent_cases
 from hillsphere_campaigns.statistics import MetricStatistics
 
 __all__ = [
@@ -76,12 +77,19 @@ _FENCE = 8.0
 
 @dataclass(frozen=True)
 class Shown:
-    """A metric that is drawn: its values over the cases that came to their end.
+    """A metric that is drawn, over the cases that came to their end.
 
-    `row` is its row in the table of statistics.
+    Parameters
+    ----------
+    read : callable
+        Returns its values (n,); they may be read from files each time.
+    statistics : MetricStatistics
+        Its statistics.
+    row : int
+        Its row in their table.
     """
 
-    values: Array
+    read: Callable[[], Array]
     statistics: MetricStatistics
     row: int
 
@@ -168,7 +176,7 @@ def histogram_chart(shown: Sequence[Shown], left: str) -> Chart:
     """Return a histogram of each metric with mean and quantiles; `left` says what is left out."""
     panels = []
     for one in shown:
-        values, notes = _within(one.values)
+        values, notes = _within(one.read())
         marks: list[Mark] = [
             histogram_bars(values, "cases", one.row),
             Rule("x", one.statistics.mean, "mean", "black", "solid", 1.4),
@@ -189,14 +197,15 @@ def cumulative_chart(shown: Sequence[Shown], level: float, left: str) -> Chart:
     """Return the empirical distribution function of each metric, and its quantiles' intervals."""
     panels = []
     for one in shown:
-        n = one.values.size
+        values = one.read()
+        n = values.size
         at = even_indices(n, MOST_STEPS)
-        x, share = np.sort(one.values)[at], (at + 1.0) / n
+        x, share = np.sort(values)[at], (at + 1.0) / n
         # Dvoretzky, Kiefer and Wolfowitz (1956), with Massart's constant (1990).
         reach = np.sqrt(np.log(2.0 / (1.0 - level)) / (2.0 * n))
         of = one.statistics
         low, high = np.clip(of.quantile_intervals, x[0], x[-1])
-        kept, notes = _within(one.values)
+        kept, notes = _within(values)
         axis = one.axis
         if notes:
             margin = 0.05 * float(np.ptp(kept))
@@ -246,17 +255,20 @@ def scatter_chart(
     pairs: Sequence[tuple[int, int]],
     given: Explanatory,
     found: RankCorrelations,
-    values: Array,
-    units: Sequence[str],
-    failed: NDArray[np.bool_],
+    table: CaseTable,
     words: Mapping[str, str],
 ) -> Chart:
-    """Return metrics and failures against the inputs with the strongest rank correlation."""
+    """Return metrics and failures against the inputs with the strongest rank correlation.
+
+    Shown are decided independent cases, of metrics those that came to their end.
+    """
+    rows = independent_cases(table) & ~is_undecided(table.status)
+    failed, ended = decided_failures(table)[rows], has_ended(table)[rows]
     panels = []
     for row, (i, j) in enumerate(pairs):
-        x = given.values[i]
+        x = given.column(i)[rows]
         marks: list[Mark] = []
-        if j >= len(values):
+        if j >= len(table.metrics):
             y_axis = Axis("share of these cases below")
             for colour, which, label in (
                 ("blue", ~failed, "not failed"), ("vermillion", failed, "failed"),
@@ -265,10 +277,11 @@ def scatter_chart(
                 marks.append(Curve(np.sort(x[which])[at], (at + 1.0) / which.sum(), label, colour,
                                    steps=True, rows=row))  # fmt: skip
         else:
-            y_axis = quantity_axis(found.metrics[j], units[j])
-            cases = np.flatnonzero(np.isfinite(values[j]))
+            y_axis = quantity_axis(found.metrics[j], table.units[j])
+            values = table.values[j][rows]
+            cases = np.flatnonzero(ended & np.isfinite(values))
             cases = cases[even_indices(cases.size, _MOST_DOTS)]
-            marks.append(Points(x[cases], values[j, cases], "", "blue", "dot", 4.0, rows=row))
+            marks.append(Points(x[cases], values[cases], "", "blue", "dot", 4.0, rows=row))
         title = f"rank correlation {found.rho[i, j]:+.2f}"
         name, unit = given.names[i], given.units[i]
         x_axis = replace(quantity_axis(name, unit, words.get(name, "")), step=_tick_step(x))

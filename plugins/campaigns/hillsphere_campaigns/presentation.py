@@ -5,9 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from hillsphere.base.arrays import Array
 from hillsphere.base.matching import match_names
 from hillsphere.cases.case_classes import (
     LEVEL,
@@ -22,6 +24,7 @@ from hillsphere.presentation import Axis, Chart, Metric, Presentation, Table
 from hillsphere.products import CaseTable
 from hillsphere_campaigns.band_figures import band_chart
 from hillsphere_campaigns.convergence import convergence_of_failures, convergence_of_mean
+from hillsphere_campaigns.explanatory import explanatory
 from hillsphere_campaigns.figures import (
     Shown,
     convergence_chart,
@@ -50,7 +53,6 @@ from hillsphere_campaigns.result_tables import (
 from hillsphere_campaigns.sensitivity import (
     RankCorrelations,
     SobolIndices,
-    explanatory,
     independent_cases,
     rank_correlations,
     sobol_of,
@@ -219,12 +221,18 @@ def _distributions(
     table: CaseTable, found: Sequence[MetricStatistics], level: float
 ) -> dict[str, Chart]:
     usable = independent_cases(table) & has_ended(table)
+
+    def read(row: int) -> Array:
+        values = np.asarray(table.values[row])
+        kept: Array = values[usable & np.isfinite(values)]
+        return kept
+
     varied = [
-        (Shown(values[usable & np.isfinite(values)], one, row), values)
-        for row, (one, values) in enumerate(zip(found, table.values, strict=True))
+        Shown(partial(read, row), one, row)
+        for row, one in enumerate(found)
         if one.count > 1 and one.least < one.largest
     ]
-    shown = [one for one, _ in varied[:_PANELS]]
+    shown = varied[:_PANELS]
     left = f" The first {_PANELS} of {len(varied)} metrics." if len(varied) > _PANELS else ""
     made: dict[str, Chart] = {}
     if shown:
@@ -236,7 +244,8 @@ def _distributions(
         undecided = is_undecided(table.status)[rows]
         failures = convergence_of_failures(failed, undecided, level=level)
         traces = [(Axis("failure ratio"), failures)]
-        for one, values in varied[: _PANELS - 1]:
+        for one in varied[: _PANELS - 1]:
+            values = np.asarray(table.values[one.row])
             kept = (usable & np.isfinite(values))[rows]
             axis = replace(one.axis, label=f"mean {one.axis.label}")
             traces.append((axis, convergence_of_mean(values[rows], kept, level=level)))
@@ -304,17 +313,10 @@ def _medians(table: CaseTable, count: int, repeated: bool) -> list[PointValues]:
 
 
 def _sensitivities(table: CaseTable, found: RankCorrelations, level: float) -> dict[str, Chart]:
-    pairs = found.strongest()
-    rows = independent_cases(table) & ~is_undecided(table.status)
-    given = explanatory(table)
-    given = replace(given, values=given.values[:, rows])
-    values = np.where(has_ended(table), table.values, np.nan)[:, rows]
-    failed, words = decided_failures(table)[rows], input_words(table)
+    pairs, words = found.strongest(), input_words(table)
     return {
         "campaign_correlations": correlation_chart(pairs[:_BARS], found, level, len(pairs), words),
-        "campaign_scatter": scatter_chart(
-            pairs[:_PANELS], given, found, values, table.units, failed, words
-        ),
+        "campaign_scatter": scatter_chart(pairs[:_PANELS], explanatory(table), found, table, words),
     }
 
 

@@ -35,7 +35,7 @@ from hillsphere_campaigns.sensitivity import (
     SobolIndices,
     too_few_failures,
 )
-from hillsphere_campaigns.statistics import MetricStatistics, classes, metric_statistics
+from hillsphere_campaigns.statistics import MetricStatistics, classes, point_statistics
 
 __all__ = [
     "MOST_ROWS",
@@ -253,23 +253,24 @@ def _point_column(table: CaseTable, rows: Integers) -> list[FilledColumn]:
 
 def extreme_table(table: CaseTable, each: int = 3) -> Table:
     """Return the cases with the least and the largest values of every metric."""
-    picked: list[tuple[int, str, int]] = []
+    picked: list[tuple[int, str, int, float]] = []
+    ended = has_ended(table)
     for m, values in enumerate(table.values):
-        kept = np.flatnonzero(has_ended(table) & np.isfinite(values))
+        kept = np.flatnonzero(ended & np.isfinite(values))
         if kept.size < 2 or np.ptp(values[kept]) == 0.0:
             continue
-        order = kept[np.argsort(values[kept], kind="stable")].tolist()
-        picked += [(m, "least", i) for i in order[:each]]
-        picked += [(m, "largest", i) for i in order[::-1][:each]]
+        order = kept[np.argsort(values[kept], kind="stable")]
+        for end, some_rows in (("least", order[:each]), ("largest", order[::-1][:each])):
+            picked += [(m, end, i, values[i]) for i in some_rows.tolist()]
     some = picked[:MOST_ROWS]
     metrics, rows = (np.array([one[k] for one in some], dtype=np.int64) for k in (0, 2))
     columns = [
         text_column("metric", [table.metrics[m] for m in metrics], "metric"),
         text_column("unit", [table.units[m] for m in metrics], "unit"),
-        text_column("end", [end for _, end, _ in some], "end"),
+        text_column("end", [one[1] for one in some], "end"),
         column("case", table.case[rows], "case"),
         *_point_column(table, rows),
-        column("value", table.values[metrics, rows], "value", 6),
+        column("value", np.array([one[3] for one in some]), "value", 6),
     ]
     notes = [
         "Of the cases that came to their end. `hillsphere rerun RUN --case NUMBER` repeats one "
@@ -382,10 +383,13 @@ def point_statistics_table(table: CaseTable, levels: Sequence[float], level: flo
     room = max(1, MOST_ROWS // max(1, metrics))
     labels: list[str] = []
     found: list[MetricStatistics] = []
-    for p, label in enumerate(table.point_labels[:room]):
-        here = metric_statistics(table, table.point == p, level=level, levels=levels)[:MOST_ROWS]
-        labels += [label] * len(here)
-        found += here
+    for label, here in zip(
+        table.point_labels[:room],
+        point_statistics(table, min(room, count), level=level, levels=levels),
+        strict=True,
+    ):
+        labels += [label] * len(here[:MOST_ROWS])
+        found += here[:MOST_ROWS]
     more = f"The first {room} of {count} points. " if count > room else ""
     notes = [
         more + "Over the cases that came to their end; each number in the unit of its row. "

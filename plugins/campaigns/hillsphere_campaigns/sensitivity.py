@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from hashlib import sha256
 from typing import Annotated
 
 import numpy as np
@@ -11,17 +12,16 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtr
 from scipy.stats import norm, rankdata, tiecorrect
 
-from hillsphere.base.arrays import Array
+from hillsphere.base.arrays import Array, Integers
 from hillsphere.cases.case_classes import LEVEL, decided_failures, has_ended, is_undecided
 from hillsphere.products import CaseTable
 from hillsphere.products.fields import Label, Shape
+from hillsphere_campaigns.explanatory import Explanatory, explanatory
 
 __all__ = [
     "LEAST_FOR_CORRELATION",
-    "Explanatory",
     "RankCorrelations",
     "SobolIndices",
-    "explanatory",
     "holm",
     "independent_cases",
     "rank_correlations",
@@ -39,51 +39,12 @@ a coefficient above 0.3 that means nothing. The p values rest on a normal approx
 sum, which fails for samples smaller than about ten (Mann and Whitney, 1947, tabulate up to eight).
 """
 
+ROOM_BYTES = 1 << 26
+"""Memory for ranks of inputs, which are compared with a metric together: all inputs of a campaign
+of up to some hundred thousand cases, eight of one of a million."""
+
 SAMPLES = 1000
 """Bootstrap samples of the intervals of Sobol indices."""
-
-
-@dataclass(frozen=True)
-class Explanatory:
-    """Explanatory quantities: the inputs that differ from case to case.
-
-    Parameters
-    ----------
-    names, units : tuple of str
-        Of the k quantities: what was swept, then the other inputs. Quantities that took the same
-        value as an earlier one in every case stand for one; those that never changed, or that some
-        cases did not have, are left out.
-    values : ndarray, shape (k, N)
-        Their values.
-    """
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    values: Array
-
-
-def explanatory(table: CaseTable) -> Explanatory:
-    """Return what differed from case to case, each quantity once."""
-    names: list[str] = []
-    units: list[str] = []
-    values: list[Array] = []
-    if table.points is not None:
-        for name, unit, at_points in zip(table.swept, table.swept_units, table.points, strict=True):
-            names, units, values = [*names, name], [*units, unit], [*values, at_points[table.point]]
-    for name, unit, row in zip(table.inputs, table.input_units, table.input_values, strict=True):
-        names, units, values = [*names, name], [*units, unit], [*values, row]
-    seen: set[bytes] = set()
-    kept = []
-    for i, row in enumerate(values):
-        key = (row + 0.0).tobytes()  # −0 is 0
-        if np.isfinite(row).all() and (row != row[:1]).any() and key not in seen:
-            kept.append(i)
-            seen.add(key)
-    return Explanatory(
-        tuple(names[i] for i in kept),
-        tuple(units[i] for i in kept),
-        np.array([values[i] for i in kept]).reshape(len(kept), table.case.size),
-    )
 
 
 @dataclass(frozen=True)
@@ -176,25 +137,28 @@ def rank_correlations(table: CaseTable, level: float = LEVEL) -> RankCorrelation
     draws = table.draw[usable]
     least = 0 if table.design in ("grid", "list") else 1
     dependent = least < np.unique(draws).size < draws.size
-    inputs = given.values[:, usable]
-    ranks_of: dict[bytes, Array] = {}
-    for j, name in enumerate(names):
-        if name == "failed" and j == len(table.metrics):
-            count[j] = np.count_nonzero(decided)
-            ranks = rankdata(inputs[:, decided], axis=1)
-            rho[:, j], p[:, j] = _rank_biserial(ranks, failed[decided])
-            continue
-        metric = table.values[j, usable]
-        rows = sound & np.isfinite(metric)
-        n = count[j] = np.count_nonzero(rows)
-        if n < LEAST_FOR_CORRELATION:
-            continue
-        key = rows.tobytes()
-        if key not in ranks_of:
-            ranks_of[key] = _centre_ranks(rankdata(inputs[:, rows], axis=1))
-        rho[:, j] = ranks_of[key] @ _centre_ranks(rankdata(metric[rows])[None])[0]
+    together = max(1, ROOM_BYTES // (8 * max(1, table.case.size)))
+    for inputs in np.split(np.arange(k), range(together, k, together)):
+        ranks_of: dict[bytes, Array] = {}
+        for j in range(len(table.metrics)):
+            metric = table.values[j][usable]
+            rows = sound & np.isfinite(metric)
+            n = count[j] = int(np.count_nonzero(rows))
+            if n < LEAST_FOR_CORRELATION:
+                continue
+            key = sha256(rows.tobytes()).digest()
+            if key not in ranks_of:
+                ranks_of.clear()  # as a rule all metrics have the same cases
+                ranks_of[key] = _centred_ranks(given, inputs, usable, rows)
+            rho[inputs, j] = ranks_of[key] @ _centre_ranks(rankdata(metric[rows]))
+    for j in np.flatnonzero(count[: len(table.metrics)] >= LEAST_FOR_CORRELATION).tolist():
         rho[:, j] = np.clip(rho[:, j], -1.0, 1.0)
-        p[:, j], interval[:, :, j] = _spearman_chance(rho[:, j], int(n), level)
+        p[:, j], interval[:, :, j] = _spearman_chance(rho[:, j], int(count[j]), level)
+    if both:
+        count[-1] = np.count_nonzero(decided)
+        for i in range(k):
+            ranks = rankdata(given.column(i)[usable][decided])
+            rho[i, -1], p[i, -1] = _rank_biserial(ranks, failed[decided])
     if dependent:
         p[:], interval[:] = np.nan, np.nan
     return RankCorrelations(given.names, names, count, rho, interval, p, holm(p), dependent)
@@ -215,12 +179,21 @@ def too_few_failures(table: CaseTable) -> str:
     )
 
 
+def _centred_ranks(
+    given: Explanatory, inputs: Integers, usable: NDArray[np.bool_], rows: NDArray[np.bool_]
+) -> Array:
+    """Return centred ranks (k, n) of some inputs over the usable cases of these rows."""
+    ranks = np.empty((len(inputs), int(np.count_nonzero(rows))))
+    for place, i in enumerate(inputs.tolist()):
+        ranks[place] = _centre_ranks(rankdata(given.column(i)[usable][rows]))
+    return ranks
+
+
 def _centre_ranks(ranks: Array) -> Array:
-    """Return ranks (k, n) minus their mean, normalised to length one; NaN where all are equal."""
-    about = ranks - ranks.mean(axis=1, keepdims=True)
-    size = np.sqrt(np.sum(about**2, axis=1, keepdims=True))
-    unit: Array = np.divide(about, size, out=np.full_like(about, np.nan), where=size > 0)
-    return unit
+    """Return ranks (n,) minus their mean, normalised to length one; NaN if all are equal."""
+    about = ranks - ranks.mean()
+    size = np.sqrt(np.sum(about**2))
+    return about / size if size > 0 else np.full_like(about, np.nan)
 
 
 def _spearman_chance(rho: Array, n: int, level: float) -> tuple[Array, Array]:
@@ -237,17 +210,17 @@ def _spearman_chance(rho: Array, n: int, level: float) -> tuple[Array, Array]:
     return p, interval
 
 
-def _rank_biserial(ranks: Array, failed: NDArray[np.bool_]) -> tuple[Array, Array]:
+def _rank_biserial(ranks: Array, failed: NDArray[np.bool_]) -> tuple[float, float]:
     n = failed.size
     n1 = int(np.count_nonzero(failed))
     n0 = n - n1
-    u = ranks[:, failed].sum(axis=1) - 0.5 * n1 * (n1 + 1.0)
-    ties = np.array([tiecorrect(row) for row in ranks])
-    known = ties > 0
-    sigma = np.sqrt(np.where(known, ties, 1.0) * n1 * n0 * (n + 1.0) / 12.0)
-    z = np.maximum(np.abs(u - 0.5 * n1 * n0) - 0.5, 0.0) / sigma
-    rho = np.where(known, 2.0 * u / (n1 * n0) - 1.0, np.nan)
-    return rho, np.where(known, np.minimum(2.0 * norm.sf(z), 1.0), np.nan)
+    u = float(ranks[failed].sum()) - 0.5 * n1 * (n1 + 1.0)
+    ties = tiecorrect(ranks)
+    if not ties > 0:
+        return np.nan, np.nan
+    sigma = np.sqrt(ties * n1 * n0 * (n + 1.0) / 12.0)
+    z = max(abs(u - 0.5 * n1 * n0) - 0.5, 0.0) / sigma
+    return 2.0 * u / (n1 * n0) - 1.0, min(2.0 * float(norm.sf(z)), 1.0)
 
 
 def holm(p: Array) -> Array:
@@ -339,9 +312,10 @@ def sobol_of(
     if isinstance(alone, str):
         return alone
     k, n = len(alone), int(table.draw.max()) + 1
-    parts = table.values.reshape(len(table.metrics), -1, n)
+    values = np.asarray(table.values)  # each bootstrap sample takes them from all metrics
+    parts = values.reshape(len(table.metrics), -1, n)
     f_a, f_b, f_ab = parts[:, 0], parts[:, 1], np.moveaxis(parts[:, alone], 1, 0)
-    constant = np.ptp(table.values, axis=1) == 0.0
+    constant = np.ptp(values, axis=1) == 0.0
     found = np.full((2, k, len(table.metrics)), np.nan)
     for j in np.flatnonzero(~constant):
         found[:, :, j] = _resample_indices(f_a[j], f_b[j], f_ab[:, j], np.full((1, n), 1.0 / n))[
@@ -400,19 +374,22 @@ def _samples(table: CaseTable, given: Explanatory) -> list[int] | str:
             f"Sobol indices need every case; {count} of {total} did not come to their end, the "
             f"first of them case {int(table.case[lost][0])}: smaller dispersions would do"
         )
-    if not np.isfinite(table.values).all():
+    if not all(np.isfinite(metric).all() for metric in table.values):
         return "Sobol indices need finite metrics"
     n = int(table.draw.max(initial=-1)) + 1
     if not k or total % n or total < n * (k + 2):
         return f"{total} cases are no {k + 2} samples of equal size for {k} inputs"
     if n < 2:
         return "Sobol indices need samples of more than one case"
-    parts = given.values.reshape(k, -1, n)
+    # Of each input and sample after A and B: whether it has the values of A, or those of B.
+    as_in = np.empty((2, k, total // n - 2), dtype=bool)
+    for i in range(k):
+        parts = given.column(i).reshape(-1, n)
+        for sample in (0, 1):
+            as_in[sample, i] = (parts[2:] == parts[sample]).all(axis=1)
     found = []
     for i in range(k):
-        expected = parts[:, 0].copy()
-        expected[i] = parts[i, 1]
-        same = (parts[:, 2:] == expected[:, None]).all(axis=(0, 2))
+        same = as_in[1, i] & as_in[0, np.arange(k) != i].all(axis=0)
         if not same.any():
             return (
                 "Sobol indices need inputs that are independent of each other; here "

@@ -32,6 +32,7 @@ __all__ = [
     "deviation_interval",
     "mean_interval",
     "metric_statistics",
+    "point_statistics",
     "quantile_interval",
     "ratio_interval",
 ]
@@ -263,6 +264,22 @@ def metric_statistics(
             describe(name, unit, values[which], table.case[which], level=level, levels=levels)
         )
     return tuple(made)
+
+
+def point_statistics(
+    table: CaseTable, points: int, *, level: float = LEVEL, levels: Sequence[float] = QUANTILES
+) -> list[list[MetricStatistics]]:
+    """Return the statistics of every metric at each of the first points of a sweep."""
+    ended = has_ended(table)
+    rows = [np.flatnonzero(ended & (table.point == p)) for p in range(points)]
+    found: list[list[MetricStatistics]] = [[] for _ in rows]
+    for name, unit, values in zip(table.metrics, table.units, table.values, strict=True):
+        for which, at_point in zip(rows, found, strict=True):
+            kept = which[np.isfinite(values[which])]
+            at_point.append(
+                describe(name, unit, values[kept], table.case[kept], level=level, levels=levels)
+            )
+    return found
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from hillsphere.base.errors import InputError, PluginError
 from hillsphere.cases.case_classes import case_class, decided_failures, is_undecided
 from hillsphere.plugins import Registry
 from hillsphere.products import CaseTable
+from hillsphere.products.columns import Columns
 from hillsphere.runs.earlier_run import EarlierRun
 from hillsphere_view.run_folders import MissingError
 
@@ -135,7 +136,7 @@ def _is_sound(table: CaseTable) -> bool:
     """Return whether the fields fit each other; a stranger may have written them."""
     for name, kinds in _KINDS.items():
         array = getattr(table, name)
-        if not isinstance(array, np.ndarray) or array.dtype.kind not in kinds:
+        if not isinstance(array, np.ndarray | Columns) or array.dtype.kind not in kinds:
             return False
     texts = (table.metrics, table.units, table.inputs, table.input_units, table.messages,
              table.point_labels)  # fmt: skip

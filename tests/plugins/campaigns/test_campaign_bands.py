@@ -255,7 +255,7 @@ def test_groups_are_not_larger_than_their_histories_allow(monkeypatch: pytest.Mo
             return counted
 
     # Two blocks of one quantity at three samples of 64 cases.
-    monkeypatch.setattr("hillsphere_campaigns.engine.MOST_BYTES", 2 * 3 * 64 * 8)
+    monkeypatch.setattr("hillsphere_campaigns.task_sizes.MOST_BYTES", 2 * 3 * 64 * 8)
     run_campaign(PLAN, Counting(Toy(), ("x",)), executor=Serial(SerialSpec()))
     assert max(sizes) == 2
 

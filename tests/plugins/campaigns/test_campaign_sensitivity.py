@@ -13,9 +13,9 @@ from scipy.stats import qmc
 
 from hillsphere.interfaces import Array
 from hillsphere.products import CaseTable
+from hillsphere_campaigns.explanatory import explanatory
 from hillsphere_campaigns.sensitivity import (
     SobolIndices,
-    explanatory,
     holm,
     independent_cases,
     rank_correlations,
