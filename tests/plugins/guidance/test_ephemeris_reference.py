@@ -42,7 +42,9 @@ def written(which: Any, given: FlightSet, path: Path, centre: str = "moon") -> N
     stage = create("stage", "ephemeris", plant=which, epoch=EPOCH, centre=centre,
                    needs={"flights": ["a"]})  # fmt: skip
     product = stage.run(RecordingContext(), flights=(given,))
-    path.write_text(stage.present(product, flights=(given,)).files["go.oem"])
+    text = stage.present(product, flights=(given,)).files["go.oem"]
+    assert isinstance(text, str)
+    path.write_text(text)
 
 
 @pytest.mark.parametrize("centre", ["moon", "primary"])

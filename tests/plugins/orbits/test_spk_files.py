@@ -23,7 +23,7 @@ from hillsphere_orbits.ephemeris.spk_files import choose_degree, spk_times
 spice = pytest.importorskip("spiceypy")
 
 EPOCH = Epoch.parse("2027-06-01T00:00:00")
-POLE = {"pole_right_ascension_deg": 317.67, "pole_declination_deg": 52.88,
+POLE: dict[str, Any] = {"pole_right_ascension_deg": 317.67, "pole_declination_deg": 52.88,
         "prime_meridian_deg": 35.18}  # fmt: skip
 GRAVITY = create("gravity", "point_mass", gm_m3_s2=7.06e5)
 STATES = ("x", "y", "z", "vx", "vy", "vz")
