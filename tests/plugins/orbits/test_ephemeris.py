@@ -70,6 +70,11 @@ def _stage(plant: Any, **keys: Any) -> EphemerisStage:
     return EphemerisStage(spec)
 
 
+def _text(content: str | bytes) -> str:
+    assert isinstance(content, str)
+    return content
+
+
 def test_the_files_solve_newtons_equations_in_inertial_axes() -> None:
     """Against SciPy in axes centred on the primary: its pull, the moon's, and the tide's error.
 
@@ -79,7 +84,7 @@ def test_the_files_solve_newtons_equations_in_inertial_axes() -> None:
     stage = _stage(_plant(**ORIENTED), step_s=100.0, duration_s=2000.0)
     product = stage.run(RecordingContext(), orbits=(_orbits(),))
     shown = stage.present(product, orbits=(_orbits(),))
-    (segment,) = read_oem(shown.files["x-20-km.oem"])
+    (segment,) = read_oem(_text(shown.files["x-20-km.oem"]))
     assert (segment.center_name, segment.ref_frame) == ("PHOBOS", "ICRF")
     assert segment.t_s.size == 21
 
@@ -109,9 +114,9 @@ def test_one_period_is_the_default_and_the_csv_says_the_same() -> None:
     product = stage.run(RecordingContext(), orbits=(_orbits(),))
     shown = stage.present(product, orbits=(_orbits(),))
     assert set(shown.files) == {"x-100-km.oem", "x-100-km.csv", "x-20-km.oem", "x-20-km.csv"}
-    (segment,) = read_oem(shown.files["x-100-km.oem"])
+    (segment,) = read_oem(_text(shown.files["x-100-km.oem"]))
     assert segment.t_s[-1] == pytest.approx(6.225146165976 / N, abs=1e-5)
-    lines = shown.files["x-100-km.csv"].splitlines()
+    lines = _text(shown.files["x-100-km.csv"]).splitlines()
     assert len(lines) == segment.t_s.size + 1
     last = np.array([float(v) for v in lines[-1].split(",")[1:]]) * 1e3
     np.testing.assert_allclose(last, segment.x[:, -1], rtol=0, atol=1e-6)
@@ -129,7 +134,7 @@ def test_flights_become_a_segment_for_each_coast() -> None:
     stage = _stage(_plant(**ORIENTED), needs={"flights": ["a"]})
     product = stage.run(RecordingContext(), flights=(flights,))
     shown = stage.present(product, flights=(flights,))
-    first, second = read_oem(shown.files["h-to-la.oem"])
+    first, second = read_oem(_text(shown.files["h-to-la.oem"]))
     assert (first.t_s.size, second.t_s.size) == (3, 2)
     assert second.epoch.seconds_since(first.epoch) == pytest.approx(100.0, abs=1e-6)
 
@@ -173,7 +178,7 @@ def test_a_heavy_moon_turns_its_frame_as_its_plant_says() -> None:
     )  # fmt: skip
     stage = _stage(plant, step_s=1000.0, duration_s=3e4, centre="primary")
     product = stage.run(RecordingContext(), orbits=(orbit,))
-    (segment,) = read_oem(stage.present(product, orbits=(orbit,)).files["one.oem"])
+    (segment,) = read_oem(_text(stage.present(product, orbits=(orbit,)).files["one.oem"]))
     axes = frame_motion(plant, stage.epoch, np.zeros(1), {}).axes[:, :, 0]
 
     def rate(t: float, x: Any) -> Any:
@@ -200,4 +205,6 @@ def test_orbits_and_plans_of_one_name_get_files_of_their_own() -> None:
     assert [name for name in shown.files if name.endswith(".oem")] == [
         "x-100-km.oem", "x-20-km.oem", "x-100-km-2.oem", "x-20-km-2.oem",
     ]  # fmt: skip
-    assert all(len(read_oem(shown.files[name])) == 1 for name in shown.files if ".oem" in name)
+    assert all(
+        len(read_oem(_text(shown.files[name]))) == 1 for name in shown.files if ".oem" in name
+    )
