@@ -221,7 +221,7 @@ def _cosine_of_third(half: Expr) -> Expr:
     t = 2.0 * half - 1.0
     t2 = t * t
     t4 = t2 * t2
-    powers = (1.0, t, t2, t * t2)
+    powers: tuple[Scalar, ...] = (1.0, t, t2, t * t2)
     total: Expr | None = None
     for first in reversed(range(0, len(_THIRD), 4)):
         # four terms at a time: few products, most of them independent of each other
