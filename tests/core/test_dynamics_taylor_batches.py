@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
 import pytest
 from tests.core.test_dynamics_taylor import Oscillator, Valley
 
+from hillsphere.cli.self_test import KeplerPlant
 from hillsphere.dynamics import Taylor, system
 from hillsphere.interfaces import Parameter, Scales, Variable
 from hillsphere.symbolic import Expr, Params, cos
@@ -102,3 +103,29 @@ def test_a_series_ends_a_hair_beyond_the_switch(tol: float, hair: float) -> None
     assert crossed.tolist() == [3, 2, 2]  # at odd multiples of √(2 height)
     energy = 0.5 * flight.x[1] ** 2 + np.abs(flight.x[0])
     np.testing.assert_allclose((energy - height) / hair, 2.0 * crossed, rtol=0, atol=0.02)
+
+
+def test_a_flight_has_the_same_bits_in_whatever_company() -> None:
+    """Ends at one time of others' events, and flights of 20 to 2000 steps beside each other."""
+    s = system(KeplerPlant(), normalised=True)
+    rng = np.random.default_rng(5)
+    speed = rng.uniform(0.03, 1.2, 41)
+    x = np.zeros((len(s.x), 41))
+    x[0], x[len(s.x) // 2 + 1] = 1.0, speed
+    duration = rng.uniform(0.5, 40.0, 41)
+    events = {"far": 1.3 - s.x[0], "axis": s.x[1] + 0.2}
+    flown = replace(s, events=events)
+    for names in ((), ("far", "axis")):
+        taylor = Taylor(flown, events=names, record={"crossing": s.x[0]})
+        together = taylor.fly(x, duration)
+        assert (len({*together.ended_by} - {None}) > 0) == bool(names)
+        for some in (np.arange(41)[::-1], np.arange(3, 14), np.arange(20, 23), [40, 7]):
+            apart = taylor.fly(np.ascontiguousarray(x[:, some]), duration[some])
+            np.testing.assert_array_equal(apart.x, together.x[:, some])
+            np.testing.assert_array_equal(apart.time, together.time[some])
+            for i, lane in enumerate(some):
+                for one, other in zip(
+                    apart.crossings["crossing"][i], together.crossings["crossing"][lane],
+                    strict=True,
+                ):  # fmt: skip
+                    np.testing.assert_array_equal(one, other)

