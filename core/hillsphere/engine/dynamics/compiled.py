@@ -71,18 +71,15 @@ class ArrayFunction:
         outputs = list(expressions)
         if numbered:
             outputs = _hy.subs(outputs, numbered)
-<<<<<<< HEAD
-        self._function: Any = _hy.cfunc(outputs, vars=[*inputs, *outside], compact_mode=compact)
-        # functions of their inputs alone are called without a look at the rest
-        self._is_plain = not (
-            terms is not None or self._function.nparams or self._function.is_time_dependent
-=======
         self._function: Any = _hy.cfunc(
             outputs,
             vars=[*inputs, *outside],
             compact_mode=compact,
             batch_size=_VECTORS * _hy.recommended_simd_size(),
->>>>>>> w-lanes
+        )
+        # functions of their inputs alone are called without a look at the rest
+        self._is_plain = not (
+            terms is not None or self._function.nparams or self._function.is_time_dependent
         )
 
     def __call__(self, x: ArrayLike, p: ArrayLike | None = None, t: ArrayLike = 0.0) -> Array:
