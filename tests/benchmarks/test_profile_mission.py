@@ -6,7 +6,7 @@ from pathlib import Path
 from time import process_time
 
 import numpy as np
-from benchmarks.profile import Sampler, table, write_stacks
+from benchmarks.profile_mission import Sampler, table, write_stacks
 
 
 def _interpret(seconds: float) -> None:

@@ -1,9 +1,9 @@
 """Show where the CPU time of a mission goes, by stage and by kind of work.
 
-    python benchmarks/profile.py phobos-qso                    # compiled code and caches are warm
-    python benchmarks/profile.py phobos-qso --cold             # everything is compiled anew
-    python benchmarks/profile.py missions/phobos-landing.toml --profile fast --out profiles
-    python benchmarks/profile.py --all --profile fast --markdown
+    python benchmarks/profile_mission.py phobos-qso                    # compiled code and caches are warm
+    python benchmarks/profile_mission.py phobos-qso --cold             # everything is compiled anew
+    python benchmarks/profile_mission.py missions/phobos-landing.toml --profile fast --out profiles
+    python benchmarks/profile_mission.py --all --profile fast --markdown
 
 The mission runs in this process alone, without the cache of results. Every two milliseconds of
 CPU time a signal looks at the stack of Python calls; each look counts for the CPU time since the
@@ -33,8 +33,6 @@ from time import process_time
 from types import FrameType
 from typing import Any
 
-# As a script, this file would stand for the standard library's module of the same name.
-sys.path = [entry for entry in sys.path if Path(entry or ".").resolve() != Path(__file__).parent]
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 INTERVAL_S = 0.002
