@@ -1,6 +1,6 @@
 """Show where the CPU time of a mission goes, by stage and by kind of work.
 
-    python benchmarks/profile_mission.py phobos-qso                    # compiled code and caches are warm
+    python benchmarks/profile_mission.py phobos-qso  # compiled code and caches are warm
     python benchmarks/profile_mission.py phobos-qso --cold             # everything is compiled anew
     python benchmarks/profile_mission.py missions/phobos-landing.toml --profile fast --out profiles
     python benchmarks/profile_mission.py --all --profile fast --markdown
