@@ -27,6 +27,11 @@ READERS = {
         "from hillsphere_gravity.icgem import read_icgem", "read_icgem(path, None, 20)"
     ),
     "obj_3e6_faces": ("from hillsphere.formats.plates import read_shape", "read_shape(path)"),
+    "obj_3e6_faces_shape": (
+        "from hillsphere.model.shapes.polyhedron import PolyhedronShape\n"
+        "from hillsphere.model.shapes.specs import PolyhedronShapeSpec",
+        "PolyhedronShape(PolyhedronShapeSpec(file=path, length_unit='m')).describe()",
+    ),
     "plates_3e6_faces": ("from hillsphere.formats.plates import read_shape", "read_shape(path)"),
     "obj_3e6_faces_trimesh": ("import trimesh", "trimesh.load_mesh(path, process=False)"),
     "oem_100_mb": (
@@ -36,8 +41,12 @@ READERS = {
     "oem_100_mb_ccsds_ndm": (
         "from ccsds_ndm.ndm_io import NdmIo", "NdmIo().from_path(path)",
     ),
+    "tdm_1e6_rows": (
+        "from pathlib import Path; from hillsphere.formats.tdm import read_tdm",
+        "read_tdm(Path(path).read_text('utf-8'), path)",
+    ),
 }  # fmt: skip
-"""Name → imports and call. The TDM of a million rows is measured with the reader of TDM."""
+"""Name → imports and call. A shape is read, checked and described, as at the start of a mission."""
 _PROGRAM = """
 import json, re, sys, time
 path = sys.argv[1]
@@ -135,6 +144,20 @@ def write_oem(file: TextIO, states: int = 800_000) -> None:
     )
 
 
+def write_tdm(file: TextIO, records: int = 1_000_000) -> None:
+    """Write a message of pairs of angles, 44 MB."""
+    file.write(
+        "CCSDS_TDM_VERS = 2.0\nCREATION_DATE = 2026-11-21T10:00:00\nORIGINATOR = TEST\n"
+        "META_START\nTIME_SYSTEM = UTC\nPARTICIPANT_1 = STATION\nPARTICIPANT_2 = LARGE\n"
+        "MODE = SEQUENTIAL\nPATH = 2,1\nANGLE_TYPE = AZEL\nMETA_STOP\nDATA_START\n"
+    )
+    for k in range(records // 2):
+        time = _time(k)
+        file.write(f"ANGLE_1 = {time} {k * 1e-3 % 360.0:.6f}\n")
+        file.write(f"ANGLE_2 = {time} {k * 1e-4 % 90.0:.6f}\n")
+    file.write("DATA_STOP\n")
+
+
 def _time(second: int) -> str:
     day, rest = divmod(second, 86400)
     return f"2027-01-{1 + day:02d}T{rest // 3600:02d}:{rest // 60 % 60:02d}:{rest % 60:02d}.000"
@@ -142,15 +165,18 @@ def _time(second: int) -> str:
 
 def figures() -> dict[str, float]:
     """Return the figures, for benchmarks/run.py."""
-    others = {
-        "obj_3e6_faces": ("obj_3e6_faces_trimesh", _trimesh_python()),
-        "oem_100_mb": ("oem_100_mb_ccsds_ndm", os.environ.get("HILLSPHERE_NDM_PYTHON")),
-    }
+    others: dict[str, list[tuple[str, str | None]]] = {
+        "obj_3e6_faces": [
+            ("obj_3e6_faces_shape", sys.executable), ("obj_3e6_faces_trimesh", _trimesh_python())
+        ],
+        "oem_100_mb": [("oem_100_mb_ccsds_ndm", os.environ.get("HILLSPHERE_NDM_PYTHON"))],
+    }  # fmt: skip
     files: dict[str, tuple[str, Callable[[TextIO], Any]]] = {
         "icgem_degree_2190": ("large.gfc", write_icgem),
         "obj_3e6_faces": ("large.obj", lambda file: write_mesh(file, False)),
         "plates_3e6_faces": ("large.plt", lambda file: write_mesh(file, True)),
         "oem_100_mb": ("large.oem", write_oem),
+        "tdm_1e6_rows": ("large.tdm", write_tdm),
     }
     found: dict[str, float] = {}
     with tempfile.TemporaryDirectory() as folder:
@@ -160,8 +186,7 @@ def figures() -> dict[str, float]:
                 write(file)
             size = path.stat().st_size
             found[f"{name}_file_mb"] = size / 1e6
-            runs = [(name, sys.executable), others.get(name, ("", None))]
-            for reader, python in runs:
+            for reader, python in [(name, sys.executable), *others.get(name, [])]:
                 measured = measure(reader, path, python) if python else None
                 if measured is not None:
                     found[f"{reader}_cpu_s"] = measured[0]

@@ -398,7 +398,7 @@ READERS = (
     Reader("ndm", "all.xml", _text(NDM), _of_text(read_ndm),
            (FORMATS + "ndm", FORMATS + "ndm_parts"), of_text=True),
     Reader("format_opm", "state.opm", _text(OPM), lambda path: create("format", "opm").read(path),
-           ("hillsphere_orbits.ephemeris.parameter_formats",)),
+           ("hillsphere_orbits.ephemeris.state_formats",)),
     Reader("tdm", "pass.tdm", _text(TDM), _of_text(read_tdm),
            (FORMATS + "tdm", FORMATS + "tdm_reading", FORMATS + "tdm_entries"), of_text=True),
     Reader("tdm_xml", "pass.xml", _text(TDM_XML), _of_text(read_tdm), (FORMATS + "tdm_entries",),

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from hillsphere.base.errors import InputError
+from hillsphere.formats.ccsds_entries import split_unit
 from hillsphere.formats.ndm import read_ndm, split_ndm
 from hillsphere.formats.ocm import ephemeris_segments, read_ocm
 from hillsphere.formats.oem import read_oem, write_oem
@@ -388,3 +389,14 @@ def test_a_lenient_reader_still_refuses_what_would_change_a_state() -> None:
 )
 def test_a_hint_of_a_frame_never_changes_the_body(name: str, hint: str) -> None:
     assert hint_of_frame(name).startswith(f"; {hint}")
+
+
+def test_a_unit_follows_a_value() -> None:
+    """What begins with a bracket is the value, as the list of units of a history is."""
+    assert split_unit("7000.5 [km]") == ("7000.5", "km")
+    assert split_unit("7000.5[km]") == ("7000.5", "km")
+    assert split_unit("7000.5") == ("7000.5", "")
+    assert split_unit("[km, km/s]") == ("[km, km/s]", "")
+    text = re.sub(r"(?m)^X\b.*$", "X = [km]", sample("opm", "plain.opm"))
+    with pytest.raises(InputError, match=r"X must be a finite number, got '\[km\]'"):
+        read_opm(text)

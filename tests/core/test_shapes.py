@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +75,41 @@ def test_bad_meshes(change: Any, message: str) -> None:
         octahedron(change([list(a) for a in OCTAHEDRON]))
     with pytest.raises(InputError, match="finite"):
         octahedron(corners=[[np.nan, 0, 0], *CORNERS[1:]])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        # without the faces 1-3-5 and 4-2-6 the sides 1-5, 2-4, 3-1, 4-6, 5-3, 6-2 are alone
+        (lambda f: f[1:6] + f[7:], "6 edges .* first that between vertices 1 and 5;"),
+        (lambda f: [*f[1:], f[0][::-1]], "from vertex 1 to vertex 5 in the same direction"),
+        (lambda f: [*f, [3, 5, 1]], "faces 1 and 9 have the same corners, in the same direction"),
+    ],
+)
+def test_the_first_bad_edge_is_named(change: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        octahedron(change([list(a) for a in OCTAHEDRON]))
+
+
+def test_a_mesh_in_blocks_is_the_mesh_and_takes_little_memory(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    directions, faces = icosphere(5)
+    whole = Mesh(directions, faces)
+    monkeypatch.setattr("hillsphere.model.shapes.mesh._BLOCK", 1000)
+    tracemalloc.start()
+    try:
+        mesh = Mesh(directions, faces)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    # three sides of a face: their sorted numbers, one array to compare them, two of truth values
+    assert peak < 1.1 * len(faces) * 3 * (8 + 8 + 2)
+    assert (mesh.volume_m3, mesh.centroid_m.tolist()) == (
+        whole.volume_m3, whole.centroid_m.tolist()
+    )  # fmt: skip
+    with pytest.raises(InputError, match="face 2000 is degenerate"):
+        Mesh(directions, np.vstack([faces[:1999], [[5, 6, 5]], faces[1999:]]))
 
 
 @pytest.mark.parametrize("subdivisions", [0, 2, 4])

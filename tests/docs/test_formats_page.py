@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-TEXT = (ROOT / "docs" / "formats.md").read_text("utf-8").partition("## Sample files\n")[2]
+BY_HAND, _, TEXT = (ROOT / "docs" / "formats.md").read_text("utf-8").partition("## Sample files\n")
 DATA = (ROOT / "tests" / "data", ROOT / "tests" / "plugins" / "orbits" / "data")
 
 
@@ -30,3 +30,14 @@ def test_every_sample_file_is_listed_once() -> None:
     )
     assert listed() == there
     assert len(there) >= 120
+
+
+def test_the_table_fits_a_narrow_page() -> None:
+    """A page of 390 px leaves 13 letters for the first of two columns and 21 for the second."""
+    rows = [row.strip("| ").split(" | ") for row in BY_HAND.splitlines() if row.startswith("|")]
+    assert len(rows) >= 20
+    for row in rows[2:]:
+        assert len(row) == 2, row
+        for cell, width in zip(row, (13, 21), strict=True):
+            words = re.split(r"<br>|[ `]+", cell)
+            assert max(map(len, words)) <= width, row

@@ -19,7 +19,7 @@ from hillsphere.base.problems import did_you_mean
 
 __all__ = [
     "KEYWORD_LINE", "LINE_ENDS", "VERSION_KEYWORD", "Entry", "Leniency", "order_entries",
-    "read_scaled", "write_scaled",
+    "read_scaled", "split_unit", "write_scaled",
 ]  # fmt: skip
 
 KEYWORD_LINE = re.compile(r"([A-Za-z][A-Za-z0-9_]*)\s*=\s*(.*)")
@@ -29,6 +29,8 @@ LINE_ENDS = re.compile(r"\r\n|\n|\r")
 VERSION_KEYWORD = re.compile(r"CCSDS_[A-Z]+_VERS")
 """The keyword with which a message begins."""
 
+_WITH_UNIT = re.compile(r"(.*?\S)\s*\[([^\[\]]*)\]")
+"""A value before its unit. What begins with a bracket is a value: a list of units."""
 _REAL = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+))(?:[eE]([+-]?0*\d{1,4}))?", re.ASCII)
 
 
@@ -39,6 +41,12 @@ class Entry(NamedTuple):
     key: str
     value: str
     unit: str = ""
+
+
+def split_unit(value: str) -> tuple[str, str]:
+    """Return the number and the unit of ``"7000 [km]"``; the unit is "" if none follows."""
+    match = _WITH_UNIT.fullmatch(value)
+    return (match[1], match[2]) if match else (value, "")
 
 
 class Leniency:

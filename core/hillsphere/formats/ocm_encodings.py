@@ -7,7 +7,6 @@ References
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field
 
 from hillsphere.base.errors import InputError
@@ -18,6 +17,7 @@ from hillsphere.formats.ccsds_entries import (
     VERSION_KEYWORD,
     Entry,
     Leniency,
+    split_unit,
 )
 from hillsphere.formats.ccsds_tree import read_tree
 from hillsphere.formats.oem_encodings import Block
@@ -30,7 +30,6 @@ KINDS = ("TRAJ", "PHYS", "COV", "MAN", "PERT", "OD", "USER")
 _MANY = ("TRAJ", "COV", "MAN")
 """Kinds that may occur more than once, and that have rows of numbers."""
 _MARKS = {f"{kind}_{end}": (kind, end) for kind in ("META", *KINDS) for end in ("START", "STOP")}
-_UNIT = re.compile(r"(.*?\S)\s*\[([^\[\]]*)\]")
 
 
 @dataclass
@@ -184,9 +183,7 @@ class _KvnMessage:
             )
         if block is not None and block.rows:
             raise InputError(f"{place}: {key[:40]} must stand before the rows of its block")
-        unit = ""
-        if block is not None and (bracket := _UNIT.fullmatch(value)):
-            value, unit = bracket.groups()
+        value, unit = (value, "") if block is None else split_unit(value)
         target = message.header if block is None else block.block
         target.entries.append(Entry(place, key, value, unit))
 

@@ -9,7 +9,6 @@ References
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field
 
 from hillsphere.base.errors import InputError
@@ -20,6 +19,7 @@ from hillsphere.formats.ccsds_entries import (
     VERSION_KEYWORD,
     Entry,
     Leniency,
+    split_unit,
 )
 from hillsphere.formats.ccsds_tree import XmlElement, read_tree
 from hillsphere.formats.oem_encodings import COVARIANCE, STATE, Block
@@ -55,7 +55,6 @@ _BLOCK_OF = {key: name for name, keys in BLOCKS.items() for key in keys}
 _RANK = {name: number for number, name in enumerate(BLOCKS)}
 _TEXTS = ("header", "metadata", "userDefinedParameters")
 """Blocks without numbers: brackets in their values are not those of a unit."""
-_UNIT = re.compile(r"(.*?)\s*\[([^\[\]]*)\]")
 
 
 @dataclass
@@ -117,8 +116,8 @@ def _of_kvn(text: str, where: str, leniency: Leniency) -> OpmBlocks:
             continue
         if _RANK[name] < _RANK[current]:
             leniency.tolerate(f"{place}: {key} must stand before {last}")
-        if name not in _TEXTS and (bracket := _UNIT.fullmatch(value)):
-            value, unit = bracket.groups()
+        if name not in _TEXTS:
+            value, unit = split_unit(value)
         blocks = message.blocks.setdefault(name, [])
         if not blocks or key == "MAN_EPOCH_IGNITION" or (
             name == "maneuverParameters" and current != name

@@ -20,7 +20,7 @@ from typing import Any, NoReturn
 
 from hillsphere.base.problems import did_you_mean
 from hillsphere.errors import InputError
-from hillsphere.formats.ccsds_entries import Entry, Leniency
+from hillsphere.formats.ccsds_entries import Entry, Leniency, split_unit
 from hillsphere.formats.ccsds_xml import walk_xml
 
 __all__ = ["COVARIANCE", "Entry", "encoding_of", "kvn_messages"]
@@ -59,7 +59,6 @@ _HAS_UNIT = (
 )  # fmt: skip
 """Keywords whose value may be followed by a unit; in a name, brackets are part of it."""
 _KEYWORD = re.compile(r"[A-Z][A-Z0-9_]*")
-_UNIT = re.compile(r"(.*?)\s*\[([^\[\]]*)\]")
 _STARTS_KVN = re.compile(r"\s*(?:COMMENT[^\n]*\n\s*)*CCSDS_OMM_VERS\s*=")
 _STARTS_JSON = re.compile(r"\[\s*[{\]]|\{\s*\"")
 _STARTS_CSV = re.compile(r"(?=[^\n]*\bNORAD_CAT_ID\b)(?=[^\n]*\bMEAN_MOTION\b)[^\n]*,")
@@ -106,9 +105,7 @@ def kvn_messages(text: str, where: str, leniency: Leniency) -> Messages:
         if not entries:
             start = place
             entries, remarks = [*remarks, *entries], []
-        unit = ""
-        if key in _HAS_UNIT and (match := _UNIT.fullmatch(value)):
-            value, unit = match.groups()
+        value, unit = split_unit(value) if key in _HAS_UNIT else (value, "")
         entries += _check_keyword(Entry(place, key, value, unit), leniency)
     if entries:
         yield start, entries

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NoReturn
 
 import numpy as np
 
@@ -14,6 +16,10 @@ __all__ = ["Mesh"]
 
 _FLAT = 1e-12
 """Least ratio of height to longest side of a triangle: below it rounding determines the normal."""
+_BLOCK = 65_536
+"""Faces whose checks and volumes are computed at once: 5 MB of corners, whatever the mesh."""
+_SIDES = ((0, 1), (1, 2), (2, 0))
+"""Corners between which the sides of a face lead."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,22 +67,22 @@ class Mesh:
     @cached_property
     def corners(self) -> Array:
         """Corners of the faces, shape (3, 3, F): corner, component, face; m."""
-        return np.ascontiguousarray(np.moveaxis(self.vertices[self.faces], 0, 2))
+        return self._corners_of(slice(None))
 
     @cached_property
     def doubled_areas(self) -> Array:
         """Twice the areas of the faces (F,), m²."""
-        return np.asarray(np.linalg.norm(self._products, axis=0))
+        return self._planes[0]
 
     @cached_property
     def normals(self) -> Array:
         """Outward unit normals of the faces, shape (3, F)."""
-        return np.asarray(self._products / self.doubled_areas)
+        return self._planes[1]
 
     @cached_property
     def heights(self) -> Array:
         """Distances of the planes of the faces from the origin, signed (F,): n·r on them, m."""
-        return np.asarray(np.sum(self.normals * self.corners.mean(axis=0), axis=0))
+        return self._planes[2]
 
     @cached_property
     def volume_m3(self) -> float:
@@ -96,13 +102,10 @@ class Mesh:
         The first face traverses the edge from its first to its second vertex, the second face in
         the opposite direction.
         """
-        sides, owner = self._sides()
-        forward = sides[:, 0] < sides[:, 1]
-        order = np.lexsort(sides[forward].T[::-1])
-        back = np.lexsort(sides[~forward].T)
-        return sides[forward][order], np.stack(
-            [owner[forward][order], owner[~forward][back]], axis=1
-        )
+        numbers = self._side_numbers()
+        order = np.argsort(numbers)
+        ends = np.divmod(numbers[order[::2]] >> 1, len(self.vertices))
+        return np.stack(ends, axis=1), order.reshape(-1, 2) % len(self.faces)
 
     @cached_property
     def largest_radius_m(self) -> float:
@@ -130,26 +133,48 @@ class Mesh:
         return np.asarray(np.sort(np.bincount(labels, weights=self._pyramids))[::-1])
 
     @cached_property
-    def _products(self) -> Array:
-        a, b, c = self.corners
-        return np.cross(b - a, c - a, axis=0)
+    def _planes(self) -> tuple[Array, Array, Array]:
+        return _planes_of(self.corners)
 
     @cached_property
     def _pyramids(self) -> Array:
         """Signed volumes (F,) of the pyramids over the faces with apex at the origin."""
-        return np.asarray(self.heights * self.doubled_areas / 6.0)
+        volumes = np.empty(len(self.faces))
+        for part in self._blocks():
+            doubled_areas, _, heights = _planes_of(self._corners_of(part))
+            volumes[part] = heights * doubled_areas / 6.0
+        return volumes
 
-    def _sides(self) -> tuple[Integers, Integers]:
-        """Directed sides (3F, 2) of the faces, and the face of each."""
+    def _blocks(self) -> Iterator[slice]:
+        """Yield the faces in blocks, so that intermediate arrays do not grow with the mesh."""
+        return (slice(first, first + _BLOCK) for first in range(0, len(self.faces), _BLOCK))
+
+    def _corners_of(self, faces: slice) -> Array:
+        return np.ascontiguousarray(np.moveaxis(self.vertices[self.faces[faces]], 0, 2))
+
+    def _side_numbers(self) -> Integers:
+        """Return the numbers (3F,) of the sides: the first of all faces, the second, the third.
+
+        That of an edge is even in the direction of rising vertex numbers, and one more in the
+        other: sorted, the two sides of a sound edge stand beside each other.
+        """
         f = self.faces
-        sides = np.concatenate([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]])
-        return sides, np.tile(np.arange(len(f)), 3)
+        numbers = np.empty((3, len(f)), dtype=np.int64)
+        for row, (start, end) in zip(numbers, _SIDES, strict=True):
+            np.minimum(f[:, start], f[:, end], out=row)
+            row *= len(self.vertices)
+            row += np.maximum(f[:, start], f[:, end])
+            row *= 2
+            row += f[:, start] > f[:, end]
+        return numbers.reshape(-1)
 
     def _check_triangles(self) -> None:
-        a, b, c = self.corners
-        longest = np.max([np.linalg.norm(s, axis=0) for s in (b - a, c - b, a - c)], axis=0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            flat = ~(np.linalg.norm(self._products, axis=0) > _FLAT * longest**2)
+        flat = np.empty(len(self.faces), dtype=bool)
+        for part in self._blocks():
+            a, b, c = self._corners_of(part)
+            longest = np.max([np.linalg.norm(s, axis=0) for s in (b - a, c - b, a - c)], axis=0)
+            area = np.linalg.norm(np.cross(b - a, c - a, axis=0), axis=0)
+            flat[part] = ~(area > _FLAT * longest**2)
         if flat.any():
             more = f" (as are {flat.sum() - 1} more)" if flat.sum() > 1 else ""
             raise InputError(
@@ -158,32 +183,51 @@ class Mesh:
             )
 
     def _check_edges(self) -> None:
-        sides, owner = self._sides()
-        many = len(self.vertices)
-        keys = sides[:, 0] * many + sides[:, 1]
-        order = np.argsort(keys, kind="stable")
-        doubled = np.flatnonzero(keys[order][1:] == keys[order][:-1])
+        many, numbers = len(self.vertices), self._side_numbers()
+        numbers.sort()
+        doubled = numbers[1:][numbers[1:] == numbers[:-1]]
         if doubled.size:
-            at = order[doubled[0]]
-            i, j = (sides[at] + 1).tolist()
-            one, other = (owner[order[doubled[0] : doubled[0] + 2]] + 1).tolist()
-            if set(self.faces[one - 1].tolist()) == set(self.faces[other - 1].tolist()):
-                raise InputError(
-                    f"faces {one} and {other} have the same corners, in the same direction; "
-                    "remove one"
-                )
-            raise InputError(
-                f"two faces traverse the edge from vertex {i} to vertex {j} in the same "
-                "direction: neighbours are oriented differently, or more than two faces meet "
-                "there; orient all anticlockwise as seen from outside"
-            )
-        keys = keys[order]
-        turned = sides[:, 1] * many + sides[:, 0]
-        open_ = keys[~np.isin(keys, turned)]
+            self._refuse_doubled(*_first_side(doubled, many))
+        paired = np.zeros(len(numbers) + 1, dtype=bool)
+        paired[1:-1] = (numbers[:-1] | 1) == numbers[1:]
+        open_ = numbers[~(paired[1:] | paired[:-1])]
         if open_.size:
-            i, j = divmod(int(open_[0]), many)
+            i, j = _first_side(open_, many)
             raise InputError(
                 f"the mesh is not closed: {len(open_)} edges belong to one face only, first that "
                 f"between vertices {i + 1} and {j + 1}; close the holes, merge vertices that "
                 "are listed twice"
             )
+
+    def _refuse_doubled(self, i: int, j: int) -> NoReturn:
+        """Refuse the mesh, of which two faces or more have the side from vertex i to vertex j."""
+        f = self.faces
+        owners = [np.flatnonzero((f[:, a] == i) & (f[:, b] == j)) for a, b in _SIDES]
+        one, other = np.concatenate(owners)[:2].tolist()
+        if set(f[one].tolist()) == set(f[other].tolist()):
+            raise InputError(
+                f"faces {one + 1} and {other + 1} have the same corners, in the same direction; "
+                "remove one"
+            )
+        raise InputError(
+            f"two faces traverse the edge from vertex {i + 1} to vertex {j + 1} in the same "
+            "direction: neighbours are oriented differently, or more than two faces meet "
+            "there; orient all anticlockwise as seen from outside"
+        )
+
+
+def _planes_of(corners: Array) -> tuple[Array, Array, Array]:
+    """Return twice the areas (N,), unit normals (3, N) and heights (N,) of faces (3, 3, N)."""
+    a, b, c = corners
+    products = np.cross(b - a, c - a, axis=0)
+    doubled_areas = np.linalg.norm(products, axis=0)
+    normals = products / doubled_areas
+    return doubled_areas, normals, np.sum(normals * corners.mean(axis=0), axis=0)
+
+
+def _first_side(numbers: Integers, many: int) -> tuple[int, int]:
+    """Return the side, of those with these numbers, with the lowest first and second vertex."""
+    low, high = np.divmod(numbers >> 1, many)
+    directed = np.where(numbers & 1, high * many + low, low * many + high)
+    i, j = divmod(int(directed.min()), many)
+    return i, j

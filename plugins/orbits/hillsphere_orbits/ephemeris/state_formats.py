@@ -1,4 +1,4 @@
-"""Ephemerides as files: CCSDS OEM, and a table of states for other programs."""
+"""States and ephemerides as files: CCSDS OPM, OEM and OCM, and a table for other programs."""
 
 from __future__ import annotations
 
@@ -8,13 +8,37 @@ from pathlib import Path
 
 from hillsphere.base.errors import InputError
 from hillsphere.base.regular_files import read_text
+from hillsphere.formats.ocm import ephemeris_segments, read_ocm
 from hillsphere.formats.oem import OemSegment, read_oem, states_csv, write_oem
+from hillsphere.formats.opm import Opm, read_opm, write_opm
 from hillsphere.formats.specs import FileFormatSpec, OrbitMessageSpec
 
-__all__ = ["OemFile", "OemXml", "StatesCsv", "is_xml", "text_of"]
+__all__ = ["OcmFile", "OemFile", "OemXml", "OpmFile", "OpmXml", "StatesCsv"]
 
 
-class OemFile:
+class _Message:
+    """A CCSDS message in one of its encodings, by which its beginning is recognised.
+
+    Parameters
+    ----------
+    spec : OrbitMessageSpec
+        Whether it is read leniently.
+    """
+
+    kind: str
+    encoding = "kvn"
+
+    def __init__(self, spec: OrbitMessageSpec) -> None:
+        self.spec = spec
+
+    def recognises(self, beginning: str) -> bool:
+        """Return whether a file begins as this message does in this encoding."""
+        if self.encoding == "xml":
+            return _is_xml(beginning) and bool(re.search(rf"<(\w+:)?{self.kind}\b", beginning))
+        return f"CCSDS_{self.kind.upper()}_VERS" in beginning and not _is_xml(beginning)
+
+
+class OemFile(_Message):
     """CCSDS Orbit Ephemeris Messages in the text form; km and km/s.
 
     Parameters
@@ -23,20 +47,13 @@ class OemFile:
         Whether it is read leniently.
     """
 
+    kind = "oem"
     content = "ephemeris"
     suffixes: tuple[str, ...] = (".oem",)
-    encoding = "kvn"
-
-    def __init__(self, spec: OrbitMessageSpec) -> None:
-        self.spec = spec
-
-    def recognises(self, beginning: str) -> bool:
-        """Return whether the text says that it is such a message."""
-        return "CCSDS_OEM_VERS" in beginning and not is_xml(beginning)
 
     def read(self, path: Path) -> tuple[list[OemSegment], tuple[str, ...]]:
         """Read a message; see `hillsphere.formats.oem.read_oem`."""
-        segments = read_oem(text_of(path), str(path), lenient=self.spec.lenient)
+        segments = read_oem(_text_of(path), str(path), lenient=self.spec.lenient)
         return segments, tuple(dict.fromkeys(what for one in segments for what in one.passed_over))
 
     def write(self, content: Sequence[OemSegment]) -> tuple[str, tuple[str, ...]]:
@@ -56,9 +73,83 @@ class OemXml(OemFile):
     suffixes = (".xml",)
     encoding = "xml"
 
+
+class OpmFile(_Message):
+    """CCSDS Orbit Parameter Messages in the text form; km and km/s.
+
+    Parameters
+    ----------
+    spec : OrbitMessageSpec
+        Whether it is read leniently.
+    """
+
+    kind = "opm"
+    content = "state"
+    suffixes: tuple[str, ...] = (".opm",)
+
+    def read(self, path: Path) -> tuple[Opm, tuple[str, ...]]:
+        """Read a message; see `hillsphere.formats.opm.read_opm`."""
+        return read_opm(_text_of(path), str(path), lenient=self.spec.lenient), ()
+
+    def write(self, content: Opm) -> tuple[str, tuple[str, ...]]:
+        """Return the message, which holds all fields of an `Opm`."""
+        return write_opm(content, encoding=self.encoding), ()
+
+
+class OpmXml(OpmFile):
+    """CCSDS Orbit Parameter Messages as XML; km and km/s.
+
+    Parameters
+    ----------
+    spec : OrbitMessageSpec
+        Whether it is read leniently.
+    """
+
+    suffixes = (".xml",)
+    encoding = "xml"
+
+
+class OcmFile:
+    """CCSDS Orbit Comprehensive Messages in either form, whose histories of states are read.
+
+    Parameters
+    ----------
+    spec : OrbitMessageSpec
+        Whether it is read leniently.
+    """
+
+    content = "ephemeris"
+    suffixes: tuple[str, ...] = (".ocm",)
+
+    def __init__(self, spec: OrbitMessageSpec) -> None:
+        self.spec = spec
+
     def recognises(self, beginning: str) -> bool:
-        """Return whether the beginning of an XML file has the element of such a message."""
-        return is_xml(beginning) and bool(re.search(r"<(\w+:)?oem\b", beginning))
+        """Return whether the beginning of a file is that of such a message."""
+        return "CCSDS_OCM_VERS" in beginning and not re.search(r"<(\w+:)?ndm\b", beginning)
+
+    def read(self, path: Path) -> tuple[list[OemSegment], tuple[str, ...]]:
+        """Read the histories of positions and velocities, and name what else the message holds."""
+        message = read_ocm(_text_of(path), str(path), lenient=self.spec.lenient)
+        lost = [
+            f"covariances ({len(message.covariances)} blocks)" if message.covariances else "",
+            f"manoeuvres ({len(message.manoeuvres)} blocks)" if message.manoeuvres else "",
+            "orbit determination" if message.orbit_determination else "",
+            "comments" if message.comments else "",
+            "metadata beyond object, centre, frame and times",
+        ]
+        lost += [f"the block {text.kind}: {text.reason}" for text in message.texts]
+        lost += [
+            f"the block TRAJ ({one.metadata['TRAJ_TYPE']})"
+            for one in message.trajectories
+            if one.x is None or one.x.shape[0] < 6
+        ]
+        segments = ephemeris_segments(message)
+        return segments, tuple(dict.fromkeys(text for text in lost if text))
+
+    def write(self, content: Sequence[OemSegment]) -> tuple[str, tuple[str, ...]]:
+        """Refuse to write such a message."""
+        raise InputError("an orbit comprehensive message is only read; write an OEM")
 
 
 class StatesCsv:
@@ -135,7 +226,7 @@ _HELD_IN_OEM: dict[str, Callable[[OemSegment], object]] = {
 """What a segment may hold for which a table has no column."""
 
 
-def text_of(path: Path) -> str:
+def _text_of(path: Path) -> str:
     """Return the text of a file; `InputError` if it cannot be read."""
     try:
         return read_text(path)
@@ -144,7 +235,7 @@ def text_of(path: Path) -> str:
         raise InputError(f"{path}: cannot be read: {reason or error}") from error
 
 
-def is_xml(beginning: str) -> bool:
+def _is_xml(beginning: str) -> bool:
     """Return whether a file begins as XML does."""
     # the beginning of a file is decoded as Latin-1, in which a byte order mark is three letters
     return beginning.lstrip("\ufeff\u00ef\u00bb\u00bf \t\r\n").startswith("<")
