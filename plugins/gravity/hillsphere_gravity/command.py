@@ -18,7 +18,7 @@ __all__ = ["app"]
 
 app = typer.Typer(add_completion=False, rich_markup_mode=None)
 
-_MESHES = (".obj", ".plt", ".stl", ".ply", ".bds", ".dsk")
+_MESHES = (".obj", ".plt", ".icq", ".stl", ".ply", ".bds", ".dsk")
 _SUFFIXES = (".gfc", ".shadr", ".sha", ".tab", ".cof", *_MESHES)
 _COLUMNS = ("latitude (°)", "longitude (°)", "radius (km)", "U (m²/s²)", "|g| (m/s²)",
             "g_x (m/s²)", "g_y (m/s²)", "g_z (m/s²)")  # fmt: skip
@@ -35,7 +35,7 @@ def gravity(
         typer.Argument(
             metavar="FILE",
             help="Field (.gfc, .shadr, .sha, .tab, .cof), or mesh of triangles (.obj, .stl, .ply, "
-            "a plate model .plt, SPICE's .bds or .dsk; a .tab with --length-unit).",
+            "a plate model .plt, an .icq, SPICE's .bds or .dsk; a .tab with --length-unit).",
         ),
     ],
     at: Annotated[
