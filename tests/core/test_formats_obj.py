@@ -87,3 +87,16 @@ def test_bad_shape_harmonics(tmp_path: Path, text: str, message: str) -> None:
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         read_shape_harmonics(path)
+
+
+def test_lines_and_points_are_passed_over(tmp_path: Path) -> None:
+    """The format's elements of a wireframe, its groups and display attributes are no surface."""
+    path = tmp_path / "body.obj"
+    path.write_text(TETRAHEDRON)
+    expected = read_obj(path)
+    path.write_text("g a\n" + TETRAHEDRON + "l 1 2 3\np 1\nmg off\nlod 1\ng b\n")
+    for one, other in zip(read_obj(path), expected, strict=True):
+        np.testing.assert_array_equal(one, other)
+    path.write_text(TETRAHEDRON + "curv 0 1 1 2\n")
+    with pytest.raises(InputError, match="got 'curv'"):
+        read_obj(path)

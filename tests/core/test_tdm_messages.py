@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -177,6 +178,18 @@ def test_an_elevation_beyond_the_zenith_is_turned_by_lenient_reading_only() -> N
     assert_allclose(np.degrees(segment.elevation_rad), [59.5, 90.0])
     assert_allclose(np.degrees(segment.azimuth_rad), [179.5, -0.25])
     assert_allclose(np.degrees(segment.series["ANGLE_2"].values), [120.5, 90.0])  # as it stands
+    for encoding in ("kvn", "xml"):  # written as strict reading allows
+        (again,) = read_tdm(write_tdm([segment], encoding=encoding))
+        assert_allclose(np.degrees(again.series["ANGLE_2"].values), [59.5, 90.0])
+        assert_allclose(again.azimuth_rad, segment.azimuth_rad)
+    corrected = replace(
+        segment,
+        meta=replace(
+            segment.meta, corrections={"CORRECTION_ANGLE_2": 1e-3}, corrections_applied=False
+        ),
+    )
+    with pytest.raises(InputError, match="CORRECTION_ANGLE_2 that is not applied"):
+        write_tdm([corrected])
     with pytest.raises(InputError, match="from -90 to 90°, got 200"):
         read_tdm(KVN.replace("00.000Z 5.25", "00.000Z 200"), lenient=True)
 

@@ -18,8 +18,11 @@ __all__ = ["read_obj"]
 _COMMENT = re.compile(r"#.*")
 _TEXTURE = re.compile(r"(?<=\d)/\S*")
 """Texture and normal of a corner, which are not used."""
-_IGNORED = ("vn", "vt", "vp", "o", "g", "s", "usemtl", "mtllib")
-"""Keywords that are ignored, since they do not affect the shape."""
+_IGNORED = (
+    "vn", "vt", "vp", "l", "p", "o", "g", "s", "mg", "usemtl", "mtllib", "usemap", "maplib",
+    "bevel", "c_interp", "d_interp", "lod", "shadow_obj", "trace_obj",
+)  # fmt: skip
+"""Keywords that are ignored, since they do not affect the surface: among them lines and points."""
 
 
 def read_obj(path: str | Path, may_count_from_0: bool = False) -> tuple[Array, Integers]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hillsphere.base.arrays import Array, Integers
 from hillsphere.formats.bulk import parse_table
 from hillsphere.formats.coefficients import LineReader
+from hillsphere.formats.icq import is_icq, read_icq
 from hillsphere.formats.obj import read_obj
 
 __all__ = ["read_plate_files", "read_plates", "read_shape"]
@@ -23,14 +24,15 @@ _MOST = 99_999_999
 
 
 def read_shape(path: str | Path) -> tuple[Array, Integers]:
-    """Read a mesh of either kind: rows ``v`` and ``f``, or a plate model.
+    """Read a mesh of any kind: rows ``v`` and ``f``, a plate model, or an ICQ file.
 
     Parameters
     ----------
     path : str or Path
         The file. One whose name ends with ``.obj`` is read by `read_obj`. In other files the first
-        word decides: a number begins a plate model (`read_plates`), other rows are those of an OBJ
-        file, whose vertices may be counted from 0.
+        word decides: a number begins a plate model (`read_plates`), or an ICQ file if the number of
+        rows is that of one (`is_icq`); other rows are those of an OBJ file, whose vertices may be
+        counted from 0.
 
     Returns
     -------
@@ -42,14 +44,16 @@ def read_shape(path: str | Path) -> tuple[Array, Integers]:
     Raises
     ------
     InputError
-        See `read_obj` and `read_plates`.
+        See `read_obj`, `read_plates` and `read_icq`.
     """
     if Path(path).suffix.lower() == ".obj":
         return read_obj(path)
     for line in LineReader(Path(path)):
         words = line.partition("#")[0].split()
         if words:
-            return read_plates(path) if words[0][0] in "+-.0123456789" else read_obj(path, True)
+            if words[0][0] not in "+-.0123456789":
+                return read_obj(path, True)
+            return read_icq(path) if is_icq(path) else read_plates(path)
     return read_plates(path)  # empty: tells what is expected
 
 

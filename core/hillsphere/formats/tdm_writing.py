@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
-from math import degrees, isfinite, nextafter, radians
+from math import degrees, isfinite, nextafter, pi, radians
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -215,12 +215,13 @@ def _records(segment: TdmSegment, what: str) -> Iterator[tuple[str, str, str]]:
             hint = did_you_mean(key, DATA, otherwise="keywords")
             raise InputError(f"{what}: no data keyword {key[:40]!r}{hint}")
     epoch = segment.epoch
+    turned = _turn_over_the_top(segment, what)
     columns: list[tuple[str, list[str], list[str]]] = []
     for key in keys:
         t_s, values = segment.series[key]
         _check_series(key, t_s, values, what)
         times = epoch.isot(t_s, segment.time_digits) if t_s.size else []
-        columns.append((key, times, _texts(segment, key, values, what)))
+        columns.append((key, times, _texts(segment, key, turned.get(key, values), what)))
     if not any(times for _, times, _ in columns):
         raise InputError(f"{what}: a segment needs at least one record")
     t = np.concatenate([segment.series[key].t_s for key in keys])
@@ -229,6 +230,35 @@ def _records(segment: TdmSegment, what: str) -> Iterator[tuple[str, str, str]]:
     for n in np.argsort(t, kind="stable").tolist():
         key, times, texts = columns[which[n]]
         yield key, times[within[n]], texts[within[n]]
+
+
+def _turn_over_the_top(segment: TdmSegment, what: str) -> Mapping[str, Array]:
+    """Return angles by keyword, if some elevations of lenient reading are beyond 90°.
+
+    The direction is the same with the opposite azimuth and 180° minus the elevation, which the
+    standard allows.
+    """
+    meta, angles = segment.meta, segment.series.get("ANGLE_2")
+    if meta.angle_type != "AZEL" or angles is None:
+        return {}
+    over = (angles.values > 0.5 * pi) & (angles.values <= pi)
+    if not over.any():
+        return {}
+    azimuths = segment.series.get("ANGLE_1")
+    if azimuths is None or not np.array_equal(azimuths.t_s, angles.t_s):
+        raise InputError(
+            f"{what}: elevations beyond 90° need an azimuth of the same time, to be written as "
+            "those of the same direction"
+        )
+    if meta.correction_of("ANGLE_2"):
+        raise InputError(
+            f"{what}: elevations beyond 90° cannot be written with a CORRECTION_ANGLE_2 that is "
+            "not applied: its sign would be another one; apply it before"
+        )
+    return {
+        "ANGLE_1": np.where(over, np.remainder(azimuths.values + pi, 2.0 * pi), azimuths.values),
+        "ANGLE_2": np.where(over, pi - angles.values, angles.values),
+    }
 
 
 def _check_series(key: str, t_s: Array, values: Array, what: str) -> None:

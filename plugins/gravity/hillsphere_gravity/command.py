@@ -18,7 +18,7 @@ __all__ = ["app"]
 
 app = typer.Typer(add_completion=False, rich_markup_mode=None)
 
-_MESHES = (".obj", ".plt", ".stl", ".ply", ".bds", ".dsk")
+_MESHES = (".obj", ".plt", ".icq", ".stl", ".ply", ".bds", ".dsk")
 _SUFFIXES = (".gfc", ".shadr", ".sha", ".tab", ".cof", *_MESHES)
 _COLUMNS = ("latitude (°)", "longitude (°)", "radius (km)", "U (m²/s²)", "|g| (m/s²)",
             "g_x (m/s²)", "g_y (m/s²)", "g_z (m/s²)")  # fmt: skip
@@ -35,7 +35,7 @@ def gravity(
         typer.Argument(
             metavar="FILE",
             help="Field (.gfc, .shadr, .sha, .tab, .cof), or mesh of triangles (.obj, .stl, .ply, "
-            "a plate model .plt, SPICE's .bds or .dsk).",
+            "a plate model .plt, an .icq, SPICE's .bds or .dsk; a .tab with --length-unit).",
         ),
     ],
     at: Annotated[
@@ -99,9 +99,11 @@ def gravity(
     mesh = {"gm_km3_s2": gm_km3_s2, "density_g_cm3": density_g_cm3}
     if (suffix := file.suffix.lower()) not in _SUFFIXES:
         raise InputError(f"{file}: the suffix must be one of {', '.join(_SUFFIXES)}")
+    # A table may hold either; only a mesh has a unit of its vertices.
+    is_mesh = suffix in _MESHES or (suffix == ".tab" and length_unit is not None)
     told: tuple[str, ...] = ()
     keys: dict[str, Any]
-    if suffix in _MESHES:
+    if is_mesh:
         keys = {"length_unit": length_unit, "segment": segment}
         keys |= {"merge_vertices": merge_vertices, "merge_tolerance_m": merge_tolerance_m}
         if suffix == ".stl" and not merge_vertices:
@@ -115,7 +117,7 @@ def gravity(
                 "normalisation": normalisation, "epoch": epoch}  # fmt: skip
         model = _series_model(file, keys, mesh)
     rows = _evaluate(model, places or _usual_places(model))
-    body = _describe_body(model) if suffix in _MESHES else {}
+    body = _describe_body(model) if is_mesh else {}
     if json:
         write_json({"file": str(file), "gm_m3_s2": float(model.gm_m3_s2), **body, "points": rows})
         return

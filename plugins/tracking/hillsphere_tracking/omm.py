@@ -19,11 +19,12 @@ from hillsphere.errors import InputError
 from hillsphere.formats.ccsds_entries import Leniency
 from hillsphere.formats.ccsds_times import read_ccsds_time
 from hillsphere.time import Epoch
-from hillsphere_tracking.omm_encodings import COVARIANCE, Entry, encoding_of, kvn_messages
+from hillsphere_tracking.omm_encodings import COVARIANCE, VERSIONS, Entry, encoding_of, kvn_messages
 
 __all__ = ["Omm", "omm_of_fields", "read_omms"]
 
 _MUST_BE = {
+    "CCSDS_OMM_VERS": VERSIONS,
     "CENTER_NAME": ("EARTH",),
     "REF_FRAME": ("TEME",),
     "TIME_SYSTEM": ("UTC",),
@@ -111,6 +112,7 @@ def read_omms(text: str, where: str = "OMM", *, lenient: bool = False) -> tuple[
 
 def _of_entries(entries: Sequence[Entry], where: str) -> Omm:
     fields: dict[str, str] = {}
+    places: dict[str, str] = {}
     for place, key, value, unit in entries:
         if key == "COMMENT":
             fields.setdefault(key, value)
@@ -123,10 +125,13 @@ def _of_entries(entries: Sequence[Entry], where: str) -> Omm:
                 f"{place}: {key} must be in {expected or 'no unit'}, got the unit {unit[:40]!r}"
             )
         fields[key] = value
-    return omm_of_fields(fields, where)
+        places[key] = place
+    return omm_of_fields(fields, where, places)
 
 
-def omm_of_fields(given: Mapping[str, str], where: str) -> Omm:
+def omm_of_fields(
+    given: Mapping[str, str], where: str, places: Mapping[str, str] | None = None
+) -> Omm:
     """Check the values of a message.
 
     Parameters
@@ -135,6 +140,8 @@ def omm_of_fields(given: Mapping[str, str], where: str) -> Omm:
         Values by keyword.
     where : str
         Place of the message, used in error messages.
+    places : mapping of str to str, optional
+        Place of each keyword.
 
     Returns
     -------
@@ -147,22 +154,27 @@ def omm_of_fields(given: Mapping[str, str], where: str) -> Omm:
         As for `read_omms`.
     """
     name = given.get("OBJECT_NAME") or given.get("OBJECT_ID") or given.get("NORAD_CAT_ID", "")
-    where = f"{where} ({name[:60]})" if name.isprintable() and name else where
+    suffix = f" ({name[:60]})" if name.isprintable() and name else ""
+
+    def at(key: str) -> str:
+        return (places or {}).get(key, where) + suffix
+
     for key in _TEXTS:
         # Each becomes a line of a file: one that holds a line feed could bring further elements.
         if not given.get(key, "").isprintable():
             raise InputError(
-                f"{where}: {key} must be one line of printable text, got {given[key][:40]!r}"
+                f"{at(key)}: {key} must be one line of printable text, got {given[key][:40]!r}"
             )
     for key, allowed in _MUST_BE.items():
         value = given.get(key) or allowed[0]
         if value.upper() not in allowed:
+            what = "" if key == "CCSDS_OMM_VERS" else " for elements that SGP4 can propagate"
+            xp = " (SGP4-XP)" if key == "EPHEMERIS_TYPE" and value == "4" else ""
             raise InputError(
-                f"{where}: {key} must be {' or '.join(allowed)} for elements that SGP4 can "
-                f"propagate, got {value[:40]!r}"
+                f"{at(key)}: {key} must be {' or '.join(allowed)}{what}, got {value[:40]!r}{xp}"
             )
-    numbers = {key: _number(given, key, where) for key in _UNITS}
-    numbers |= {key: _number(given, key, where) if given.get(key) else 0.0 for key in _OPTIONAL}
+    numbers = {key: _number(given, key, at(key)) for key in _UNITS}
+    numbers |= {key: _number(given, key, at(key)) if given.get(key) else 0.0 for key in _OPTIONAL}
     for key, low, high in (
         ("ECCENTRICITY", 0.0, 1.0 - 1e-12),
         ("INCLINATION", 0.0, 180.0),
@@ -170,16 +182,16 @@ def omm_of_fields(given: Mapping[str, str], where: str) -> Omm:
     ):
         if not low <= numbers[key] <= high:
             raise InputError(
-                f"{where}: {key} must be between {low:g} and {high:g}, got {numbers[key]!r}"
+                f"{at(key)}: {key} must be between {low:g} and {high:g}, got {numbers[key]!r}"
             )
-    epoch = _epoch(given, where)
+    epoch = _epoch(given, at("EPOCH"))
     fields = {
         "OBJECT_ID": given.get("OBJECT_ID", ""),
         "CLASSIFICATION_TYPE": given.get("CLASSIFICATION_TYPE") or "U",
         "EPHEMERIS_TYPE": given.get("EPHEMERIS_TYPE") or "0",
-        "ELEMENT_SET_NO": _count(given, "ELEMENT_SET_NO", where),
-        "REV_AT_EPOCH": _count(given, "REV_AT_EPOCH", where),
-        "NORAD_CAT_ID": _count(given, "NORAD_CAT_ID", where),
+        "ELEMENT_SET_NO": _count(given, "ELEMENT_SET_NO", at("ELEMENT_SET_NO")),
+        "REV_AT_EPOCH": _count(given, "REV_AT_EPOCH", at("REV_AT_EPOCH")),
+        "NORAD_CAT_ID": _count(given, "NORAD_CAT_ID", at("NORAD_CAT_ID")),
         "EPOCH": epoch.isot(np.zeros(1), 6)[0],
         **{key: repr(value) for key, value in numbers.items()},
     }

@@ -20,10 +20,10 @@ from typing import Any, NoReturn
 
 from hillsphere.base.problems import did_you_mean
 from hillsphere.errors import InputError
-from hillsphere.formats.ccsds_entries import Entry, Leniency, split_unit
+from hillsphere.formats.ccsds_entries import Entry, Leniency, order_entries, split_unit
 from hillsphere.formats.ccsds_xml import walk_xml
 
-__all__ = ["COVARIANCE", "Entry", "encoding_of", "kvn_messages"]
+__all__ = ["COVARIANCE", "VERSIONS", "Entry", "encoding_of", "kvn_messages"]
 
 
 _AXES = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
@@ -43,6 +43,17 @@ _KEYWORDS = (
     "BSTAR", "BTERM", "MEAN_MOTION_DOT", "MEAN_MOTION_DDOT", "AGOM",
     *COVARIANCE,
 )  # fmt: skip
+VERSIONS = ("2.0", "3.0")
+"""Versions of the message that are read; the standard has it from the second on."""
+_VERSION = "CCSDS_OMM_VERS"
+_MANDATORY = (
+    _VERSION, "CREATION_DATE", "ORIGINATOR", "OBJECT_NAME", "OBJECT_ID", "CENTER_NAME", "REF_FRAME",
+    "TIME_SYSTEM", "MEAN_ELEMENT_THEORY",
+)  # fmt: skip
+"""Keywords that a message as text or XML must have; its elements are checked
+with their values."""
+_MAY_BE_EMPTY = ("CREATION_DATE", "ORIGINATOR", "OBJECT_NAME", "OBJECT_ID")
+"""Mandatory keywords that the services leave empty where they know nothing."""
 _OF_SERVICES = (
     "SEMIMAJOR_AXIS", "PERIOD", "APOAPSIS", "PERIAPSIS", "OBJECT_TYPE", "RCS_SIZE", "COUNTRY_CODE",
     "LAUNCH_DATE", "SITE", "DECAY_DATE", "DECAYED", "FILE", "GP_ID", "TLE_LINE0", "TLE_LINE1",
@@ -58,6 +69,7 @@ _HAS_UNIT = (
     "RA_OF_ASC_NODE", "ARG_OF_PERICENTER", "MEAN_ANOMALY", "BSTAR", "SEMI_MAJOR_AXIS", "GM",
 )  # fmt: skip
 """Keywords whose value may be followed by a unit; in a name, brackets are part of it."""
+_USER_DEFINED = "USER_DEFINED_"
 _KEYWORD = re.compile(r"[A-Z][A-Z0-9_]*")
 _STARTS_KVN = re.compile(r"\s*(?:COMMENT[^\n]*\n\s*)*CCSDS_OMM_VERS\s*=")
 _STARTS_JSON = re.compile(r"\[\s*[{\]]|\{\s*\"")
@@ -99,8 +111,8 @@ def kvn_messages(text: str, where: str, leniency: Leniency) -> Messages:
         key, sign, value = (part.strip() for part in line.partition("="))
         if not (sign and _KEYWORD.fullmatch(key)):
             raise InputError(f"{place}: expected KEYWORD = value, got {line[:40]!r}")
-        if key == "CCSDS_OMM_VERS" and entries:
-            yield start, entries
+        if key == _VERSION and entries:
+            yield start, _in_order(entries, leniency)
             entries = []
         if not entries:
             start = place
@@ -108,11 +120,27 @@ def kvn_messages(text: str, where: str, leniency: Leniency) -> Messages:
         value, unit = split_unit(value) if key in _HAS_UNIT else (value, "")
         entries += _check_keyword(Entry(place, key, value, unit), leniency)
     if entries:
-        yield start, entries
+        yield start, _in_order(entries, leniency)
+
+
+def _in_order(entries: list[Entry], leniency: Leniency) -> list[Entry]:
+    """Return the entries of a message, if they are those it must have, in the standard's order."""
+    of_the_standard = [
+        entry._replace(value=entry.value or "unknown") if entry.key in _MAY_BE_EMPTY else entry
+        for entry in entries
+        if entry.key != "COMMENT" and not entry.key.startswith(_USER_DEFINED)
+    ]
+    order_entries(
+        of_the_standard, tuple(key for key in _KEYWORDS if key != "COMMENT"), _MANDATORY,
+        "an orbit mean-elements message", entries[-1].place, leniency,
+        ("CREATION_DATE", "ORIGINATOR"),
+    )  # fmt: skip
+    return entries
 
 
 def _xml_messages(text: str, where: str, leniency: Leniency) -> Messages:
-    return iter(_XmlMessages(leniency).read(text, where))
+    for place, entries in _XmlMessages(leniency).read(text, where):
+        yield place, _in_order(entries, leniency)
 
 
 def _start_of(text: str) -> tuple[str, int]:
@@ -143,7 +171,9 @@ class _XmlMessages:
             )
         self._depth += 1
         if name == "omm":
-            self._messages.append((place, []))
+            version = attributes.get("version", "")
+            first = [Entry(place, _VERSION, version)] if version else []
+            self._messages.append((place, first))
             self._within = True
         elif not self._within and (self._depth, name) not in _AROUND:
             hint = did_you_mean(name, ("omm",), otherwise="expected")
@@ -226,7 +256,7 @@ def _of_service(place: str, key: str, value: Any, leniency: Leniency) -> list[En
 
 def _check_keyword(entry: Entry, leniency: Leniency, further: tuple[str, ...] = ()) -> list[Entry]:
     """Return an entry; none if there is no such keyword and that is tolerated."""
-    if not (entry.key in _KEYWORDS or entry.key in further or entry.key[:13] == "USER_DEFINED_"):
+    if not (entry.key in _KEYWORDS or entry.key in further or entry.key.startswith(_USER_DEFINED)):
         hint = did_you_mean(entry.key, (*_KEYWORDS, *further), otherwise="keywords")
         leniency.tolerate(
             f"{entry.place}: an orbit mean-elements message has no keyword {entry.key[:60]!r}{hint}"

@@ -213,10 +213,11 @@ def _wrong_values(kind: str, line: str, where: str) -> Iterator[str]:
             )
         return
     if line[62] not in " 02":
-        # Type 4 is SGP4-XP, whose elements SGP4 would fly kilometres away from their orbit.
+        # SGP4 would fly elements of SGP4-XP kilometres away from their orbit.
+        xp = " (SGP4-XP)" if line[62] == "4" else ""
         yield (
             f"{where}: column 63 (ephemeris type) must be blank, 0 or 2 for elements that SGP4 can "
-            f"propagate, got {line[62]!r}"
+            f"propagate, got {line[62]!r}{xp}"
         )
     year = full_year(line[18:20])
     days = 366 if isleap(year) else 365

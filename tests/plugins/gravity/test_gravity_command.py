@@ -53,6 +53,21 @@ def test_field_of_a_file_is_that_of_the_model(capsys: pytest.CaptureFixture[str]
     assert far["points"][0]["potential_m2_s2"] == pytest.approx(far["gm_m3_s2"] / 1e9)
 
 
+def test_a_table_with_a_unit_of_length_is_a_mesh(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shown = []
+    for name in ("cube.tab", "cube.obj"):
+        path = tmp_path / name
+        path.write_text(CUBE)
+        options = ["--length-unit", "km", "--density-g-cm3", "2", "--json"]
+        assert run(["gravity", str(path), *options]) == 0
+        shown.append(json.loads(capsys.readouterr().out))
+        shown[-1].pop("file")
+    assert shown[0] == shown[1]
+    assert shown[0]["volume_m3"] == pytest.approx(8e9)
+
+
 def test_table_names_units_and_the_reference_sphere(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["gravity", str(FIELD), "--at", "0,0,5", "--at", "0,0,50", "--max-degree", "2"]) == 0
     out, err = capsys.readouterr()

@@ -110,7 +110,7 @@ def test_days_of_the_year(when: str, day: str) -> None:
 @pytest.mark.parametrize("when", ["2007-000", "2007-366", "2008-367", "2008-000", "2007-999"])
 def test_days_that_the_year_does_not_have(when: str) -> None:
     with pytest.raises(
-        InputError, match=rf"m:1 \(GOES 9\): EPOCH: the year {when[:4]} has the days"
+        InputError, match=rf"m:10 \(GOES 9\): EPOCH: the year {when[:4]} has the days"
     ):
         read_omms(KVN.replace("2007-064", when), "m")
 
@@ -141,17 +141,61 @@ def test_unknown_elements_of_xml_are_told_with_their_line() -> None:
 
 def test_all_keywords_of_the_standard_are_known() -> None:
     """CCSDS 502.0-B-3, tables 4-1 to 4-3."""
-    further = "\n".join(
-        ["MESSAGE_ID = A", "CLASSIFICATION = none", "REF_FRAME_EPOCH = 2000-01-01T00:00:00",
-         "MASS = 1 [kg]", "SOLAR_RAD_AREA = 1 [m**2]", "SOLAR_RAD_COEFF = 1", "DRAG_AREA = 1",
-         "DRAG_COEFF = 2", "COV_REF_FRAME = RTN", "CX_X = 1 [km**2]", "CZ_DOT_Z_DOT = 1",
-         "CY_DOT_X = 1", "USER_DEFINED_EARTH_MODEL = WGS-84"]
-    )  # fmt: skip
-    (message,) = read_omms(KVN + further)
-    assert message.passed_over[:2] == ("GM", "comments")
-    assert "covariance" in message.passed_over
+    further = {
+        "CCSDS_OMM_VERS": ["CLASSIFICATION = none"], "ORIGINATOR": ["MESSAGE_ID = A"],
+        "REF_FRAME": ["REF_FRAME_EPOCH = 2000-01-01T00:00:00"],
+        "GM": ["MASS = 1 [kg]", "SOLAR_RAD_AREA = 1 [m**2]", "SOLAR_RAD_COEFF = 1", "DRAG_AREA = 1",
+               "DRAG_COEFF = 2"],
+        "MEAN_MOTION_DDOT": ["COV_REF_FRAME = RTN", "CX_X = 1 [km**2]", "CY_DOT_X = 1",
+                             "CZ_DOT_Z_DOT = 1", "USER_DEFINED_EARTH_MODEL = WGS-84"],
+    }  # fmt: skip
+    lines = [
+        each for line in KVN.splitlines() for each in (line, *further.get(line.split()[0], ()))
+    ]
+    (message,) = read_omms("\n".join(lines))
+    assert {"GM", "comments", "covariance"} <= set(message.passed_over)
     with pytest.raises(InputError, match="no keyword 'CX_Y'"):
         read_omms(KVN + "CX_Y = 1")
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        (
+            ("OMM_VERS = 2.0", "OMM_VERS = 9.0"),
+            r"m:1 .*OMM_VERS must be 2.0 or 3.0",
+        ),
+        (("CCSDS_OMM_VERS = 2.0\n", ""), "m:25: .* lacks CCSDS_OMM_VERS"),
+        (("REF_FRAME = TEME\n", ""), "m:25: .* lacks REF_FRAME"),
+        (("MEAN_ELEMENT_THEORY = SGP/SGP4\n", ""), "m:25: .* lacks MEAN_ELEMENT_THEORY"),
+        (("REV_AT_EPOCH = 4316", "REV_AT_EPOCH ="), "m:23: REV_AT_EPOCH has no value"),
+        (("EPHEMERIS_TYPE = 0", "EPHEMERIS_TYPE = 4"), r"m:19 .*got '4' \(SGP4-XP\)"),
+    ],
+)
+def test_version_and_mandatory_keywords(change: tuple[str, str], match: str) -> None:
+    """CCSDS 502.0-B-3, tables 4-1 to 4-3."""
+    assert change[0] in KVN
+    with pytest.raises(InputError, match=match):
+        read_omms(KVN.replace(*change), "m")
+
+
+def test_the_order_of_keywords_and_a_bare_header_are_tolerated() -> None:
+    turned = KVN.replace("OBJECT_NAME = GOES 9\n", "").replace(
+        "TIME_SYSTEM = UTC\n", "TIME_SYSTEM = UTC\nOBJECT_NAME = GOES 9\n"
+    )
+    bare = KVN.replace("ORIGINATOR = NOAA/USA\n", "")
+    for text, match in (
+        (turned, "m:8: OBJECT_NAME must stand before TIME_SYSTEM"),
+        (bare, "m:25: .* lacks ORIGINATOR"),
+        (_xml(turned.replace("COMMENT some words\n", "")), "m:1: OBJECT_NAME must stand before"),
+    ):
+        with pytest.raises(InputError, match=match):
+            read_omms(text, "m")
+        (message,) = read_omms(text, "m", lenient=True)
+        assert message.fields == read_omms(KVN)[0].fields
+        assert len(message.warnings) == 1
+    empty = KVN.replace("2007-065T16:00:00", "").replace("NOAA/USA", "")
+    assert read_omms(empty)[0] == read_omms(KVN)[0], "as CelesTrak's XML leaves them"
 
 
 def test_comments_before_the_header() -> None:

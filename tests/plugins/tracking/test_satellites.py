@@ -85,6 +85,8 @@ def test_states_are_those_of_skyfield_over_a_day(name: str) -> None:
 @pytest.mark.parametrize("name", LASTING)
 def test_messages_give_the_states_of_the_element_sets(name: str, form: str) -> None:
     fields = export_omm(Satrec.twoline2rv(*SETS[name]), name.upper())
+    header = {"CREATION_DATE": "2026-11-21T10:00:00", "ORIGINATOR": "HILLSPHERE"}
+    fields = header | fields
     if form == "kvn":
         text = "CCSDS_OMM_VERS = 2.0\n" + "\n".join(f"{k} = {v}" for k, v in fields.items())
     else:
