@@ -32,6 +32,7 @@ from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere.mission import load_mission
 from hillsphere.products import PeriodicOrbits, load_product, save_product
+from hillsphere.products.columns import ColumnFile, write_columns
 from hillsphere.show.reference import ReferenceTable
 from hillsphere.time import Epoch
 from hillsphere.uncertainty.samples import read_columns
@@ -300,6 +301,17 @@ def _system_product(path: Path) -> None:
     save_product(path, LtiSystem(**_matrices()))  # type: ignore[arg-type]
 
 
+def _columns(path: Path) -> None:
+    columns = {"case": np.arange(3), "values": np.linspace(0.0, 1.0, 6).reshape(2, 3)}
+    write_columns(path, columns, {"stage": "cases"})
+
+
+def _all_columns(path: Path) -> None:
+    with ColumnFile(path) as file:
+        for name in ("case", "values"):
+            file.read(name)
+
+
 def _memory(path: Path) -> None:
     from hillsphere_tracking.memory import Calibration, write_memory
 
@@ -407,7 +419,10 @@ READERS = (
            _of_text(lambda text: read_tdm(text, lenient=True, warn=len)),
            (FORMATS + "tdm_columns",), of_text=True),
     Reader("product", "family.npz", _product, load_product, ("hillsphere.products.product_codec",),
-    True), Reader("system_npz", "system.npz", _npz, system_from_file,
+    True),
+    Reader("column_file", "cases-0000000.npy", _columns, _all_columns,
+           ("hillsphere.products.columns",), True),
+    Reader("system_npz", "system.npz", _npz, system_from_file,
            ("hillsphere_controllers.stages.linear_models.systems",), True),
     Reader("system_product", "design.npz", _system_product, system_from_file,
            ("hillsphere_controllers.stages.linear_models.systems",), True),

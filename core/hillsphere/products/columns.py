@@ -181,7 +181,12 @@ class ColumnFile:
 
     def rows(self, name: str) -> int:
         """Return the number of columns in a field of shape (rows, n)."""
-        return self._fields[name][1][0]
+        return self._field(name)[1][0]
+
+    def _field(self, name: str) -> tuple[np.dtype[Any], tuple[int, ...], int, int]:
+        if name not in self._fields:
+            raise InputError(f"{self._path.name}: damaged, it has no field {name}")
+        return self._fields[name]
 
     def read(self, name: str, row: int | None = None) -> NDArray[Any]:
         """Return a field, or one column of a field that has several.
@@ -192,7 +197,7 @@ class ColumnFile:
             If it is damaged.
         """
         values = self._raw(name, row)
-        first = self._fields[name][3] + (row or 0)
+        first = self._field(name)[3] + (row or 0)
         for i, one in enumerate(_rows(values)):
             if zlib.crc32(one.tobytes()) != self._checks[first + i]:
                 raise InputError(
@@ -202,7 +207,7 @@ class ColumnFile:
         return values
 
     def _raw(self, name: str, row: int | None = None) -> NDArray[Any]:
-        base, extent, offset, _ = self._fields[name]
+        base, extent, offset, _ = self._field(name)
         if row is not None:
             extent = extent[1:]
             offset += row * base.itemsize * extent[0]
