@@ -134,7 +134,7 @@ def read_columns(path: str | Path) -> dict[str, Array]:
         if len(cells) != len(names):
             raise InputError(f"{path}:{number}: {len(names)} numbers expected, got {len(cells)}")
         for column, cell in enumerate(cells):
-            values[column, at] = _number(cell, f"{path}:{number}: {names[column]}")
+            values[column, at] = _number(cell, f"{path}:{number}: {names[column][:64]}")
     return dict(zip(names, values, strict=True))
 
 
