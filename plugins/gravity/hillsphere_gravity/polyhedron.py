@@ -147,13 +147,6 @@ class Polyhedron:
         """Return ∇∇U, 1/s², shape (3, 3, N)."""
         return np.asarray(self._strength(p) * self._at(r, "gradient", 9).reshape(3, 3, -1))
 
-    def acceleration_and_gradient_array(self, r: Array, p: Array) -> tuple[Array, Array]:
-        """Return both (3, N) and (3, 3, N), which takes no longer than one of them."""
-        if np.any(self._away(r)):
-            return self.acceleration_array(r, p), self.gradient_array(r, p)
-        sums, strength = self._sums(r), self._strength(p)
-        return strength * sums.acceleration(), strength * sums.gradient()
-
     def laplacian_array(self, r: Array, p: Array) -> Array:
         """Return ∇²U, 1/s², shape (N,): −4πGρ inside, 0 outside; on the surface either."""
         values = np.zeros(r.shape[1])

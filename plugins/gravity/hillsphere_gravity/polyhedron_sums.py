@@ -18,6 +18,9 @@ _PAIRS = 12_288
 _BELOW_ONE = 1.0 - np.finfo(float).eps
 """Largest ratio e/(a+b): on the edge itself the logarithm stays finite, and is multiplied by 0."""
 _ROWS = 11
+"""See `PolyhedronSums`: K, three of A, six of G, and the trace of G."""
+_REMEMBERED = 4096
+"""Most points whose sums are kept: flights have fewer lanes, and maps need no second look."""
 
 
 class PolyhedronSums:
@@ -63,14 +66,27 @@ class PolyhedronSums:
         self._vertices = np.ascontiguousarray(mesh.vertices.T)
         self._parts = _parts(mesh)
         self._width = max(1, _PAIRS // min(len(mesh.faces), _FACES))
+        self._last = _Sums(np.empty((3, 0)), np.empty((_ROWS, 0)))
 
     def __call__(self, r: Array) -> _Sums:
-        """Return the sums at points r (3, N), m."""
+        """Return the sums at points r (3, N), m.
+
+        Those of the last points are kept: a flight with variations asks for acceleration and
+        gradient at the same place, one after the other.
+        """
+        last = self._last
+        if not np.array_equal(last.r, r):
+            last = _Sums(r.copy(), self._compute(r))
+            if r.shape[1] <= _REMEMBERED:
+                self._last = last
+        return last
+
+    def _compute(self, r: Array) -> Array:
         rows = np.empty((_ROWS, r.shape[1]))
         for first in range(0, r.shape[1], self._width):
             some = slice(first, first + self._width)
             rows[:, some] = self._block(np.ascontiguousarray(r[:, some]))
-        return _Sums(r, rows)
+        return rows
 
     def _block(self, r: Array) -> Array:
         # In place where it can be: new arrays would take as long as the arithmetic.
