@@ -28,7 +28,7 @@ from hillsphere_gravity.icgem import read_icgem
 from hillsphere_gravity.shadr import read_shadr
 from hillsphere_gravity.specs import HarmonicsSpec, file_format_of
 
-__all__ = ["Harmonics", "normalisation_factor"]
+__all__ = ["Harmonics", "check_cost", "normalisation_factor"]
 
 _COMPILE_S, _COMPILE_MB = 0.02, 0.35
 """Time, s, and memory, MB, that compiling takes for each square of the degree: measured for the
@@ -72,13 +72,18 @@ class Harmonics:
 
     def __init__(self, spec: HarmonicsSpec) -> None:
         table = _table(spec)
-        _check_cost(spec, table.max_degree if spec.max_degree is None else spec.max_degree)
-        self.degree = table.max_degree if spec.max_degree is None else spec.max_degree
-        self.order = self.degree if spec.max_order is None else spec.max_order
+        degree = table.max_degree if spec.max_degree is None else spec.max_degree
+        check_cost(spec.file or "the series", degree, asked=spec.max_degree is not None)
+        tesseral = degree if spec.max_tesseral_degree is None else spec.max_tesseral_degree
+        order = degree if spec.max_order is None else spec.max_order
+        self._take(table, degree, order, tesseral)
+
+    def _take(self, table: CoefficientTable, degree: int, order: int, tesseral: int) -> None:
+        """Use the rows of a table up to a degree and an order."""
+        self.degree, self.order = degree, order
         self.reference_radius_m = table.reference_radius_m
         self.normalisation = table.normalisation
         self.tide_system = table.tide_system
-        tesseral = self.degree if spec.max_tesseral_degree is None else spec.max_tesseral_degree
         used = sorted(
             row
             for row in table.rows
@@ -192,17 +197,32 @@ def _table(spec: HarmonicsSpec) -> CoefficientTable:
     )
 
 
-def _check_cost(spec: HarmonicsSpec, degree: int) -> None:
-    """Say before anything is compiled that it takes minutes; refuse what nobody asked for."""
+def check_cost(name: str, degree: int, *, asked: bool) -> None:
+    """Say before anything is compiled that it takes minutes; refuse what nobody asked for.
+
+    Parameters
+    ----------
+    name : str
+        The series in words.
+    degree : int
+        Its degree.
+    asked : bool
+        Whether the mission gives the degree.
+
+    Raises
+    ------
+    InputError
+        If compiling takes more than `_MOST_UNASKED_S` and was not asked for.
+    """
     seconds, megabytes = _COMPILE_S * degree**2, _COMPILE_MB * degree**2
     if seconds <= _TOLD_FROM_S:
         return
     text = (
-        f"{spec.file or 'the series'}: its degree {degree} takes about {_in_words(seconds)} and "
+        f"{name}: its degree {degree} takes about {_in_words(seconds)} and "
         f"{megabytes / 1e3:.3g} GB of memory to compile, with its gradient; a smaller max_degree "
         "makes it shorter"
     )
-    if spec.max_degree is None and seconds > _MOST_UNASKED_S:
+    if not asked and seconds > _MOST_UNASKED_S:
         raise InputError(f"{text}, and max_degree = {degree} says that this is wanted")
     logging.getLogger("hillsphere").warning(text)
 
