@@ -219,8 +219,8 @@ def _points_for(degree: int, half_side: float) -> int:
     at most (1 + hρ)ⁿ times its largest value on the sphere where its argument is in the ellipse of
     Bernstein with the semi-axes' sum ρ: a homogeneous harmonic polynomial of a complex vector is
     bounded by its Lie norm, at most \|Re\| + \|Im\|. Gauss's rule with k points then errs by at
-    most 64/15 of that over ρ^{2k} (1 − ρ⁻²) (L. N. Trefethen, Approximation Theory and Approximation
-    Practice, SIAM 2013, theorem 19.3), twice for both directions.
+    most 64/15 of that over ρ^{2k} (1 − ρ⁻²) (L. N. Trefethen, Approximation Theory and
+    Approximation Practice, SIAM 2013, theorem 19.3), twice for both directions.
     """
     exact = degree // 2 + 1
     rho = np.geomspace(1.1, 1e3, 200)
