@@ -28,13 +28,14 @@ from hillsphere_gravity.icgem import read_icgem
 from hillsphere_gravity.shadr import read_shadr
 from hillsphere_gravity.specs import HarmonicsSpec, file_format_of
 
-__all__ = ["Harmonics", "check_cost", "normalisation_factor"]
+__all__ = ["Harmonics", "check_cost", "compile_time", "in_words", "normalisation_factor"]
 
 _COMPILE_S, _COMPILE_MB = 0.02, 0.35
 """Time, s, and memory, MB, that compiling takes for each square of the degree: measured for the
 gradient, the dearest evaluator, 2.3, 10, 20, 29 and 55 s at degrees 10, 20, 30, 40 and 60, and
 1.3 GB at 60 (one core of a server of 2024). Acceleration alone takes a fifth, the equations of the
 Hill problem with their transition matrix 9 s at degree 30."""
+_FAMILY_S = 0.4
 _TOLD_FROM_S = 60.0
 """Estimated time from which it is told: a minute without any sign seems to be a fault."""
 _MOST_UNASKED_S = 300.0
@@ -218,7 +219,7 @@ def check_cost(name: str, degree: int, *, asked: bool) -> None:
     if seconds <= _TOLD_FROM_S:
         return
     text = (
-        f"{name}: its degree {degree} takes about {_in_words(seconds)} and "
+        f"{name}: its degree {degree} takes about {in_words(seconds)} and "
         f"{megabytes / 1e3:.3g} GB of memory to compile, with its gradient; a smaller max_degree "
         "makes it shorter"
     )
@@ -227,7 +228,15 @@ def check_cost(name: str, degree: int, *, asked: bool) -> None:
     logging.getLogger("hillsphere").warning(text)
 
 
-def _in_words(seconds: float) -> str:
+def compile_time(degree: int) -> float:
+    """Return about how long, s, the equations of a family of orbits compile for a degree."""
+    return _FAMILY_S * degree**2
+
+
+def in_words(seconds: float) -> str:
+    """Return a time that is forecast: in seconds, minutes or hours."""
+    if seconds < 90.0:
+        return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400.0 else f"{seconds / 3600:.0f} h"
 
 

@@ -13,15 +13,14 @@ from hillsphere.formats.coefficients import Coefficient
 from hillsphere.interfaces import Array
 from hillsphere.model.shapes.mesh import Mesh
 
-__all__ = ["MeshSeries", "mesh_coefficients", "mesh_series"]
+__all__ = ["HIGHEST_DEGREE", "MeshSeries", "mesh_coefficients", "mesh_series"]
 
 _POINTS = 8192
 """Points at which the functions are evaluated at once: their arrays stay in the cache."""
 _QUADRATURE = 1e-14
 """Error of a mean over a face, relative to the largest value of the function: rounding."""
-_HIGHEST = 120
-"""Highest degree of the coefficients that are tried: the code of half of it compiles for minutes.
-"""
+HIGHEST_DEGREE = 120
+"""Highest degree of the coefficients: that of half of it compiles for many minutes."""
 _SUMMED = 400
 """Degrees of the tail that are summed one by one, before the rest is bounded as a whole."""
 
@@ -42,6 +41,8 @@ class MeshSeries:
         Distance from the origin from which the bound holds, m.
     bound : float
         Of the error of the acceleration there, in units of GM/r²; it falls with the distance.
+    enough : int or None
+        Degree that the tolerance asks for; None if it is beyond those that can be computed.
     """
 
     rows: tuple[Coefficient, ...]
@@ -49,12 +50,11 @@ class MeshSeries:
     radius_m: float
     from_m: float
     bound: float
+    enough: int | None
 
 
-def mesh_series(
-    mesh: Mesh, from_m: float, tolerance: float, max_degree: int | None = None
-) -> MeshSeries:
-    r"""Return the series of a mesh with as many degrees as a tolerance asks for.
+def mesh_series(mesh: Mesh, from_m: float, tolerance: float, max_degree: int) -> MeshSeries:
+    r"""Return the series of a mesh with as many degrees as a tolerance asks for, up to a largest.
 
     With the radius R of the farthest vertex, the terms of degree n of the acceleration at the
     distance r are at most
@@ -77,9 +77,9 @@ def mesh_series(
     from_m : float
         Least distance from the origin at which the bound must hold, m; beyond the farthest vertex.
     tolerance : float
-        Largest error of the acceleration there, in units of GM/r².
-    max_degree : int, optional
-        Degree that is taken instead of the one that the tolerance asks for.
+        Error of the acceleration there that is enough, in units of GM/r².
+    max_degree : int
+        Largest degree; the bound says which error is left.
 
     Returns
     -------
@@ -89,7 +89,7 @@ def mesh_series(
     Raises
     ------
     InputError
-        If `from_m` is not outside the body, or no degree that can be used is enough.
+        If `from_m` is not outside the body.
     """
     radius = mesh.largest_radius_m
     if not from_m > radius:
@@ -101,27 +101,23 @@ def mesh_series(
     ratio = radius / from_m
     tails = _tails(mesh, ratio)
     enough = np.flatnonzero(tails <= 0.5 * tolerance)
-    computed = int(enough[0]) if enough.size else _HIGHEST
-    if max_degree is None and computed >= _HIGHEST:
-        raise InputError(
-            f"a series of more than {_HIGHEST} degrees would be needed for an error below "
-            f"{tolerance:g} from {from_m / 1e3:.6g} km on; give a larger series_from, a larger "
-            "tolerance, max_degree, or type = 'polyhedron'"
-        )
-    computed = max(computed, max_degree or 0)
+    # degrees beyond those of the series are computed too: they make the bound of the rest sharper
+    computed = max(int(enough[0]) if enough.size else HIGHEST_DEGREE, max_degree)
     table = mesh_coefficients(mesh, computed)
     degrees = np.arange(computed + 1)
     sizes = np.sqrt(np.sum(np.abs(table) ** 2, axis=1))
     terms = (2 * degrees + 1) * np.sqrt(degrees + 1.0) * sizes * ratio**degrees
     # what is left out if the series ends at each degree
     left = tails[computed] + np.append(np.cumsum(terms[:0:-1])[::-1], 0.0)
-    degree = int(np.argmax(left <= tolerance)) if max_degree is None else max_degree
+    met = np.flatnonzero(left <= tolerance)
+    needed = int(met[0]) if met.size else None
+    degree = max_degree if needed is None else min(needed, max_degree)
     rows = tuple(
         Coefficient(n, m, float(table[n, m].real), float(table[n, m].imag))
         for n in range(1, degree + 1)
         for m in range(n + 1)
     )
-    return MeshSeries(rows, degree, radius, from_m, float(left[degree]))
+    return MeshSeries(rows, degree, radius, from_m, float(left[degree]), needed)
 
 
 def mesh_coefficients(mesh: Mesh, degree: int) -> Array:
@@ -233,7 +229,7 @@ def _points_for(degree: int, half_side: float) -> int:
 
 def _tails(mesh: Mesh, ratio: float) -> Array:
     """Return the bounds of all degrees above 0, 1, … that need no coefficients."""
-    degrees = np.arange(_HIGHEST + _SUMMED)
+    degrees = np.arange(HIGHEST_DEGREE + _SUMMED)
     reach = np.linalg.norm(mesh.vertices, axis=1) / mesh.largest_radius_m
     shares = np.abs(mesh.heights * mesh.doubled_areas) / (6.0 * mesh.volume_m3)
     # weight of each vertex: a third of the pyramids that have it as a corner
@@ -248,4 +244,4 @@ def _tails(mesh: Mesh, ratio: float) -> Array:
     terms = (degrees + 1) * means * ratio**degrees
     top = float(degrees[-1])
     rest = means[-1] * ratio ** (top + 1) * ((top + 2) - (top + 1) * ratio) / (1.0 - ratio) ** 2
-    return np.asarray(rest + np.append(np.cumsum(terms[:0:-1])[::-1], 0.0))[: _HIGHEST + 1]
+    return np.asarray(rest + np.append(np.cumsum(terms[:0:-1])[::-1], 0.0))[: HIGHEST_DEGREE + 1]

@@ -190,21 +190,23 @@ class ShapeHarmonicsSpec(Spec):
         **BODY_RADIUS_M,
     )
     tolerance: float = option(
-        "largest error of the acceleration at that distance, as a part of GM/r²; the degree "
-        "follows from it. Farther out the error is smaller",
+        "error of the acceleration at that distance, as a part of GM/r², for which as many degrees "
+        "are taken as it needs, up to max_degree. Farther out the error is smaller",
         default=1e-6,
         ge=1e-12,
         le=1e-2,
     )
-    max_degree: int | None = option(
-        "degree of the series, instead of the tolerance", default=None, ge=0, le=120
+    max_degree: int = option(
+        "largest degree of the series; where the tolerance needs more, the error that is reached "
+        "is told. The time of compiling grows fast with it",
+        default=8,
+        ge=0,
+        le=120,
     )
 
     @model_validator(mode="after")
     def _one_mass(self) -> Self:
         _check_mass(self.density_kg_m3, self.gm_m3_s2, self.gravitational_constant)
-        if self.max_degree is not None and "tolerance" in self.model_fields_set:
-            raise rule("max_degree", "max_degree and tolerance both give the degree; keep one")
         return self
 
 

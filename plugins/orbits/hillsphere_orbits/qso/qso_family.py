@@ -15,6 +15,7 @@ from hillsphere.presentation import Presentation
 from hillsphere.show.reference import ReferenceTable
 from hillsphere_orbits.members import Quantity, members_at
 from hillsphere_orbits.qso.families import Family, Qso
+from hillsphere_orbits.qso.forecast import warn_of_slow_gravity
 from hillsphere_orbits.qso.presentation import present_family
 from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.qso.specs import QsoFamilySpec, QsoSpec
@@ -120,6 +121,7 @@ class QsoFamilyStage:
         self.reference = ReferenceTable.read(spec.reference) if spec.reference else None
         if spec.needs.compare is None:
             self._range(None)  # refuses an empty range
+        warn_of_slow_gravity(self.qso.plant)
 
     def run(self, ctx: Context, compare: QsoFamily | None = None) -> QsoFamily:
         """Compute the family.
