@@ -33,9 +33,11 @@ __all__ = ["Harmonics", "check_cost", "compile_time", "in_words", "normalisation
 _COMPILE_S, _COMPILE_MB = 0.02, 0.35
 """Time, s, and memory, MB, that compiling takes for each square of the degree: measured for the
 gradient, the dearest evaluator, 2.3, 10, 20, 29 and 55 s at degrees 10, 20, 30, 40 and 60, and
-1.3 GB at 60 (one core of a server of 2024). Acceleration alone takes a fifth, the equations of the
-Hill problem with their transition matrix 9 s at degree 30."""
-_FAMILY_S = 0.4
+1.3 GB at 60 (one core of a server of 2024). Acceleration alone takes a fifth. The equations
+of a family of orbits with their variations take longer, see `_FAMILY`."""
+_FAMILY = (0.22, 2.4)
+"""Factor, s, and power of the degree of the time that the equations of a family of orbits compile,
+of all coefficients and with variations: from 6.2, 17 and 33 s of CPU time at degrees 4, 6 and 8."""
 _TOLD_FROM_S = 60.0
 """Estimated time from which it is told: a minute without any sign seems to be a fault."""
 _MOST_UNASKED_S = 300.0
@@ -230,12 +232,13 @@ def check_cost(name: str, degree: int, *, asked: bool) -> None:
 
 def compile_time(degree: int) -> float:
     """Return about how long, s, the equations of a family of orbits compile for a degree."""
-    return _FAMILY_S * degree**2
+    factor, exponent = _FAMILY
+    return float(factor * degree**exponent)
 
 
 def in_words(seconds: float) -> str:
     """Return a time that is forecast: in seconds, minutes or hours."""
-    if seconds < 90.0:
+    if seconds < 60.0:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400.0 else f"{seconds / 3600:.0f} h"
 

@@ -59,9 +59,10 @@ class Polyhedron(MeshBody):
 
     Notes
     -----
-    Each point costs 25 ns for each face from 64 points on, potential, acceleration and gradient
-    together (measured with AVX-512; other processors take longer), where a degree-4 series takes
-    4 ns as a whole: see `hillsphere_gravity.shape_harmonics` for flights outside the body.
+    Each point costs about 25 ns for each face from 64 points on, potential, acceleration and
+    gradient together (measured on one processor with AVX-512; others take longer), single
+    points several times that for small meshes. A series takes nanoseconds as a whole: see
+    `hillsphere_gravity.shape_harmonics` for flights outside the body.
     The terms cancel far out, in the acceleration by
     the square of the distance in radii: from 1000 radii on, where it is good to 1e-8, mass, centre
     and second moments of the body serve instead. On an edge the gradient is infinite.
