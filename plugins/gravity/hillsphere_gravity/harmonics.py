@@ -37,7 +37,8 @@ gradient, the dearest evaluator, 2.3, 10, 20, 29 and 55 s at degrees 10, 20, 30,
 of a family of orbits with their variations take longer, see `_FAMILY`."""
 _FAMILY = (0.22, 2.4)
 """Factor, s, and power of the degree of the time that the equations of a family of orbits compile,
-of all coefficients and with variations: from 6.2, 17 and 33 s of CPU time at degrees 4, 6 and 8."""
+of all coefficients and with variations: from 6.2, 17 and 33 s of CPU time at degrees 4, 6 and 8;
+beyond these it is an extrapolation."""
 _TOLD_FROM_S = 60.0
 """Estimated time from which it is told: a minute without any sign seems to be a fault."""
 _MOST_UNASKED_S = 300.0

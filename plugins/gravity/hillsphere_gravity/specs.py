@@ -159,7 +159,7 @@ class ShapeHarmonicsSpec(Spec):
 
     examples = (
         {"shape": "polyhedron", "density_g_cm3": 1.9},
-        {"shape": "polyhedron", "gm_km3_s2": 7.0875e-4, "series_from_km": 25.0, "tolerance": 1e-8},
+        {"shape": "polyhedron", "gm_km3_s2": 1.2e-4, "series_from_km": 25.0, "tolerance": 1e-8},
     )
 
     shape: Ref = reference("shape", "the body's shape: a polyhedron, or one to be triangulated")
