@@ -82,6 +82,9 @@ def test_toml_of_a_page_is_a_mission(name: str, tmp_path: Path) -> None:
     if "format = 1" not in tables:
         assert name == "how-to/add-a-gravity-model.md"  # its only block is a pyproject.toml
         return
+    if 'file = "moon.obj"' in tables:  # a file of the reader's, here of four faces
+        corners = "v 13 0 0\nv -9 9 0\nv -9 -9 0\nv 0 0 9\n"
+        (tmp_path / "moon.obj").write_text(f"{corners}f 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
     path = tmp_path / "mission.toml"
     path.write_text(tables, "utf-8")
     mission = load_mission(str(path), allow_path=True)

@@ -20,6 +20,7 @@ from hillsphere.interfaces.file_formats import ElementFormat, FileFormat, Stated
 from hillsphere.interfaces.gravity import (
     ArrayGravityModel,
     BoundedGravity,
+    BoundedSeries,
     GravityModel,
     Piecewise,
     SeriesGravity,
@@ -49,6 +50,7 @@ __all__ = [
     "ArrayGravityModel",
     "ArraySurface",
     "BoundedGravity",
+    "BoundedSeries",
     "CaseStage",
     "Channel",
     "Compensator",

@@ -11,7 +11,14 @@ from hillsphere.interfaces.quantities import Parameter
 if TYPE_CHECKING:
     from hillsphere.symbolic.expressions import Expr, Params, Vec3
 
-__all__ = ["ArrayGravityModel", "BoundedGravity", "GravityModel", "Piecewise", "SeriesGravity"]
+__all__ = [
+    "ArrayGravityModel",
+    "BoundedGravity",
+    "BoundedSeries",
+    "GravityModel",
+    "Piecewise",
+    "SeriesGravity",
+]
 
 
 class GravityModel(Protocol):
@@ -77,6 +84,18 @@ class SeriesGravity(Contract, Protocol):
     @property
     def series_radius_m(self) -> float | None:
         """Radius of that sphere about the centre, m; None if the model has no series."""
+        ...
+
+
+@runtime_checkable
+class BoundedSeries(Contract, Protocol):
+    """A series that stands for a gravity that can be evaluated exactly, from a distance on."""
+
+    holds_from_m: float
+    """Distance from the centre, m, from which the error is bounded."""
+
+    def acceleration_error(self, r: Array) -> Array:
+        """Return the relative error (N,) of the acceleration at r (3, N), m, by exact values."""
         ...
 
 

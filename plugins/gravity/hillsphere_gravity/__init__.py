@@ -44,6 +44,12 @@ def hillsphere_components() -> list[Component]:
             "a homogeneous body of any shape, exact for a mesh of triangles inside and outside",
         ),
         _gravity(
+            "shape_harmonics",
+            "shape_harmonics:ShapeHarmonics",
+            "ShapeHarmonicsSpec",
+            "the series of a homogeneous body of any shape, for orbits outside a sphere about it",
+        ),
+        _gravity(
             "sum", "composite:gravity_sum", "SumSpec", "a sum of models, each placed and turned"
         ),
         Component(

@@ -28,13 +28,17 @@ from hillsphere_gravity.icgem import read_icgem
 from hillsphere_gravity.shadr import read_shadr
 from hillsphere_gravity.specs import HarmonicsSpec, file_format_of
 
-__all__ = ["Harmonics", "normalisation_factor"]
+__all__ = ["Harmonics", "check_cost", "compile_time", "in_words", "normalisation_factor"]
 
 _COMPILE_S, _COMPILE_MB = 0.02, 0.35
 """Time, s, and memory, MB, that compiling takes for each square of the degree: measured for the
 gradient, the dearest evaluator, 2.3, 10, 20, 29 and 55 s at degrees 10, 20, 30, 40 and 60, and
-1.3 GB at 60 (one core of a server of 2024). Acceleration alone takes a fifth, the equations of the
-Hill problem with their transition matrix 9 s at degree 30."""
+1.3 GB at 60 (one core of a server of 2024). Acceleration alone takes a fifth. The equations
+of a family of orbits with their variations take longer, see `_FAMILY`."""
+_FAMILY = (0.22, 2.4)
+"""Factor, s, and power of the degree of the time that the equations of a family of orbits compile,
+of all coefficients and with variations: from 6.2, 17 and 33 s of CPU time at degrees 4, 6 and 8;
+beyond these it is an extrapolation."""
 _TOLD_FROM_S = 60.0
 """Estimated time from which it is told: a minute without any sign seems to be a fault."""
 _MOST_UNASKED_S = 300.0
@@ -72,13 +76,18 @@ class Harmonics:
 
     def __init__(self, spec: HarmonicsSpec) -> None:
         table = _table(spec)
-        _check_cost(spec, table.max_degree if spec.max_degree is None else spec.max_degree)
-        self.degree = table.max_degree if spec.max_degree is None else spec.max_degree
-        self.order = self.degree if spec.max_order is None else spec.max_order
+        degree = table.max_degree if spec.max_degree is None else spec.max_degree
+        check_cost(spec.file or "the series", degree, asked=spec.max_degree is not None)
+        tesseral = degree if spec.max_tesseral_degree is None else spec.max_tesseral_degree
+        order = degree if spec.max_order is None else spec.max_order
+        self._take(table, degree, order, tesseral)
+
+    def _take(self, table: CoefficientTable, degree: int, order: int, tesseral: int) -> None:
+        """Use the rows of a table up to a degree and an order."""
+        self.degree, self.order = degree, order
         self.reference_radius_m = table.reference_radius_m
         self.normalisation = table.normalisation
         self.tide_system = table.tide_system
-        tesseral = self.degree if spec.max_tesseral_degree is None else spec.max_tesseral_degree
         used = sorted(
             row
             for row in table.rows
@@ -192,22 +201,46 @@ def _table(spec: HarmonicsSpec) -> CoefficientTable:
     )
 
 
-def _check_cost(spec: HarmonicsSpec, degree: int) -> None:
-    """Say before anything is compiled that it takes minutes; refuse what nobody asked for."""
+def check_cost(name: str, degree: int, *, asked: bool) -> None:
+    """Say before anything is compiled that it takes minutes; refuse what nobody asked for.
+
+    Parameters
+    ----------
+    name : str
+        The series in words.
+    degree : int
+        Its degree.
+    asked : bool
+        Whether the mission gives the degree.
+
+    Raises
+    ------
+    InputError
+        If compiling takes more than `_MOST_UNASKED_S` and was not asked for.
+    """
     seconds, megabytes = _COMPILE_S * degree**2, _COMPILE_MB * degree**2
     if seconds <= _TOLD_FROM_S:
         return
     text = (
-        f"{spec.file or 'the series'}: its degree {degree} takes about {_in_words(seconds)} and "
+        f"{name}: its degree {degree} takes about {in_words(seconds)} and "
         f"{megabytes / 1e3:.3g} GB of memory to compile, with its gradient; a smaller max_degree "
         "makes it shorter"
     )
-    if spec.max_degree is None and seconds > _MOST_UNASKED_S:
+    if not asked and seconds > _MOST_UNASKED_S:
         raise InputError(f"{text}, and max_degree = {degree} says that this is wanted")
     logging.getLogger("hillsphere").warning(text)
 
 
-def _in_words(seconds: float) -> str:
+def compile_time(degree: int) -> float:
+    """Return about how long, s, the equations of a family of orbits compile for a degree."""
+    factor, exponent = _FAMILY
+    return float(factor * degree**exponent)
+
+
+def in_words(seconds: float) -> str:
+    """Return a time that is forecast: in seconds, minutes or hours."""
+    if seconds < 60.0:
+        return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400.0 else f"{seconds / 3600:.0f} h"
 
 

@@ -27,6 +27,7 @@ __all__ = [
     "PartSpec",
     "PointMassSpec",
     "PolyhedronSpec",
+    "ShapeHarmonicsSpec",
     "SumSpec",
     "file_format_of",
 ]
@@ -142,6 +143,65 @@ class PolyhedronSpec(Spec):
         gt=0,
         ge=1e-12,
         le=1.0,
+    )
+
+    @model_validator(mode="after")
+    def _one_mass(self) -> Self:
+        _check_mass(self.density_kg_m3, self.gm_m3_s2, self.gravitational_constant)
+        return self
+
+
+class ShapeHarmonicsSpec(Spec):
+    """The harmonic series of a homogeneous body of any shape, for orbits outside a sphere about it.
+
+    Its mass is given as a density or as GM, not both.
+    """
+
+    examples = (
+        {"shape": "polyhedron", "density_g_cm3": 1.9},
+        {"shape": "polyhedron", "gm_km3_s2": 1.2e-4, "series_from_km": 25.0, "tolerance": 1e-8},
+    )
+
+    shape: Ref = reference("shape", "the body's shape: a polyhedron, or one to be triangulated")
+    subdivisions: int | None = option(
+        "triangulate the shape: how often each face of an icosahedron is divided into four "
+        "(4: 5120 faces); for a shape that is no polyhedron itself",
+        default=None,
+        ge=0,
+        le=7,
+    )
+    density_kg_m3: float | None = quantity("density", "density", default=None, **DENSITY_KG_M3)
+    gm_m3_s2: float | None = quantity(
+        "gravitational_parameter", "gravitational parameter GM", default=None, **GM_M3_S2
+    )
+    gravitational_constant: float | None = option(
+        "constant of gravitation G that goes with the density, m³/(kg s²); left out: the CODATA "
+        "2018 value 6.67430e-11",
+        default=None,
+        gt=0,
+        ge=1e-12,
+        le=1.0,
+    )
+    series_from_m: float | None = quantity(
+        "length",
+        "distance from the origin from which the series must hold; families of orbits end there. "
+        "Left out: 1.5 times that of the farthest vertex",
+        default=None,
+        **BODY_RADIUS_M,
+    )
+    tolerance: float = option(
+        "error of the acceleration at that distance, as a part of GM/r², for which as many degrees "
+        "are taken as it needs, up to max_degree. Farther out the error is smaller",
+        default=1e-6,
+        ge=1e-12,
+        le=1e-2,
+    )
+    max_degree: int = option(
+        "largest degree of the series; where the tolerance needs more, the error that is reached "
+        "is told. The time of compiling grows fast with it",
+        default=8,
+        ge=0,
+        le=120,
     )
 
     @model_validator(mode="after")

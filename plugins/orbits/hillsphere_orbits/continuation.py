@@ -18,7 +18,7 @@ import numpy as np
 from hillsphere.dynamics import bracketed_roots
 from hillsphere.errors import ConvergenceError, InputError, PropagationError
 from hillsphere.interfaces import Array
-from hillsphere_orbits.correction import Constraint, Problem, correct, on_planes, tangents
+from hillsphere_orbits.correction import Constraint, Problem, Watch, correct, on_planes, tangents
 
 __all__ = ["Boundary", "Branch", "StepControl", "continue_both", "follow"]
 
@@ -173,6 +173,7 @@ def follow(
     *,
     boundaries: Sequence[Boundary] = (),
     control: StepControl | None = None,
+    watch: Watch | None = None,
 ) -> Branch:
     """Follow a family in one direction by pseudo-arclength.
 
@@ -193,6 +194,8 @@ def follow(
         Where to end.
     control : StepControl, optional
         Steps.
+    watch : callable, optional
+        Called with each member.
 
     Returns
     -------
@@ -241,6 +244,8 @@ def follow(
             break
         members.append(new)
         lines.append(line)
+        if watch is not None:
+            watch(new)
         z, tangent = new, line
         step = min(control.largest, step * (2.0 if quick else 1.0))
     return Branch(np.hstack(members), np.hstack(lines), ("start", reason))
@@ -305,12 +310,13 @@ def continue_both(
     *,
     boundaries: Sequence[Boundary] = (),
     control: StepControl | None = None,
+    watch: Watch | None = None,
 ) -> Branch:
     """Follow a family from one member both ways.
 
     Parameters
     ----------
-    problem, start, direction, boundaries, control
+    problem, start, direction, boundaries, control, watch
         As for `follow`; `direction` gives the sense of the chain.
 
     Returns
@@ -323,8 +329,9 @@ def continue_both(
     ConvergenceError
         If there is no member besides `start`.
     """
-    ahead = follow(problem, start, direction, boundaries=boundaries, control=control)
-    back = follow(problem, start, -ahead.tangent[:, 0], boundaries=boundaries, control=control)
+    ahead = follow(problem, start, direction, boundaries=boundaries, control=control, watch=watch)
+    sense = -ahead.tangent[:, 0]
+    back = follow(problem, start, sense, boundaries=boundaries, control=control, watch=watch)
     # the backward branch reversed, without the shared first member
     z = np.hstack([back.z[:, :0:-1], ahead.z])
     tangent = np.hstack([-back.tangent[:, :0:-1], ahead.tangent])

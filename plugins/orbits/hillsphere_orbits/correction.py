@@ -26,6 +26,7 @@ __all__ = [
     "Constraint",
     "Correction",
     "Problem",
+    "Watch",
     "correct",
     "fix_component",
     "on_planes",
@@ -57,6 +58,9 @@ class Problem(Protocol):
 Flags: TypeAlias = NDArray[np.bool_]
 Constraint: TypeAlias = Callable[[Array], tuple[Array, Array]]
 """Further equations that single a member out: z (m, N) → G (r, N), dG/dz (r, m, N)."""
+
+Watch: TypeAlias = Callable[[Array], None]
+"""Called with unknowns (m, N) as they are found, to show progress; it may raise to stop."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +104,7 @@ def correct(
     *,
     tolerance: float = 1e-12,
     iterations: int = 12,
+    watch: Watch | None = None,
 ) -> Correction:
     """Solve F = 0 and the constraint from a guess, all lanes in lockstep.
 
@@ -122,6 +127,8 @@ def correct(
         100 times the tolerance, is one of a solution too.
     iterations : int
         Newton steps allowed.
+    watch : callable, optional
+        Called with each iterate.
 
     Returns
     -------
@@ -138,6 +145,8 @@ def correct(
     solved = np.zeros(z.shape[1], dtype=bool)
     used, polishing = iterations, False
     for count in range(iterations + 1):
+        if watch is not None:
+            watch(z)
         values, slopes = problem.residual(z)
         if constraint is not None:
             more, more_slopes = constraint(z)

@@ -17,6 +17,7 @@ from hillsphere_orbits.stability import determinant_error, multipliers
 __all__ = [
     "NEARLY_PLANAR",
     "LockedMoon",
+    "SeriesMoon",
     "Surveyor",
     "TruePrimary",
     "extent",
@@ -57,6 +58,20 @@ class LockedMoon(Contract, Protocol):
     @property
     def series_radius_m(self) -> float | None:
         """Radius inside which its gravity is a series that may diverge; None if it is none."""
+        ...
+
+
+@runtime_checkable
+class SeriesMoon(Contract, Protocol):
+    """A plant whose moon may have a series that stands for an exact gravity."""
+
+    @property
+    def gravity_holds_from_m(self) -> float | None:
+        """Distance from which it does, m; None without such a series."""
+        ...
+
+    def gravity_error(self, x: Array) -> Array | None:
+        """Return the relative error (N,) of the acceleration at x (3, N), m; None likewise."""
         ...
 
 

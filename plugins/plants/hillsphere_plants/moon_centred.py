@@ -26,6 +26,7 @@ from hillsphere.interfaces import (
     Array,
     ArrayGravityModel,
     ArraySurface,
+    BoundedSeries,
     Enclosed,
     GravityModel,
     Parameter,
@@ -173,14 +174,28 @@ class MoonCentred(ABC):
         """Radius inside which the gravity is a harmonic series without guarantee of convergence.
 
         The Brillouin sphere, that is the largest radius of the surface, or where no shape is known
-        the reference radius of the series; None if the gravity is no series.
+        the reference radius of the series; of a `BoundedSeries` the radius from which it holds;
+        None if the gravity is no series.
         """
         series = self._model.series_radius_m if isinstance(self._model, SeriesGravity) else None
+        if isinstance(self._model, BoundedSeries):
+            return series
         if series is None or self.semi_axes_m is None:
             return series
         if isinstance(self._shape, Enclosed):
             return self._shape.largest_radius_m
         return max(self.semi_axes_m)
+
+    @property
+    def gravity_holds_from_m(self) -> float | None:
+        """Distance from the moon from which a series stands for its exact gravity; else None."""
+        return self._model.holds_from_m if isinstance(self._model, BoundedSeries) else None
+
+    def gravity_error(self, x: Array) -> Array | None:
+        """Return the relative error (N,) of such a series at x (3, N), m, in the motion's frame."""
+        if not isinstance(self._model, BoundedSeries):
+            return None
+        return self._model.acceleration_error(self._axes.T @ x)
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the parameters of the motion, then those of the gravity model, prefixed."""

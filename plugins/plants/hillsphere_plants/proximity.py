@@ -19,6 +19,7 @@ from hillsphere.gravity import AnyGravityModel, acceleration_at, whole_gravity
 from hillsphere.interfaces import (
     Array,
     ArraySurface,
+    BoundedSeries,
     Enclosed,
     GravityModel,
     Parameter,
@@ -190,6 +191,8 @@ class Proximity:
         The largest radius of the surface, or without one the reference radius of the series.
         """
         series = self._model.series_radius_m if isinstance(self._model, SeriesGravity) else None
+        if isinstance(self._model, BoundedSeries):
+            return series
         if series is None or self.semi_axes_m is None:
             return series
         if isinstance(self._surface, Enclosed):

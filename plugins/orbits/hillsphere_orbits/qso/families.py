@@ -8,15 +8,16 @@ from functools import cached_property
 import numpy as np
 
 from hillsphere.errors import ConvergenceError, InputError, PropagationError
-from hillsphere.interfaces import Array, ArrayConserved, Plant
+from hillsphere.interfaces import Array, ArrayConserved, Context, Plant
 from hillsphere.symbolic import gradient
 from hillsphere_orbits.continuation import Boundary, Branch, StepControl, continue_both, follow
-from hillsphere_orbits.correction import correct, fix_component
+from hillsphere_orbits.correction import Watch, correct, fix_component
 from hillsphere_orbits.flow import XY_MIRROR, Flow, flow_of
 from hillsphere_orbits.members import Quantity, coordinate
+from hillsphere_orbits.qso.progress import FamilyProgress
 from hillsphere_orbits.qso.specs import QsoSpec
 from hillsphere_orbits.shooting import PeriodicShooting, Shooting, SymmetricShooting
-from hillsphere_orbits.survey import LockedMoon, Surveyor
+from hillsphere_orbits.survey import LockedMoon, SeriesMoon, Surveyor
 from hillsphere_orbits.winding import Winding, primary_distance, resolution, sensitivity
 
 __all__ = ["Family", "Qso"]
@@ -41,6 +42,7 @@ body in hydrostatic equilibrium. Its speed is 32 units, and smaller orbits diffe
 speed, so that members 0.5 apart would not reach farther in within the 400 of a direction."""
 _FARTHEST = 1e3  # units of length
 _PASSES = 4  # of continuation, each with the sub-steps that the last one's orbits need
+_ITERATIONS = 20  # of Newton's method from an analytic limit, which is a rough guess
 _STATES = ("x", "y", "z", "vx", "vy", "vz")
 
 
@@ -177,7 +179,13 @@ class Qso:
             f"keep the mirror plane xz; {where}"
         )
 
-    def family(self, x_min_m: float | None, x_max_m: float, members: int = 161) -> Family:
+    def family(
+        self,
+        x_min_m: float | None,
+        x_max_m: float,
+        members: int = 161,
+        context: Context | None = None,
+    ) -> Family:
         """Compute the family between two amplitudes.
 
         Parameters
@@ -191,6 +199,8 @@ class Qso:
             Largest amplitude.
         members : int
             Members of the result, equally spaced in arclength relative to distance.
+        context : Context, optional
+            Where progress is shown, from the first orbit's correction on.
 
         Returns
         -------
@@ -205,11 +215,15 @@ class Qso:
         """
         unit = self.plant.scales.length_m
         problem, method = self.problem
-        low = self._lowest() if x_min_m is None else x_min_m / unit
-        start = self._start(problem, low)
+        low, high = self._lowest() if x_min_m is None else x_min_m / unit, x_max_m / unit
+        row = problem.unknowns.index("x")
+        progress = FamilyProgress(context, row, unit / 1e3)
+        start = self._start(problem, low, progress)
         problem = problem.with_steps(self._steps(problem, start))
         for _ in range(_PASSES):
-            branch = self._follow(problem, start, low, x_max_m / unit)
+            begin = float(start[row, 0])
+            progress.begin_pass(min(max(low, self._innermost()), begin), max(high, begin), begin)
+            branch = self._follow(problem, start, low, high, progress.watch_member)
             # The member at the surface is exact only if the steps are; it is left out here.
             needed = self._steps(problem, branch.z[:, :-1])
             if needed <= 2 * problem.steps:
@@ -234,14 +248,24 @@ class Qso:
         series = self.plant.series_radius_m if isinstance(self.plant, LockedMoon) else None
         return (series or 0.0) / self.plant.scales.length_m
 
-    def _start(self, problem: Shooting, low: float) -> Array:
+    def _innermost(self) -> float:
+        """Return an amplitude near which the family is likely to end, for its progress only."""
+        moon = self.plant if isinstance(self.plant, LockedMoon) else None
+        size = max((moon.semi_axes_m if moon else None) or (0.0,))
+        return max(size, self._holds_from() or 0.0) / self.plant.scales.length_m or _CLOSE
+
+    def _holds_from(self) -> float | None:
+        """Return the distance, m, from which a series stands for the moon's gravity, if it does."""
+        return self.plant.gravity_holds_from_m if isinstance(self.plant, SeriesMoon) else None
+
+    def _start(self, problem: Shooting, low: float, progress: FamilyProgress) -> Array:
         """Return a member clear of the body, from the analytic limit that applies."""
         distance = self.winding.distance
         if distance is None or max(_FAR, low) <= _FAR_SHARE * distance:
-            return self._far_start(problem, max(_FAR, low))
-        return self._close_start(problem)
+            return self._far_start(problem, max(_FAR, low), progress)
+        return self._close_start(problem, progress)
 
-    def _far_start(self, problem: Shooting, amplitude: float) -> Array:
+    def _far_start(self, problem: Shooting, amplitude: float, progress: FamilyProgress) -> Array:
         """Return a member near the 2:1 ellipse of Hill's limit, of an amplitude at least."""
         surface, distance = self._grazing(problem), self.winding.distance
         while True:
@@ -250,7 +274,10 @@ class Qso:
             guess = problem.unknowns_at(ellipse, np.array([2.0 * np.pi]))
             held = fix_component(problem.unknowns.index("x"), amplitude)
             name = f"amplitude {_km(amplitude * self.plant.scales.length_m)}"
-            corrected = correct(problem, guess, held, iterations=20)
+            progress.begin_correction(_ITERATIONS)
+            corrected = correct(
+                problem, guess, held, iterations=_ITERATIONS, watch=progress.watch_iterate
+            )
             z = corrected.require_converged("far 2:1 ellipse", [name])
             if all(boundary.function(z)[0] > 0.0 for boundary in surface):
                 self._require_kind(problem, z)
@@ -263,7 +290,7 @@ class Qso:
                     "give it a smaller surface or a larger GM"
                 )
 
-    def _close_start(self, problem: Shooting) -> Array:
+    def _close_start(self, problem: Shooting, progress: FamilyProgress) -> Array:
         """Return a member near the retrograde Kepler circle, close to the surface."""
         unit, x = self.plant.scales.length_m, problem.unknowns.index("x")
         surface, distance = self._grazing(problem), self.winding.distance
@@ -280,7 +307,11 @@ class Qso:
             guess = problem.unknowns_at(circle, np.array([2.0 * np.pi / rate]))
             some = problem.with_steps(self._steps(problem, guess))
             try:
-                corrected = correct(some, guess, fix_component(x, radius), iterations=20)
+                progress.begin_correction(_ITERATIONS)
+                corrected = correct(
+                    some, guess, fix_component(x, radius),
+                    iterations=_ITERATIONS, watch=progress.watch_iterate,
+                )  # fmt: skip
                 clear = bool(corrected.converged[0]) and all(
                     boundary.function(corrected.z)[0] > 0.0 for boundary in surface
                 )
@@ -304,7 +335,9 @@ class Qso:
             "use the stage 'orbit_family' with a guess for other families",
         )  # fmt: skip
 
-    def _follow(self, problem: Shooting, start: Array, low: float, high: float) -> Branch:
+    def _follow(
+        self, problem: Shooting, start: Array, low: float, high: float, watch: Watch | None = None
+    ) -> Branch:
         """Follow the family from `high` to `low`, or to its ends, through a member or from it."""
         unit, x = self.plant.scales.length_m, problem.unknowns.index("x")
         ends = [*self._grazing(problem), *self._resolution_boundaries(problem)]
@@ -321,8 +354,9 @@ class Qso:
         # the first member lies in the range: follow both ways from it
         if low <= begin <= high:
             whole = continue_both(
-                problem, start[:, 0], inwards, boundaries=[outer, *inner], control=control
-            )
+                problem, start[:, 0], inwards,
+                boundaries=[outer, *inner], control=control, watch=watch,
+            )  # fmt: skip
             return self._before_turn(whole, x)
         above = begin > high
         wanted = high if above else low
@@ -330,8 +364,9 @@ class Qso:
         there = Boundary("the range begins", lambda z: sign * (z[x] - wanted))
         # otherwise follow to the edge of the range first, and from there through it
         approach = follow(
-            problem, start[:, 0], sign * inwards, boundaries=[there, *ends], control=control
-        )
+            problem, start[:, 0], sign * inwards,
+            boundaries=[there, *ends], control=control, watch=watch,
+        )  # fmt: skip
         if approach.ends[1] != there.reason:
             last = approach.z[x, -1] * unit
             raise ConvergenceError(
@@ -345,6 +380,7 @@ class Qso:
             sign * inwards,
             boundaries=inner if above else [*ends, outer],
             control=control,
+            watch=watch,
         )
         if branch.size < 2:
             raise ConvergenceError(
@@ -400,8 +436,20 @@ class Qso:
             return self.flow.steps_for(x, z[-1], self.accuracy)
 
     def _grazing(self, problem: Shooting) -> list[Boundary]:
-        """Return the boundary at the surface, if there is one: clearance along the orbit."""
+        """Return the boundary at the surface, if there is one: clearance along the orbit.
+
+        A series that stands for the gravity from a distance on, outside the surface, ends there.
+        """
         flow = problem.flow
+        if (holds := self._holds_from()) is not None:
+            limit = holds / self.plant.scales.length_m
+
+            def above(z: Array) -> Array:
+                way = flow.trajectory(problem.state(z), problem.period(z), 2 * problem.steps)
+                return _least(np.sum(way[:3] ** 2, axis=0) / limit**2 - 1.0) - _CLEARANCE
+
+            reason = f"the orbit reaches the sphere of {_km(holds)} from which its gravity holds"
+            return [Boundary(reason, above)]
         if "impact" not in flow.system.events:
             return []
         compiled = flow.system.function(flow.system.events["impact"])

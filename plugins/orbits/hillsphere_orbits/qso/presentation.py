@@ -19,6 +19,9 @@ __all__ = ["format_count", "label_identifier", "present_family"]
 _SAME_ORBIT_KM = 1e-6
 """Amplitudes of a printed orbit and ours that are equal: ours is prescribed, so that only rounding,
 far below this millimetre, separates them."""
+_SAME_RADIUS = 1e-3
+"""Relative distance by which an orbit must be nearer than a sphere to be called inside it: the
+samples of an orbit that ends at the sphere are rounded."""
 _BEYOND_HILL = 0.1  # part of the distance to the primary
 
 
@@ -96,6 +99,8 @@ def present_family(
         "x0_largest": Metric(float(product.curve.x0[0, 0] / 1e3), "km"),
         "x0_smallest": Metric(float(product.curve.x0[0, -1] / 1e3), "km"),
     }
+    if product.gravity_error is not None:
+        metrics["gravity_error_max"] = Metric(product.gravity_error)
     own = label_identifier("table_1", label)
     other = _other(compare)
     figures = {
@@ -148,7 +153,14 @@ def _verdict(product: QsoFamily) -> list[str]:
             "Hill approximation neglects terms of that relative order"
             + (": this orbit is beyond it." if share > _BEYOND_HILL else ".")
         )
-    if product.series_radius_m is not None and product.nearest_m < product.series_radius_m:
+    if product.gravity_error is not None:
+        sentences.append(
+            "The series of the shape differs along these orbits from the gravity of the shape "
+            f"itself by at most {product.gravity_error:.1e} of the acceleration."
+        )
+    if product.series_radius_m is not None and product.nearest_m < product.series_radius_m * (
+        1.0 - _SAME_RADIUS
+    ):
         sentences.append(
             f"Orbits come as near as {product.nearest_m / 1e3:.4g} km, inside the sphere of "
             f"{product.series_radius_m / 1e3:.4g} km outside which the harmonic series is sure to "

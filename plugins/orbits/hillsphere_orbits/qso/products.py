@@ -59,3 +59,6 @@ class QsoFamily(OrbitSet):
     """Why the curve stops at its largest and its smallest amplitude."""
     missing: tuple[str, ...] = ()
     """Requested orbits that the family does not have, with the nearest that it has."""
+    gravity_error: float | None = None
+    """Largest relative error of a series that stands for the gravity of a shape, along the curve,
+    by the shape's exact gravity; None if the gravity is no such series."""

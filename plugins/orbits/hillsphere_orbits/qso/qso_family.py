@@ -15,12 +15,15 @@ from hillsphere.presentation import Presentation
 from hillsphere.show.reference import ReferenceTable
 from hillsphere_orbits.members import Quantity, members_at
 from hillsphere_orbits.qso.families import Family, Qso
+from hillsphere_orbits.qso.forecast import warn_of_slow_gravity
 from hillsphere_orbits.qso.presentation import present_family
 from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.qso.specs import QsoFamilySpec, QsoSpec
+from hillsphere_orbits.shooting import Shooting
 from hillsphere_orbits.stability import stability_indices
 from hillsphere_orbits.survey import (
     LockedMoon,
+    SeriesMoon,
     Surveyor,
     TruePrimary,
     extent,
@@ -33,6 +36,9 @@ from hillsphere_orbits.winding import Winding, primary_distance, require_motion,
 __all__ = ["QsoFamilyStage", "family_of"]
 
 _SAME_ORBIT_KM = 1e-6  # a published amplitude is a round number
+_EVERY_POINT = 4
+"""Of the points of a track, those at which the error of a series is measured: 60 an orbit, in 2 s
+for 40 orbits about a shape of 20 000 faces."""
 _FAR, _PRIMARY_SHARE = 4.0, 0.5
 """Largest amplitude where none is given: in units of length, there the attraction is 1/64 of the
 tide; and of the primary's distance, since orbits that reach farther pass it ever more closely."""
@@ -54,7 +60,13 @@ class QuasiSatelliteFamily(Contract, Protocol):
         """How often members wind about the moon, and about the primary."""
         ...
 
-    def family(self, x_min_m: float | None, x_max_m: float, members: int = 161) -> Family:
+    def family(
+        self,
+        x_min_m: float | None,
+        x_max_m: float,
+        members: int = 161,
+        context: Context | None = None,
+    ) -> Family:
         """Compute the family between two amplitudes."""
         ...
 
@@ -81,6 +93,15 @@ def _snap(x_m: Array, asked_m: Sequence[float]) -> None:
         x_m[np.abs(x_m - value) <= 4.0 * np.spacing(value)] = value
 
 
+def _largest_gravity_error(plant: Plant, problem: Shooting, z: Array) -> float | None:
+    """Return the largest relative error of a series along orbits (m, N), by the exact gravity."""
+    if not isinstance(plant, SeriesMoon) or plant.gravity_holds_from_m is None:
+        return None
+    places = tracks(problem, z)[:, ::_EVERY_POINT] * plant.scales.length_m
+    errors = plant.gravity_error(np.ascontiguousarray(places.reshape(3, -1)))
+    return None if errors is None else float(errors.max())
+
+
 class QsoFamilyStage:
     """The family of quasi-satellite orbits and its members at prescribed values.
 
@@ -100,6 +121,7 @@ class QsoFamilyStage:
         self.reference = ReferenceTable.read(spec.reference) if spec.reference else None
         if spec.needs.compare is None:
             self._range(None)  # refuses an empty range
+        warn_of_slow_gravity(self.qso.plant)
 
     def run(self, ctx: Context, compare: QsoFamily | None = None) -> QsoFamily:
         """Compute the family.
@@ -126,8 +148,8 @@ class QsoFamilyStage:
         """
         qso, spec = self.qso, self.spec
         low, high = self._range(compare)
-        advance = ctx.track("quasi-satellite orbits", 4)
-        family = qso.family(low, high, spec.curve_members)
+        family = qso.family(low, high, spec.curve_members, ctx)
+        advance = ctx.track("quasi-satellite orbits: members and checks", 4)
         problem = family.problem
         ctx.info(f"orbits found over {family.method}; {problem.steps} sub-steps")
         ctx.info(f"ends of the family: {family.branch.ends[0]}; {family.branch.ends[1]}")
@@ -171,6 +193,7 @@ class QsoFamilyStage:
             prime_meridian_rad=moon.prime_meridian_rad if moon else 0.0,
             primary_distance_m=moon.primary_distance_m if moon and approximate else None,
             series_radius_m=moon.series_radius_m if moon else None,
+            gravity_error=_largest_gravity_error(qso.plant, problem, family.branch.z),
             method=family.method,
             check=surveyor.check,
             ends=family.branch.ends,

@@ -101,6 +101,7 @@ class QsoFamilySpec(_OfFamily):
             "vertical_index_largest",
             "x0_largest",
             "x0_smallest",
+            "gravity_error_max",
         ),
         tables={
             "table_1": (
