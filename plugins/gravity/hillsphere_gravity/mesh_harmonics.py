@@ -24,6 +24,10 @@ HIGHEST_DEGREE = 120
 _SUMMED = 400
 """Degrees of the tail that are summed one by one, before the rest is bounded as a whole."""
 
+_ROUNDING = 1e-15
+"""Coefficients below this are zero but for the rounding of the integrals: those that a symmetry of
+the shape forbids. They are left out: compiled code would carry them, and they change nothing."""
+
 
 @dataclass(frozen=True)
 class MeshSeries:
@@ -112,10 +116,12 @@ def mesh_series(mesh: Mesh, from_m: float, tolerance: float, max_degree: int) ->
     met = np.flatnonzero(left <= tolerance)
     needed = int(met[0]) if met.size else None
     degree = max_degree if needed is None else min(needed, max_degree)
+    c, s = (np.where(np.abs(part) > _ROUNDING, part, 0.0) for part in (table.real, table.imag))
     rows = tuple(
-        Coefficient(n, m, float(table[n, m].real), float(table[n, m].imag))
+        Coefficient(n, m, float(c[n, m]), float(s[n, m]))
         for n in range(1, degree + 1)
         for m in range(n + 1)
+        if c[n, m] or s[n, m]
     )
     return MeshSeries(rows, degree, radius, from_m, float(left[degree]), needed)
 

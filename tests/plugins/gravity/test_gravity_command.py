@@ -149,7 +149,7 @@ def test_field_at_an_epoch(capsys: pytest.CaptureFixture[str]) -> None:
 def test_places_on_the_axes_are_shown_without_any_and_stl_names_its_option(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """1.5 times the reference radius of the field, or the half diagonal √3 m of the cube."""
+    """1.5 times the reference radius of the field, or the half diagonal √3 km of the cube."""
     assert run(["gravity", str(FIELD), "--json"]) == 0
     field: Any = create("gravity", "harmonics", file=str(FIELD))
     radius_m = float(field.reference_radius_m)
@@ -158,10 +158,10 @@ def test_places_on_the_axes_are_shown_without_any_and_stl_names_its_option(
     assert places == [(0.0, 0.0), (0.0, 90.0), (90.0, 0.0)]
     assert [p["radius_m"] for p in points] == pytest.approx([1.5 * radius_m] * 3)
     (tmp_path / "cube.obj").write_text(CUBE)
-    mesh = ["--length-unit", "m", "--density-g-cm3", "2"]
+    mesh = ["--length-unit", "km", "--density-g-cm3", "2"]
     assert run(["gravity", str(tmp_path / "cube.obj"), *mesh, "--json"]) == 0
     points = json.loads(capsys.readouterr().out)["points"]
-    assert [p["radius_m"] for p in points] == pytest.approx([1.5 * 3.0**0.5] * 3)
+    assert [p["radius_m"] for p in points] == pytest.approx([1500.0 * 3.0**0.5] * 3)
     (tmp_path / "cube.stl").write_text("solid\nendsolid\n")
     assert run(["gravity", str(tmp_path / "cube.stl"), *mesh]) == 2
     assert capsys.readouterr().err.rstrip().endswith("give --merge-vertices")

@@ -238,7 +238,7 @@ def werner_scheeres(mesh: Any, r: Array) -> tuple[Any, Any, Any]:
 
 
 @pytest.mark.skipif(
-    np.finfo(np.longdouble).eps > 1e-18, reason="this processor has no extended precision"
+    bool(np.finfo(np.longdouble).eps > 1e-18), reason="this processor has no extended precision"
 )
 def test_against_extended_precision() -> None:
     """To 1e-12 of the size of each quantity, from the surface to ten radii, and inside."""

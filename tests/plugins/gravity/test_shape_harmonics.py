@@ -78,9 +78,9 @@ def test_the_bound_is_never_exceeded(shape: str) -> None:
     made = {"ellipsoid": ellipsoid(), "cube": CUBE, "lopsided": LOPSIDED}[shape]
     divided = {"subdivisions": 1} if shape == "ellipsoid" else {}
     keys = {"shape": made, "density_kg_m3": DENSITY, **divided}
-    exact = create("gravity", "polyhedron", **keys)
+    exact: Any = create("gravity", "polyhedron", **keys)
     start = 1.5 * exact.largest_radius_m
-    series = create("gravity", "shape_harmonics", **keys, series_from_m=start, max_degree=4)
+    series: Any = create("gravity", "shape_harmonics", **keys, series_from_m=start, max_degree=4)
     r = rays(200) * np.concatenate([np.full(100, start), np.linspace(1.0, 3.0, 100) * start])
     distance = np.linalg.norm(r, axis=0)
     difference = GravityField(series).acceleration(r) - GravityField(exact).acceleration(r)
@@ -107,7 +107,7 @@ def test_the_bound_falls_to_the_tolerance() -> None:
 
 
 def test_the_default_compiles_soon_and_tells_its_error(caplog: pytest.LogCaptureFixture) -> None:
-    series = create(
+    series: Any = create(
         "gravity", "shape_harmonics", shape=ellipsoid(), subdivisions=2, density_kg_m3=DENSITY
     )
     assert series.degree == 8
@@ -139,7 +139,7 @@ def hill(gravity: Any) -> Any:
 @pytest.mark.slow  # the equations compile for several seconds
 def test_a_family_ends_at_the_sphere_and_states_the_error() -> None:
     """Degree 2 of 80 faces: small, so that the equations compile soon."""
-    series = create(
+    series: Any = create(
         "gravity", "shape_harmonics", shape=ellipsoid(), subdivisions=1, density_kg_m3=DENSITY,
         max_degree=2,
     )  # fmt: skip
@@ -150,7 +150,7 @@ def test_a_family_ends_at_the_sphere_and_states_the_error() -> None:
     product = stage.run(RecordingContext())
     assert "the sphere of 19.5" in product.ends[1]
     assert product.nearest_m == pytest.approx(series.holds_from_m, rel=1e-3)
-    metric = stage.present(product).metrics["gravity_error_max"].value
+    metric = float(stage.present(product).metrics["gravity_error_max"].value)
     assert 0.0 < metric < 1.2 * series.error_bound
 
 
