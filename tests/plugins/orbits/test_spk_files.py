@@ -90,15 +90,20 @@ def read(target: str, t_s: Array, centre: str, frame: str = "J2000") -> tuple[Ar
     return 1e3 * states.T, et - start
 
 
-@pytest.mark.parametrize("kind", [13, 9])
+@pytest.mark.parametrize("kind", [13, pytest.param(9, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("make", "start", "step_s", "target", "keys"),
     [
         (earth, ABOUT_EARTH, 60.0, "399", {}),
         (hill, ABOUT_MOON, 100.0, "401", {}),
-        (lambda: create("plant", "three_body", body=moon(**POLE), gravity=GRAVITY), ABOUT_MOON,
-         100.0, "499", {"centre": "primary"}),
-        (lambda: hill(name="stone"), ABOUT_MOON, 100.0, "20000999", {"body_id": 20000999}),
+        pytest.param(
+            lambda: create("plant", "three_body", body=moon(**POLE), gravity=GRAVITY), ABOUT_MOON,
+            100.0, "499", {"centre": "primary"}, marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            lambda: hill(name="stone"), ABOUT_MOON, 100.0, "20000999", {"body_id": 20000999},
+            marks=pytest.mark.slow,
+        ),
     ],
     ids=["earth", "hill", "three_body", "small_body"],
 )  # fmt: skip
