@@ -289,9 +289,7 @@ def test_run_time_parameters_equal_compiled_constants() -> None:
     for name in ("potential", "acceleration", "gradient"):
         found, expected = getattr(run_time, name)(points, values), getattr(other, name)(points)
         scale = np.abs(expected).max(axis=tuple(range(expected.ndim - 1)))
-        # Known axes need fewer duplications in Carlson's integrals than axes set at run time, so
-        # that both round differently: 1.4e-15 measured for the gradient.
-        assert np.all(np.abs(found - expected) <= 4e-15 * scale)
+        assert np.all(np.abs(found - expected) <= 1e-15 * scale)
     # Left out, they are nominal.
     np.testing.assert_allclose(
         run_time.potential(points), GravityField(nominal).potential(points), rtol=3e-15

@@ -408,7 +408,7 @@ def test_what_does_not_fit_the_passes(a_day: PassList, keys: dict[str, Any], mat
         ({"primary": axis(270, -270)}, {}, "lower stop must be below the upper one, got 270°"),
         ({"primary": axis(0, 0)}, {}, "must be below"),
         ({"primary": axis(-270, 270, 0.0)}, {}, r"rate_deg_s: must be > 0"),
-        ({"secondary": axis(-100, 90)}, {}, "within -90° and 180°, got -100° to 90°"),
+        ({"secondary": axis(-100, 90)}, {}, "from -90° to 180°, got -100° and 90°"),
         ({"axis_azimuth_deg": 90}, {}, "does not belong to a mount of kind 'azimuth_elevation'"),
         ({"kind": "x_y", "tilt_deg": 5}, {}, "does not belong to a mount of kind 'x_y'"),
         ({"kind": "polar"}, {}, "kind"),
