@@ -248,12 +248,17 @@ def test_elements_for_another_theory_are_refused(tmp_path: Path) -> None:
 
 
 def test_what_readers_of_messages_pass_over_is_said(tmp_path: Path) -> None:
-    further = "CX_X = 1\nCY_X = 2\nUSER_DEFINED_FOO = 3\nMASS = 400\nCOMMENT why\nBSTAR = 1e-5\n"
-    code, out, _ = changed(tmp_path, "BSTAR = -1.1606e-05\n", further, "b.json")
+    (tmp_path / "a.tle").write_text(STATION, "utf-8")
+    assert convert(tmp_path, "a.tle", "a.omm")[0] == 0
+    message = (tmp_path / "a.omm").read_text("utf-8")
+    message = message.replace("EPHEMERIS_TYPE", "COMMENT why\nMASS = 400\nEPHEMERIS_TYPE")
+    further = "CX_X = 1\nCY_X = 2\nUSER_DEFINED_FOO = 3\n"
+    (tmp_path / "b.omm").write_text(message + further, "utf-8")
+    code, out, _ = convert(tmp_path, "b.omm", "b.json")
     assert code == 0
     assert [line.strip() for line in out.splitlines()[1:]] == [
-        "not kept: covariance", "not kept: USER_DEFINED_FOO", "not kept: MASS",
-        "not kept: comments",
+        "not kept: comments", "not kept: MASS", "not kept: covariance",
+        "not kept: USER_DEFINED_FOO",
     ]  # fmt: skip
     code, out, _ = changed(tmp_path, ".104192", ".1041923", "b.json")
     assert out.endswith("  not kept: last digits of EPOCH\n")
