@@ -224,9 +224,10 @@ def test_false_in_the_file_itself_drops_nothing(
 
 
 def test_long_chain_needs_no_recursion(load: Any) -> None:
-    links = [f'[stage.s{k}]\nlike = "s{k - 1}"\n' for k in range(3000, 0, -1)]
+    # Python's own limit is 1000 calls.
+    links = [f'[stage.s{k}]\nlike = "s{k - 1}"\n' for k in range(1200, 0, -1)]
     mission = load('[stage.s0]\nlike = "family"\n' + "".join(links))
-    assert mission.specs["stage"]["s3000"] == mission.specs["stage"]["family"]
+    assert mission.specs["stage"]["s1200"] == mission.specs["stage"]["family"]
 
 
 def test_schema_knows_like(toys: Registry) -> None:

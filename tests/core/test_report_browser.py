@@ -80,7 +80,7 @@ def test_a_copied_table_is_its_file(tmp_path: Path, name: str) -> None:
     assert copied.splitlines() == lines[: MAX_ROWS + 1]
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.slow)])
 def test_figures_of_open_folds_are_printed(tmp_path: Path, scheme: str) -> None:
     figures = {
         name: ShownFigure(chart, plotly_figure(chart))

@@ -310,6 +310,7 @@ def libration(kind: str, point: str, mu: float) -> Family:
     return found
 
 
+@pytest.mark.slow  # families to their ends, half a minute
 def test_halos_go_on_to_the_last_one_that_is_accurate() -> None:
     """Of the Earth and Moon, through all near-rectilinear ones to inside the Moon's surface.
 
