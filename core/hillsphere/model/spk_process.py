@@ -24,6 +24,14 @@ __all__ = ["main", "own_spans", "read"]
 
 _MOST_STATES = 1_000_000
 """Most states of a trajectory: 56 MB; a low orbit of three years."""
+_OF_FORMULAS = frozenset({5, 10, 15, 17})
+"""Types of segments that hold elements, from which few numbers give any span of time [1]_."""
+_PER_NUMBER = 2
+"""Most states for each number that another segment holds. A low orbit takes 0.1 to 0.3, a jump
+between two records of a short polynomial one to two; damaged states, which jump by their size at
+every scale, would take all that are allowed."""
+_AT_LEAST = 2000
+"""States that are allowed to the smallest segment: its ends may be steep."""
 _MOST_LISTED = 30
 """Bodies that a message lists."""
 _LONGEST_S = 1e12
@@ -37,13 +45,14 @@ class _FaultError(Exception):
 
 
 class _Segment(NamedTuple):
-    """A segment of the file: its summary, span, s after J2000 TDB, centre and frame."""
+    """A segment: its summary, span, s after J2000 TDB, centre, frame, and most states to take."""
 
     summary: Any
     begin: float
     end: float
     centre: int
     frame: int
+    most: int
 
 
 def main() -> None:
@@ -93,13 +102,16 @@ def read(asked: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
             evaluate = _evaluator(spice, handle, segment, codes[centre])
             is_smooth = velocities_are_derivatives(evaluate, begin, end)
             for method in METHODS if is_smooth else METHODS[1:]:
-                sampled = sample(evaluate, begin, end, method, left)
+                sampled = sample(evaluate, begin, end, method, min(left, segment.most))
                 if sampled is not None:
                     break
             else:
+                name = _name(spice, target)
+                if segment.most < left:
+                    raise _FaultError("file", f"its states of {name} jump too often; it is damaged")
                 raise _FaultError(
-                    "states", f"its states of {_name(spice, target)} need more than {_MOST_STATES} "
-                    "nodes to be followed to 0.1 mm; cut it to the span that is needed",
+                    "states", f"its states of {name} need more than {_MOST_STATES} nodes to be "
+                    "followed to 0.1 mm; cut it to the span that is needed",
                 )  # fmt: skip
             left -= sampled.t_s.size
             content += [sampled.t_s.tobytes(), np.ascontiguousarray(sampled.x.T).tobytes()]
@@ -210,7 +222,10 @@ def _segments(spice: Any, handle: int, target: int) -> list[_Segment]:
             continue
         if not (-_LONGEST_S < begin <= end < _LONGEST_S):
             raise _FaultError("file", f"a segment is said to hold from {begin:g} to {end:g} s")
-        segments.append(_Segment(summary, begin, end, int(numbers[1]), int(numbers[2])))
+        _, centre, frame, kind, first, last = map(int, numbers)
+        held = max(_AT_LEAST, _PER_NUMBER * (last - first + 1))
+        most = _MOST_STATES if kind in _OF_FORMULAS else min(held, _MOST_STATES)
+        segments.append(_Segment(summary, begin, end, centre, frame, most))
     return segments
 
 
