@@ -56,7 +56,7 @@ def test_the_choice_is_said() -> None:
     assert (default.method, default.degree, default.is_stated) == ("HERMITE", 7, False)
     assert str(default) == "Hermite interpolation of degree 7 (the default)"
     stated = interpolant_of(replace(flown, interpolation="LAGRANGE", interpolation_degree=5))
-    assert str(stated) == "Lagrange interpolation of degree 5 (as the message recommends)"
+    assert str(stated) == "Lagrange interpolation of degree 5 (given with the states)"
     linear = interpolant_of(replace(flown, interpolation="LINEAR", interpolation_degree=1))
     middle = linear(0.5 * STEP_S)[:, 0]
     np.testing.assert_allclose(middle, 0.5 * (flown.x[:, 0] + flown.x[:, 1]), rtol=1e-14)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import random
 from collections.abc import Callable
 from pathlib import Path
@@ -207,6 +208,33 @@ def test_passes_are_those_of_the_message(sound: Path, tmp_path: Path, capsys: An
     kernels = {"file": str(message), "kernels": [str(sound)]}
     with pytest.raises(InputError, match=r"craft.oem: kernels: expected none"):
         create("stage", "passes", satellites=[kernels], stations=PLACES)
+
+
+def test_track_follows_a_kernel(sound: Path, tmp_path: Path, capsys: Any) -> None:
+    """The predictions of a pass without signal are those along a message of the same orbit."""
+    message = tmp_path / "craft.oem"
+    t = np.arange(0.0, SPAN_S + 1.0, 60.0)
+    message.write_text(write_oem([OemSegment("A", "1", "EARTH", "ICRF", EPOCH, t, circle(t))]))
+    (begin,) = EPOCH.after(600.0).to("UTC").isot(np.zeros(1), 3)
+    (tmp_path / "m.csv").write_text(f"{begin},10,20\n")
+    said = []
+    for file in (message, sound):
+        run(["track", str(tmp_path / "m.csv"), "--latitude", "40", "--longitude", "101", "--replay",
+             "--speed", "0", "--ut1-minus-utc", "0", "--elements", str(file)])  # fmt: skip
+        said.append(capsys.readouterr().out)
+    assert len(said[0].splitlines()) > 1000
+    assert said[0] == said[1]
+
+
+def test_a_missing_extra_is_named(sound: Path, monkeypatch: Any, capsys: Any) -> None:
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *a: None if name == "spiceypy" else find(name, *a)
+    )
+    assert run(["passes", str(sound), "--station", "48,11,0", "--days", "0.1"]) == 2
+    said = capsys.readouterr().err.strip()
+    assert "pip install 'hillsphere[spice]'" in said
+    assert len(said.splitlines()) == 1
 
 
 def plant() -> Any:

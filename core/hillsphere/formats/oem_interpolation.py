@@ -42,7 +42,7 @@ class OemInterpolant:
     degree : int
         Of the polynomials.
     is_stated : bool
-        Whether the message recommends this.
+        Whether the message recommends this, or a comparison with the kernel chose it.
     """
 
     segment: OemSegment
@@ -52,7 +52,7 @@ class OemInterpolant:
 
     def __str__(self) -> str:
         """Return method, degree and whose choice they are."""
-        whose = "as the message recommends" if self.is_stated else "the default"
+        whose = "given with the states" if self.is_stated else "the default"
         return f"{self.method.title()} interpolation of degree {self.degree} ({whose})"
 
     @property

@@ -116,13 +116,8 @@ class EllipsoidSpec(Spec):
         return self
 
 
-class PolyhedronSpec(Spec):
+class HomogeneousShapeSpec(Spec):
     """A homogeneous body of any shape; its mass is given as a density or as GM, not both."""
-
-    examples = (
-        {"shape": "polyhedron", "density_g_cm3": 1.9},
-        {"shape": "ellipsoid", "subdivisions": 2, "gm_km3_s2": 7.0875e-4},
-    )
 
     shape: Ref = reference("shape", "the body's shape: a polyhedron, or one to be triangulated")
     subdivisions: int | None = option(
@@ -151,37 +146,23 @@ class PolyhedronSpec(Spec):
         return self
 
 
-class ShapeHarmonicsSpec(Spec):
-    """The harmonic series of a homogeneous body of any shape, for orbits outside a sphere about it.
+class PolyhedronSpec(HomogeneousShapeSpec):
+    """A homogeneous body of any shape; its mass is given as a density or as GM, not both."""
 
-    Its mass is given as a density or as GM, not both.
-    """
+    examples = (
+        {"shape": "polyhedron", "density_g_cm3": 1.9},
+        {"shape": "ellipsoid", "subdivisions": 2, "gm_km3_s2": 7.0875e-4},
+    )
+
+
+class ShapeHarmonicsSpec(HomogeneousShapeSpec):
+    """The harmonic series of a homogeneous body of any shape, for orbits outside a sphere."""
 
     examples = (
         {"shape": "polyhedron", "density_g_cm3": 1.9},
         {"shape": "polyhedron", "gm_km3_s2": 1.2e-4, "series_from_km": 25.0, "tolerance": 1e-8},
     )
 
-    shape: Ref = reference("shape", "the body's shape: a polyhedron, or one to be triangulated")
-    subdivisions: int | None = option(
-        "triangulate the shape: how often each face of an icosahedron is divided into four "
-        "(4: 5120 faces); for a shape that is no polyhedron itself",
-        default=None,
-        ge=0,
-        le=7,
-    )
-    density_kg_m3: float | None = quantity("density", "density", default=None, **DENSITY_KG_M3)
-    gm_m3_s2: float | None = quantity(
-        "gravitational_parameter", "gravitational parameter GM", default=None, **GM_M3_S2
-    )
-    gravitational_constant: float | None = option(
-        "constant of gravitation G that goes with the density, m³/(kg s²); left out: the CODATA "
-        "2018 value 6.67430e-11",
-        default=None,
-        gt=0,
-        ge=1e-12,
-        le=1.0,
-    )
     series_from_m: float | None = quantity(
         "length",
         "distance from the origin from which the series must hold; families of orbits end there. "
@@ -203,11 +184,6 @@ class ShapeHarmonicsSpec(Spec):
         ge=0,
         le=120,
     )
-
-    @model_validator(mode="after")
-    def _one_mass(self) -> Self:
-        _check_mass(self.density_kg_m3, self.gm_m3_s2, self.gravitational_constant)
-        return self
 
 
 class CoefficientSpec(Spec):

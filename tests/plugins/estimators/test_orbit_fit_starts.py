@@ -114,7 +114,13 @@ def test_a_state_message_is_a_start(frame: str, stated: str, tmp_path: Path) -> 
         found, when = guess(frame, **keys)
         np.testing.assert_allclose(found, by_sgp4(0.0, frame), atol=0.05, rtol=0)
         assert abs(when.seconds_since(epoch)) < 1e-6
-    path.write_text(path.read_text("utf-8").replace("EARTH", "MARS"), "utf-8")
+    sound = path.read_text("utf-8")
+    path.write_text(sound.replace("CENTER_NAME", "COLOUR = red\nCENTER_NAME"), "utf-8")
+    with pytest.raises(InputError, match=r"start.file: a.opm:\d+: .*COLOUR"):
+        guess(frame, file=str(path))
+    with pytest.warns(UserWarning, match="COLOUR"):
+        guess(frame, file=str(path), lenient=True)
+    path.write_text(sound.replace("EARTH", "MARS"), "utf-8")
     with pytest.raises(InputError, match=r"start.file: a.opm: CENTER_NAME: expected EARTH"):
         guess(frame, file=str(path))
 
