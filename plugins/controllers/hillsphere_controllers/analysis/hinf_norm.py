@@ -40,7 +40,10 @@ from hillsphere_controllers.analysis.frequency import Response, largest_gains
 from hillsphere_controllers.systems.balancing import balance_states
 from hillsphere_controllers.systems.bilinear import continuous
 
-__all__ = ["HinfNorm", "hamiltonian_eigenvalues", "hamiltonians_eigenvalues", "hinf_norm"]
+__all__ = [
+    "HinfNorm", "hamiltonian_eigenvalues", "hamiltonians_eigenvalues", "hinf_norm",
+    "invert_frequency",
+]  # fmt: skip
 
 _MOST_LEVELS = 40
 """Levels at most. The level rises quadratically to the norm: fewer than ten are needed, and the
@@ -146,7 +149,8 @@ def hinf_norm(system: LtiSystem, tolerance: float = 1e-9) -> HinfNorm:
         return search.climb(tolerance)
     # The peak is at infinity, where R is singular: s → ω²/s puts it at zero.
     scale = float(np.exp(np.mean(np.log(np.abs(search.response.poles)))))
-    inverse = _invert_frequency(system, scale)
+    matrices = invert_frequency(system.a, system.b, system.c, system.d, scale)
+    inverse = LtiSystem(*matrices)
     norm = _Search(inverse, inverse.poles).climb(tolerance)
     frequency = np.inf if norm.frequency_rad_s == 0.0 else scale**2 / norm.frequency_rad_s
     return HinfNorm(norm.value, float(frequency), norm.upper, norm.error)
@@ -373,12 +377,24 @@ def hamiltonians_eigenvalues(
     return np.asarray(np.linalg.eigvals(made), dtype=complex)
 
 
-def _invert_frequency(system: LtiSystem, scale: float) -> LtiSystem:
-    """Return the system at ω²/s: zero frequency and infinity change places."""
-    inverse: Array = np.linalg.inv(system.a / scale).astype(float)
-    return LtiSystem(
-        scale * inverse,
-        inverse @ system.b,
-        -system.c @ inverse,
-        system.d - system.c @ inverse @ system.b / scale,
-    )
+def invert_frequency(
+    a: Array, b: Array, c: Array, d: Array, scale: float | Array
+) -> tuple[Array, Array, Array, Array]:
+    """Return systems (..., n, n) … at ω²/s: zero frequency and infinity change places.
+
+    Parameters
+    ----------
+    a, b, c, d : ndarray, shapes (..., n, n), (..., n, m), (..., p, n), (..., p, m)
+        Matrices of the systems, A not singular.
+    scale : float or ndarray, shape (...,)
+        ω of each, rad/s.
+
+    Returns
+    -------
+    tuple of ndarray
+        A, B, C and D of the images.
+    """
+    size = np.asarray(scale)[..., None, None]
+    inverse: Array = np.linalg.inv(a / size).astype(float)
+    seen = c @ inverse
+    return size * inverse, inverse @ b, -seen, d - seen @ b / size

@@ -204,6 +204,47 @@ class Objective:
         """Drop all remembered peaks, so that a start does not depend on those before it."""
         self.norms.forget()
 
+    def restricted(self, places: Sequence[int]) -> Objective:
+        """Return the objective of some plants alone, with what is remembered of them."""
+        part = Objective(
+            [self.loops[j] for j in places], self.structure, self.middle, self.spread, self.region,
+            self.largest_gain,
+        )  # fmt: skip
+        part._controller_stable, part._rate = self._controller_stable, self._rate
+        part.penalty = self.penalty
+        part.norms.recall(self.norms.memory(places))
+        return part
+
+    def take_over(self, part: Objective, places: Sequence[int]) -> None:
+        """Take what the objective of some plants has learned, and count its evaluations."""
+        self.penalty = part.penalty
+        self.evaluations += part.evaluations
+        self.norms.recall(part.norms.memory(range(len(places))), places)
+
+    def levels(self, point: Point, kept: float = 0.0) -> Array:
+        """Return the logarithm of each plant's largest weighted norm at a point, (plants,).
+
+        A plant that exceeds a constraint by more than `kept` is as much higher than the objective.
+        """
+        levels = np.full(len(self.loops), -np.inf)
+        for j, loop in enumerate(point.loops):
+            excess = -np.inf
+            for c, level in loop.levels.items():
+                if self.loops[j].channels[c][2].limit is None:
+                    levels[j] = max(levels[j], level)
+                else:
+                    excess = max(excess, level)
+            if self.region is not None:
+                excess = max(excess, float(self.region.excess(loop.response.poles)[0].max()))
+            if excess > kept:
+                levels[j] = max(levels[j], point.objective + excess)
+        return levels
+
+    def unstable(self, x: Array) -> list[int]:
+        """Return the plants that are not stable at x, the worst first; all if none is sure."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self.norms.unstable(self.structure.gains(self.theta(x)))
+
     def certify(self, point: Point) -> Point:
         """Return the point, with peaks added that only the level-set method found."""
         missed = self.norms.finds_higher_gain(point.loops, point.objective)
@@ -406,11 +447,11 @@ class Objective:
 def _without_duplicates(pieces: Sequence[Piece]) -> list[Piece]:
     """Return the pieces without duplicates, which several plants have in a common direct term."""
     distinct: list[Piece] = []
-    known: dict[tuple[int, int, float, float], list[Piece]] = {}
+    known: dict[tuple[int, int, float, float], list[Array]] = {}
     for p in pieces:
         same = known.setdefault((p.channel, p.number, p.omega_rad_s, round(p.level, _ALIKE)), [])
-        if not any(np.allclose(p.slope, q.slope, rtol=1e-6, atol=0.0) for q in same):
-            same.append(p)
+        if not same or (np.abs(p.slope - same) > 1e-6 * np.abs(same)).any(axis=1).all():
+            same.append(p.slope)
             distinct.append(p)
     return distinct
 
