@@ -269,14 +269,14 @@ class _Search:
         return self._bound_with_rounding(np.inf)
 
     def _bound_with_rounding(self, level: float) -> HinfNorm:
-        high, error = _gain_with_rounding(self.given, self.frequency)
-        upper = max(level * (1.0 + max(error, self.noise)), high)
         # another frequency may have a lower gain that is less sure
         others = np.unique(np.append(np.abs(self.response.poles), 0.0))
         others = others[others != self.frequency]
         gains = largest_gains(self.response(1j * others))
-        for k in np.argsort(-gains)[:_ROUNDED]:
-            upper = max(upper, _gain_with_rounding(self.given, float(others[k]))[0])
+        few = others[np.argsort(-gains)[:_ROUNDED]]
+        high, errors = _gains_with_rounding(self.given, np.append(self.frequency, few))
+        error = float(errors[0])
+        upper = max(level * (1.0 + max(error, self.noise)), float(high.max()))
         return HinfNorm(self.value, self.frequency, upper, error)
 
 
@@ -290,34 +290,58 @@ def _new_poles(
 
 def _gain_with_rounding(system: LtiSystem, omega: float) -> tuple[float, float]:
     """Return the most that the gain at a frequency can be, and the relative part of rounding."""
+    high, error = _gains_with_rounding(system, np.array([omega]))
+    return float(high[0]), float(error[0])
+
+
+def _gains_with_rounding(system: LtiSystem, omega: Array) -> tuple[Array, Array]:
+    """Return the most that the gains at frequencies (K,) can be, and the relative rounding (K,).
+
+    Both are infinite where rounding may make s I − A singular.
+    """
     s = 1j * omega if system.dt_s is None else np.exp(1j * omega * system.dt_s)
-    n = system.order
-    factors, swaps, singular = zgetrf(s * np.eye(n) - system.a)
-    if singular:
-        return np.inf, np.inf
-    inverse, _ = zgetri(factors, swaps)
-    size = np.abs(factors)
+    n, unit = system.order, np.eye(system.order)
+    away = s[:, None, None] * unit - system.a
+    high, error = np.full(omega.size, np.inf), np.full(omega.size, np.inf)
+    factors, inverse = np.empty_like(away), np.empty_like(away)
+    order = np.tile(np.arange(n), (omega.size, 1))
+    sure = np.ones(omega.size, dtype=bool)
+    for i, one in enumerate(away):
+        factors[i], swaps, singular = zgetrf(one)
+        sure[i] = not singular
+        if singular:
+            continue
+        inverse[i], _ = zgetri(factors[i], swaps)
+        row = order[i]
+        for k, other in reversed(list(enumerate(swaps.tolist()))):
+            if other != k:
+                row[k], row[other] = row[other], row[k]
+    places = np.flatnonzero(sure)
+    factors, inverse, order = factors[places], inverse[places], order[places]
+    size, below = np.abs(factors), np.tri(n, k=-1)
     # |L| |U| of the backward error bound, rows in their original order
-    changed = (np.tril(size, -1) + np.eye(n)) @ np.triu(size)
-    order = list(range(n))
-    for k, other in reversed(list(enumerate(swaps.tolist()))):
-        order[k], order[other] = order[other], order[k]
-    changed = changed[order]
+    changed = (size * below + unit) @ (size * (1.0 - below))
+    changed = np.take_along_axis(changed, order[:, :, None], axis=1)
+    into, out = inverse @ system.b, system.c @ inverse
+    gains = largest_gains(out @ system.b + system.d)
     with np.errstate(all="ignore"):
         changed *= n * _EPS
         if system.dt_s is not None:  # exp(jω dt) is rounded itself
-            changed += _EPS * np.eye(n)
-        into, out = np.abs(inverse @ system.b), np.abs(system.c @ inverse)
+            changed += _EPS * unit
         part = np.abs(inverse) @ changed
-    # (I − R E)⁻¹ R B with |E| no larger than `changed`
-    if not np.isfinite(part).all():
-        return np.inf, np.inf
-    # the Neumann series of (I − R E)⁻¹ must converge, else rounding may make the matrix singular
-    if part.sum(axis=0).max() >= 0.5 and np.abs(np.linalg.eigvals(part)).max() >= 0.5:
-        return np.inf, np.inf
-    error = float(np.linalg.norm(out @ changed @ np.linalg.solve(np.eye(n) - part, into)))
-    gain = float(largest_gains((system.c @ inverse @ system.b + system.d)[None])[0])
-    return gain + error, error / gain if gain > 0.0 else 0.0
+    for i, place in enumerate(places.tolist()):
+        # (I − R E)⁻¹ R B with |E| no larger than `changed`
+        if not np.isfinite(part[i]).all():
+            continue
+        # the Neumann series of (I − R E)⁻¹ must converge, else rounding may make the matrix
+        # singular
+        norm = part[i].sum(axis=0).max()
+        if norm >= 0.5 and np.abs(np.linalg.eigvals(part[i])).max() >= 0.5:
+            continue
+        moved = np.abs(out[i]) @ changed[i] @ np.linalg.solve(unit - part[i], np.abs(into[i]))
+        away_by, gain = float(np.linalg.norm(moved)), float(gains[i])
+        high[place], error[place] = gain + away_by, away_by / gain if gain > 0.0 else 0.0
+    return high, error
 
 
 def hamiltonian_eigenvalues(system: LtiSystem, level: float) -> NDArray[np.complex128]:
