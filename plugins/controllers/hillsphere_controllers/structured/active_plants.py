@@ -25,8 +25,6 @@ _FIRST = 4
 need; near a minimum with the highest ones."""
 _LOOKED = np.logspace(-2.0, 2.0, 9)
 """Frequencies, relative to the plants' typical rate, at which plants are compared."""
-_MORE = 3
-"""Plants that join at once at most: the highest often is the only one that matters."""
 _HIGHER = 1e-6
 """Relative excess over the plants looked at from which on another plant joins: far below what
 tells two minima apart."""
@@ -105,7 +103,8 @@ def minimise_active(
             point, polish = ended, polish_again if near or polish else 0
         else:  # on from the last point at which all are stable
             order = objective.unstable(lowest.x)
-        joined = [j for j in order if j not in known][:_MORE]
+        # the set doubles at most: few rounds, and few plants that do not matter
+        joined = [j for j in order if j not in known][: len(known)]
         if not joined:
             return converged
         known |= set(joined)
