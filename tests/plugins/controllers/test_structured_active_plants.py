@@ -37,7 +37,8 @@ def lag(pole: float, gain: float = 1.0) -> DesignPlant:
 def largest(plants: list[DesignPlant], gain: float) -> float:
     """|z| = √(1 + g²/100)/|a + k g| at ω = 0, where u = k y: the norm of a lag."""
     return max(
-        np.hypot(1.0, 0.1 * gain) / abs(p.system.a[0, 0] + gain * p.system.b[0, 1]) for p in plants
+        float(np.hypot(1.0, 0.1 * gain) / abs(p.system.a[0, 0] + gain * p.system.b[0, 1]))
+        for p in plants
     )
 
 

@@ -323,7 +323,7 @@ def _gains_with_rounding(system: LtiSystem, omega: Array) -> tuple[Array, Array]
     changed = (size * below + unit) @ (size * (1.0 - below))
     changed = np.take_along_axis(changed, order[:, :, None], axis=1)
     into, out = inverse @ system.b, system.c @ inverse
-    gains = largest_gains(out @ system.b + system.d)
+    gains = largest_gains((out @ system.b + system.d).astype(complex))
     with np.errstate(all="ignore"):
         changed *= n * _EPS
         if system.dt_s is not None:  # exp(jω dt) is rounded itself

@@ -83,8 +83,8 @@ def minimise_active(
         return minimise(objective, point, polish)[1]
     known = active.plants
     if len(known) < _FIRST:
-        near = ActiveSet.highest(objective, point).plants
-        known |= near if polish else set(farthest_plants(objective.loops, _FIRST))
+        highest = ActiveSet.highest(objective, point).plants
+        known |= highest if polish else set(farthest_plants(objective.loops, _FIRST))
     while True:
         places = sorted(known)
         part = objective.restricted(places)

@@ -141,7 +141,8 @@ class PlantNorms:
             rates = np.array([self.plants[j].rate for j in group.members])
             excess[group.members] = poles.real.max(axis=1, initial=-np.inf) / rates
         order = np.argsort(-excess, kind="stable")
-        return order[excess[order] >= 0.0].tolist() or order.tolist()
+        bad = order[excess[order] >= 0.0]
+        return [int(j) for j in (bad if bad.size else order)]
 
     def seen_above(self, loops: Sequence[Loop], level: float) -> bool:
         """Return whether a gain at a remembered peak already exceeds a level (a logarithm)."""
