@@ -15,17 +15,24 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere_controllers.structured.closed_loop import OpenLoop
 from hillsphere_controllers.structured.gradients import gain_slopes, h2_slope, pole_slopes
+from hillsphere_controllers.structured.pieces import (
+    ALIKE,
+    NEAR,
+    Piece,
+    distinct_peaks,
+    nearest_frequency,
+    piece_key,
+    without_duplicates,
+)
 from hillsphere_controllers.structured.plant_norms import Loop, PlantNorms
 from hillsphere_controllers.structured.requirements import PoleRegion
 from hillsphere_controllers.structured.structure import Structure
 
-__all__ = ["FURTHEST", "Objective", "Piece", "Point"]
+__all__ = ["FURTHEST", "Objective", "Point"]
 
 _Wanted = tuple[int, int, float, int | None]
 """Plant, channel, frequency in rad/s, and number of a singular value; None: all that are high."""
 
-_NEAR = 0.6
-"""Peaks of at least this share of the largest are looked at."""
 _REFINED = 0.85
 """Those of at least this share are found exactly, the others to the next frequency looked at."""
 _MOST = 14
@@ -33,8 +40,6 @@ _MOST = 14
 slower; with fewer, a peak left out rises and the step is rejected."""
 _EACH, _AT_ALL = 6, 60
 """With many plants more peaks are, or nearly are, the highest: so many for each, and at all."""
-_ALIKE = 10
-"""Decimals to which levels are compared; what is the same for many plants counts once."""
 _ROUGH = 0.95
 """Peaks that are roughly below this share of the largest so far are not the largest."""
 _NEAR_HARD = -0.3
@@ -45,35 +50,6 @@ _STRICTLY = 1e-5
 """Poles of a controller that is to be stable are below minus this share of the rate."""
 _MARGIN = 1e-7
 """By so much constraints are kept, so that rounding does not break them."""
-
-
-@dataclass(frozen=True)
-class Piece:
-    """One of the functions whose largest is minimised, or of the constraints, at a θ.
-
-    Parameters
-    ----------
-    level : float
-        Logarithm of a weighted gain or norm; or the excess of a constraint.
-    slope : ndarray, shape (size,)
-        Its gradient.
-    plant, channel : int
-        Where; channel −1: poles, of plant −1: gains, of −2: the controller's poles.
-    omega_rad_s : float
-        Peak; NaN where there is none.
-    number : int
-        Of the singular value, or of the condition on the poles.
-    hard : bool
-        Whether it is a constraint.
-    """
-
-    level: float
-    slope: Array
-    plant: int
-    channel: int
-    omega_rad_s: float
-    number: int
-    hard: bool
 
 
 @dataclass
@@ -294,18 +270,18 @@ class Objective:
                 share = high / max(float(high.max()), 1e-300)
                 peaks += [
                     (float(np.exp(level - point.objective) * share[i]), j, c, float(omega[i]))
-                    for i in _distinct_peaks(omega, high)
+                    for i in distinct_peaks(omega, high)
                 ]
         highest: list[_Wanted] = []
         heights: set[tuple[int, float, float]] = set()
         for level, j, c, at in sorted(peaks, key=lambda peak: -peak[0]):
-            heights.add((c, at, round(level, _ALIKE)))
+            heights.add((c, at, round(level, ALIKE)))
             if len(heights) > self._most:
                 break
             highest.append((j, c, at, None))
         for made in self._at(point, highest):
             soft += [p for p in made if p.level >= least]
-        soft = _without_duplicates(sorted(soft, key=lambda p: -p.level))[: self._most]
+        soft = without_duplicates(sorted(soft, key=lambda p: -p.level))[: self._most]
         hard = [p for p in self._hard(point) if p.level > _NEAR_HARD]
         return self.with_extra(point, soft + hard, extra)
 
@@ -314,11 +290,11 @@ class Objective:
     ) -> list[Piece]:
         """Return pieces at a point, and those at the frequencies of other ones, each once."""
         made = list(pieces)
-        known = {_key(p) for p in made}
+        known = {piece_key(p) for p in made}
         wanted: list[_Wanted] = []
         for p in extra:
-            if not p.hard and _key(p) not in known and not np.isnan(p.omega_rad_s):
-                known.add(_key(p))
+            if not p.hard and piece_key(p) not in known and not np.isnan(p.omega_rad_s):
+                known.add(piece_key(p))
                 wanted.append((p.plant, p.channel, p.omega_rad_s, p.number))
         return made + [p for pieces_there in self._at(point, wanted) for p in pieces_there]
 
@@ -338,7 +314,7 @@ class Objective:
                 followed[k] = self._h2_piece(point, j, c)
             else:
                 places.append(k)
-                omega = _nearest_frequency(point.loops[j].peaks[c][0], piece.omega_rad_s)
+                omega = nearest_frequency(point.loops[j].peaks[c][0], piece.omega_rad_s)
                 wanted.append((j, c, omega, piece.number))
         for k, at in zip(places, self._at(point, wanted), strict=True):
             followed[k] = at[0] if at else pieces[k]
@@ -347,7 +323,7 @@ class Objective:
     def _refine(self, point: Point) -> float:
         """Refine the highest peaks; return the level from which they are near the largest."""
         self.norms.refine(point.loops, point.objective + float(np.log(_REFINED)))
-        return point.objective + float(np.log(_NEAR))
+        return point.objective + float(np.log(NEAR))
 
     def _hard(self, point: Point) -> list[Piece]:
         hard: list[Piece] = []
@@ -360,7 +336,7 @@ class Objective:
                 if channel.norm == "h2":
                     hard.append(self._h2_piece(point, j, c))
                     continue
-                at = loop.peaks[c][0][_distinct_peaks(*loop.peaks[c])].tolist()
+                at = loop.peaks[c][0][distinct_peaks(*loop.peaks[c])].tolist()
                 for made in self._at(point, [(j, c, omega, None) for omega in at]):
                     hard += [p for p in made if p.level > _NEAR_HARD]
             if self.region is not None:
@@ -409,7 +385,7 @@ class Objective:
             place = np.array([point.loops[wanted[k][0]].place for k in members])
             # all singular values near the largest: where two meet, both hold the optimum up
             sigma, slopes = gain_slopes(point.loops[first].all.at(place), rows, columns, omega)
-            looked = sigma > _NEAR * sigma[:, :1] * (1.0 - 1e-12)
+            looked = sigma > NEAR * sigma[:, :1] * (1.0 - 1e-12)
             for i, k in enumerate(members):
                 number = wanted[k][3]
                 if number is not None:
@@ -442,42 +418,3 @@ class Objective:
             level = float(excess[kind, i]) + _MARGIN
             pieces.append(Piece(level, slope, j, -1, np.nan, int(kind), True))
         return sorted(pieces, key=lambda piece: -piece.level)[:_MOST]
-
-
-def _without_duplicates(pieces: Sequence[Piece]) -> list[Piece]:
-    """Return the pieces without duplicates, which several plants have in a common direct term."""
-    distinct: list[Piece] = []
-    known: dict[tuple[int, int, float, float], list[Array]] = {}
-    for p in pieces:
-        same = known.setdefault((p.channel, p.number, p.omega_rad_s, round(p.level, _ALIKE)), [])
-        if not same or (np.abs(p.slope - same) > 1e-6 * np.abs(same)).any(axis=1).all():
-            same.append(p.slope)
-            distinct.append(p)
-    return distinct
-
-
-def _key(piece: Piece) -> tuple[int, int, int, float]:
-    at = piece.omega_rad_s
-    return piece.plant, piece.channel, piece.number, round(at, 12) if np.isfinite(at) else at
-
-
-def _distinct_peaks(omega: Array, high: Array) -> list[int]:
-    """Return the indices of peaks near the largest, each once."""
-    distinct: list[int] = []
-    for i in np.argsort(-high, kind="stable"):
-        if high[i] < _NEAR * high.max():
-            break
-        other = [omega[k] for k in distinct if np.isfinite(omega[k])]
-        if np.isinf(omega[i]) or all(abs(omega[i] - f) > 1e-6 * max(omega[i], f) for f in other):
-            distinct.append(int(i))
-    return distinct
-
-
-def _nearest_frequency(omega: Array, wanted: float) -> float:
-    if np.isinf(wanted) or wanted == 0.0:
-        return wanted
-    there = omega[np.isfinite(omega) & (omega > 0.0)]
-    if not there.size:
-        return wanted
-    best = float(there[int(np.argmin(np.abs(np.log(there / wanted))))])
-    return best if abs(np.log(best / wanted)) < 0.2 else wanted
