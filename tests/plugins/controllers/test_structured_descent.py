@@ -15,7 +15,7 @@ from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.structured.closed_loop import OpenLoop
 from hillsphere_controllers.structured.descent import descend, gradient_sampling
 from hillsphere_controllers.structured.minimax import minimax_step
-from hillsphere_controllers.structured.objective import Objective, Piece
+from hillsphere_controllers.structured.objective import Objective
 from hillsphere_controllers.structured.peaks import (
     frequencies,
     gains,
@@ -23,6 +23,7 @@ from hillsphere_controllers.structured.peaks import (
     refine_peaks,
     responses,
 )
+from hillsphere_controllers.structured.pieces import Piece
 from hillsphere_controllers.structured.polish import _Linear
 from hillsphere_controllers.structured.requirements import DesignPlant
 from hillsphere_controllers.structured.structure import static

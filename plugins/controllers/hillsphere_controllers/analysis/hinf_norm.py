@@ -40,7 +40,10 @@ from hillsphere_controllers.analysis.frequency import Response, largest_gains
 from hillsphere_controllers.systems.balancing import balance_states
 from hillsphere_controllers.systems.bilinear import continuous
 
-__all__ = ["HinfNorm", "hamiltonian_eigenvalues", "hamiltonians_eigenvalues", "hinf_norm"]
+__all__ = [
+    "HinfNorm", "hamiltonian_eigenvalues", "hamiltonians_eigenvalues", "hinf_norm",
+    "invert_frequency",
+]  # fmt: skip
 
 _MOST_LEVELS = 40
 """Levels at most. The level rises quadratically to the norm: fewer than ten are needed, and the
@@ -146,7 +149,8 @@ def hinf_norm(system: LtiSystem, tolerance: float = 1e-9) -> HinfNorm:
         return search.climb(tolerance)
     # The peak is at infinity, where R is singular: s → ω²/s puts it at zero.
     scale = float(np.exp(np.mean(np.log(np.abs(search.response.poles)))))
-    inverse = _invert_frequency(system, scale)
+    matrices = invert_frequency(system.a, system.b, system.c, system.d, scale)
+    inverse = LtiSystem(*matrices)
     norm = _Search(inverse, inverse.poles).climb(tolerance)
     frequency = np.inf if norm.frequency_rad_s == 0.0 else scale**2 / norm.frequency_rad_s
     return HinfNorm(norm.value, float(frequency), norm.upper, norm.error)
@@ -265,14 +269,14 @@ class _Search:
         return self._bound_with_rounding(np.inf)
 
     def _bound_with_rounding(self, level: float) -> HinfNorm:
-        high, error = _gain_with_rounding(self.given, self.frequency)
-        upper = max(level * (1.0 + max(error, self.noise)), high)
         # another frequency may have a lower gain that is less sure
         others = np.unique(np.append(np.abs(self.response.poles), 0.0))
         others = others[others != self.frequency]
         gains = largest_gains(self.response(1j * others))
-        for k in np.argsort(-gains)[:_ROUNDED]:
-            upper = max(upper, _gain_with_rounding(self.given, float(others[k]))[0])
+        few = others[np.argsort(-gains)[:_ROUNDED]]
+        high, errors = _gains_with_rounding(self.given, np.append(self.frequency, few))
+        error = float(errors[0])
+        upper = max(level * (1.0 + max(error, self.noise)), float(high.max()))
         return HinfNorm(self.value, self.frequency, upper, error)
 
 
@@ -286,34 +290,58 @@ def _new_poles(
 
 def _gain_with_rounding(system: LtiSystem, omega: float) -> tuple[float, float]:
     """Return the most that the gain at a frequency can be, and the relative part of rounding."""
+    high, error = _gains_with_rounding(system, np.array([omega]))
+    return float(high[0]), float(error[0])
+
+
+def _gains_with_rounding(system: LtiSystem, omega: Array) -> tuple[Array, Array]:
+    """Return the most that the gains at frequencies (K,) can be, and the relative rounding (K,).
+
+    Both are infinite where rounding may make s I − A singular.
+    """
     s = 1j * omega if system.dt_s is None else np.exp(1j * omega * system.dt_s)
-    n = system.order
-    factors, swaps, singular = zgetrf(s * np.eye(n) - system.a)
-    if singular:
-        return np.inf, np.inf
-    inverse, _ = zgetri(factors, swaps)
-    size = np.abs(factors)
+    n, unit = system.order, np.eye(system.order)
+    away = s[:, None, None] * unit - system.a
+    high, error = np.full(omega.size, np.inf), np.full(omega.size, np.inf)
+    factors, inverse = np.empty_like(away), np.empty_like(away)
+    order = np.tile(np.arange(n), (omega.size, 1))
+    sure = np.ones(omega.size, dtype=bool)
+    for i, one in enumerate(away):
+        factors[i], swaps, singular = zgetrf(one)
+        sure[i] = not singular
+        if singular:
+            continue
+        inverse[i], _ = zgetri(factors[i], swaps)
+        row = order[i]
+        for k, other in reversed(list(enumerate(swaps.tolist()))):
+            if other != k:
+                row[k], row[other] = row[other], row[k]
+    places = np.flatnonzero(sure)
+    factors, inverse, order = factors[places], inverse[places], order[places]
+    size, below = np.abs(factors), np.tri(n, k=-1)
     # |L| |U| of the backward error bound, rows in their original order
-    changed = (np.tril(size, -1) + np.eye(n)) @ np.triu(size)
-    order = list(range(n))
-    for k, other in reversed(list(enumerate(swaps.tolist()))):
-        order[k], order[other] = order[other], order[k]
-    changed = changed[order]
+    changed = (size * below + unit) @ (size * (1.0 - below))
+    changed = np.take_along_axis(changed, order[:, :, None], axis=1)
+    into, out = inverse @ system.b, system.c @ inverse
+    gains = largest_gains((out @ system.b + system.d).astype(complex))
     with np.errstate(all="ignore"):
         changed *= n * _EPS
         if system.dt_s is not None:  # exp(jω dt) is rounded itself
-            changed += _EPS * np.eye(n)
-        into, out = np.abs(inverse @ system.b), np.abs(system.c @ inverse)
+            changed += _EPS * unit
         part = np.abs(inverse) @ changed
-    # (I − R E)⁻¹ R B with |E| no larger than `changed`
-    if not np.isfinite(part).all():
-        return np.inf, np.inf
-    # the Neumann series of (I − R E)⁻¹ must converge, else rounding may make the matrix singular
-    if part.sum(axis=0).max() >= 0.5 and np.abs(np.linalg.eigvals(part)).max() >= 0.5:
-        return np.inf, np.inf
-    error = float(np.linalg.norm(out @ changed @ np.linalg.solve(np.eye(n) - part, into)))
-    gain = float(largest_gains((system.c @ inverse @ system.b + system.d)[None])[0])
-    return gain + error, error / gain if gain > 0.0 else 0.0
+    for i, place in enumerate(places.tolist()):
+        # (I − R E)⁻¹ R B with |E| no larger than `changed`
+        if not np.isfinite(part[i]).all():
+            continue
+        # the Neumann series of (I − R E)⁻¹ must converge, else rounding may make the matrix
+        # singular
+        norm = part[i].sum(axis=0).max()
+        if norm >= 0.5 and np.abs(np.linalg.eigvals(part[i])).max() >= 0.5:
+            continue
+        moved = np.abs(out[i]) @ changed[i] @ np.linalg.solve(unit - part[i], np.abs(into[i]))
+        away_by, gain = float(np.linalg.norm(moved)), float(gains[i])
+        high[place], error[place] = gain + away_by, away_by / gain if gain > 0.0 else 0.0
+    return high, error
 
 
 def hamiltonian_eigenvalues(system: LtiSystem, level: float) -> NDArray[np.complex128]:
@@ -373,12 +401,24 @@ def hamiltonians_eigenvalues(
     return np.asarray(np.linalg.eigvals(made), dtype=complex)
 
 
-def _invert_frequency(system: LtiSystem, scale: float) -> LtiSystem:
-    """Return the system at ω²/s: zero frequency and infinity change places."""
-    inverse: Array = np.linalg.inv(system.a / scale).astype(float)
-    return LtiSystem(
-        scale * inverse,
-        inverse @ system.b,
-        -system.c @ inverse,
-        system.d - system.c @ inverse @ system.b / scale,
-    )
+def invert_frequency(
+    a: Array, b: Array, c: Array, d: Array, scale: float | Array
+) -> tuple[Array, Array, Array, Array]:
+    """Return systems (..., n, n) … at ω²/s: zero frequency and infinity change places.
+
+    Parameters
+    ----------
+    a, b, c, d : ndarray, shapes (..., n, n), (..., n, m), (..., p, n), (..., p, m)
+        Matrices of the systems, A not singular.
+    scale : float or ndarray, shape (...,)
+        ω of each, rad/s.
+
+    Returns
+    -------
+    tuple of ndarray
+        A, B, C and D of the images.
+    """
+    size = np.asarray(scale)[..., None, None]
+    inverse: Array = np.linalg.inv(a / size).astype(float)
+    seen = c @ inverse
+    return size * inverse, inverse @ b, -seen, d - seen @ b / size

@@ -73,6 +73,7 @@ class _Line(Generic[P]):
     slope: Array
 
 
+@np.errstate(over="ignore", invalid="ignore")  # far out slopes overflow: no step is taken there
 def descend(
     landscape: Landscape[P],
     point: P,
@@ -174,6 +175,7 @@ def _line_search(
     return best
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def gradient_sampling(
     landscape: Landscape[P], point: P, random: np.random.Generator, *, rounds: int = 3
 ) -> P:

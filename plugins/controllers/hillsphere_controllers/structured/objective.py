@@ -15,17 +15,24 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere_controllers.structured.closed_loop import OpenLoop
 from hillsphere_controllers.structured.gradients import gain_slopes, h2_slope, pole_slopes
+from hillsphere_controllers.structured.pieces import (
+    ALIKE,
+    NEAR,
+    Piece,
+    distinct_peaks,
+    nearest_frequency,
+    piece_key,
+    without_duplicates,
+)
 from hillsphere_controllers.structured.plant_norms import Loop, PlantNorms
 from hillsphere_controllers.structured.requirements import PoleRegion
 from hillsphere_controllers.structured.structure import Structure
 
-__all__ = ["FURTHEST", "Objective", "Piece", "Point"]
+__all__ = ["FURTHEST", "Objective", "Point"]
 
 _Wanted = tuple[int, int, float, int | None]
 """Plant, channel, frequency in rad/s, and number of a singular value; None: all that are high."""
 
-_NEAR = 0.6
-"""Peaks of at least this share of the largest are looked at."""
 _REFINED = 0.85
 """Those of at least this share are found exactly, the others to the next frequency looked at."""
 _MOST = 14
@@ -33,8 +40,6 @@ _MOST = 14
 slower; with fewer, a peak left out rises and the step is rejected."""
 _EACH, _AT_ALL = 6, 60
 """With many plants more peaks are, or nearly are, the highest: so many for each, and at all."""
-_ALIKE = 10
-"""Decimals to which levels are compared; what is the same for many plants counts once."""
 _ROUGH = 0.95
 """Peaks that are roughly below this share of the largest so far are not the largest."""
 _NEAR_HARD = -0.3
@@ -45,35 +50,6 @@ _STRICTLY = 1e-5
 """Poles of a controller that is to be stable are below minus this share of the rate."""
 _MARGIN = 1e-7
 """By so much constraints are kept, so that rounding does not break them."""
-
-
-@dataclass(frozen=True)
-class Piece:
-    """One of the functions whose largest is minimised, or of the constraints, at a θ.
-
-    Parameters
-    ----------
-    level : float
-        Logarithm of a weighted gain or norm; or the excess of a constraint.
-    slope : ndarray, shape (size,)
-        Its gradient.
-    plant, channel : int
-        Where; channel −1: poles, of plant −1: gains, of −2: the controller's poles.
-    omega_rad_s : float
-        Peak; NaN where there is none.
-    number : int
-        Of the singular value, or of the condition on the poles.
-    hard : bool
-        Whether it is a constraint.
-    """
-
-    level: float
-    slope: Array
-    plant: int
-    channel: int
-    omega_rad_s: float
-    number: int
-    hard: bool
 
 
 @dataclass
@@ -204,6 +180,47 @@ class Objective:
         """Drop all remembered peaks, so that a start does not depend on those before it."""
         self.norms.forget()
 
+    def restricted(self, places: Sequence[int]) -> Objective:
+        """Return the objective of some plants alone, with what is remembered of them."""
+        part = Objective(
+            [self.loops[j] for j in places], self.structure, self.middle, self.spread, self.region,
+            self.largest_gain,
+        )  # fmt: skip
+        part._controller_stable, part._rate = self._controller_stable, self._rate
+        part.penalty = self.penalty
+        part.norms.recall(self.norms.memory(places))
+        return part
+
+    def take_over(self, part: Objective, places: Sequence[int]) -> None:
+        """Take what the objective of some plants has learned, and count its evaluations."""
+        self.penalty = part.penalty
+        self.evaluations += part.evaluations
+        self.norms.recall(part.norms.memory(range(len(places))), places)
+
+    def levels(self, point: Point, kept: float = 0.0) -> Array:
+        """Return the logarithm of each plant's largest weighted norm at a point, (plants,).
+
+        A plant that exceeds a constraint by more than `kept` is as much higher than the objective.
+        """
+        levels = np.full(len(self.loops), -np.inf)
+        for j, loop in enumerate(point.loops):
+            excess = -np.inf
+            for c, level in loop.levels.items():
+                if self.loops[j].channels[c][2].limit is None:
+                    levels[j] = max(levels[j], level)
+                else:
+                    excess = max(excess, level)
+            if self.region is not None:
+                excess = max(excess, float(self.region.excess(loop.response.poles)[0].max()))
+            if excess > kept:
+                levels[j] = max(levels[j], point.objective + excess)
+        return levels
+
+    def unstable(self, x: Array) -> list[int]:
+        """Return the plants that are not stable at x, the worst first; all if none is sure."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self.norms.unstable(self.structure.gains(self.theta(x)))
+
     def certify(self, point: Point) -> Point:
         """Return the point, with peaks added that only the level-set method found."""
         missed = self.norms.finds_higher_gain(point.loops, point.objective)
@@ -253,18 +270,18 @@ class Objective:
                 share = high / max(float(high.max()), 1e-300)
                 peaks += [
                     (float(np.exp(level - point.objective) * share[i]), j, c, float(omega[i]))
-                    for i in _distinct_peaks(omega, high)
+                    for i in distinct_peaks(omega, high)
                 ]
         highest: list[_Wanted] = []
         heights: set[tuple[int, float, float]] = set()
         for level, j, c, at in sorted(peaks, key=lambda peak: -peak[0]):
-            heights.add((c, at, round(level, _ALIKE)))
+            heights.add((c, at, round(level, ALIKE)))
             if len(heights) > self._most:
                 break
             highest.append((j, c, at, None))
         for made in self._at(point, highest):
             soft += [p for p in made if p.level >= least]
-        soft = _without_duplicates(sorted(soft, key=lambda p: -p.level))[: self._most]
+        soft = without_duplicates(sorted(soft, key=lambda p: -p.level))[: self._most]
         hard = [p for p in self._hard(point) if p.level > _NEAR_HARD]
         return self.with_extra(point, soft + hard, extra)
 
@@ -273,11 +290,11 @@ class Objective:
     ) -> list[Piece]:
         """Return pieces at a point, and those at the frequencies of other ones, each once."""
         made = list(pieces)
-        known = {_key(p) for p in made}
+        known = {piece_key(p) for p in made}
         wanted: list[_Wanted] = []
         for p in extra:
-            if not p.hard and _key(p) not in known and not np.isnan(p.omega_rad_s):
-                known.add(_key(p))
+            if not p.hard and piece_key(p) not in known and not np.isnan(p.omega_rad_s):
+                known.add(piece_key(p))
                 wanted.append((p.plant, p.channel, p.omega_rad_s, p.number))
         return made + [p for pieces_there in self._at(point, wanted) for p in pieces_there]
 
@@ -297,7 +314,7 @@ class Objective:
                 followed[k] = self._h2_piece(point, j, c)
             else:
                 places.append(k)
-                omega = _nearest_frequency(point.loops[j].peaks[c][0], piece.omega_rad_s)
+                omega = nearest_frequency(point.loops[j].peaks[c][0], piece.omega_rad_s)
                 wanted.append((j, c, omega, piece.number))
         for k, at in zip(places, self._at(point, wanted), strict=True):
             followed[k] = at[0] if at else pieces[k]
@@ -306,7 +323,7 @@ class Objective:
     def _refine(self, point: Point) -> float:
         """Refine the highest peaks; return the level from which they are near the largest."""
         self.norms.refine(point.loops, point.objective + float(np.log(_REFINED)))
-        return point.objective + float(np.log(_NEAR))
+        return point.objective + float(np.log(NEAR))
 
     def _hard(self, point: Point) -> list[Piece]:
         hard: list[Piece] = []
@@ -319,7 +336,7 @@ class Objective:
                 if channel.norm == "h2":
                     hard.append(self._h2_piece(point, j, c))
                     continue
-                at = loop.peaks[c][0][_distinct_peaks(*loop.peaks[c])].tolist()
+                at = loop.peaks[c][0][distinct_peaks(*loop.peaks[c])].tolist()
                 for made in self._at(point, [(j, c, omega, None) for omega in at]):
                     hard += [p for p in made if p.level > _NEAR_HARD]
             if self.region is not None:
@@ -368,7 +385,7 @@ class Objective:
             place = np.array([point.loops[wanted[k][0]].place for k in members])
             # all singular values near the largest: where two meet, both hold the optimum up
             sigma, slopes = gain_slopes(point.loops[first].all.at(place), rows, columns, omega)
-            looked = sigma > _NEAR * sigma[:, :1] * (1.0 - 1e-12)
+            looked = sigma > NEAR * sigma[:, :1] * (1.0 - 1e-12)
             for i, k in enumerate(members):
                 number = wanted[k][3]
                 if number is not None:
@@ -401,42 +418,3 @@ class Objective:
             level = float(excess[kind, i]) + _MARGIN
             pieces.append(Piece(level, slope, j, -1, np.nan, int(kind), True))
         return sorted(pieces, key=lambda piece: -piece.level)[:_MOST]
-
-
-def _without_duplicates(pieces: Sequence[Piece]) -> list[Piece]:
-    """Return the pieces without duplicates, which several plants have in a common direct term."""
-    distinct: list[Piece] = []
-    known: dict[tuple[int, int, float, float], list[Piece]] = {}
-    for p in pieces:
-        same = known.setdefault((p.channel, p.number, p.omega_rad_s, round(p.level, _ALIKE)), [])
-        if not any(np.allclose(p.slope, q.slope, rtol=1e-6, atol=0.0) for q in same):
-            same.append(p)
-            distinct.append(p)
-    return distinct
-
-
-def _key(piece: Piece) -> tuple[int, int, int, float]:
-    at = piece.omega_rad_s
-    return piece.plant, piece.channel, piece.number, round(at, 12) if np.isfinite(at) else at
-
-
-def _distinct_peaks(omega: Array, high: Array) -> list[int]:
-    """Return the indices of peaks near the largest, each once."""
-    distinct: list[int] = []
-    for i in np.argsort(-high, kind="stable"):
-        if high[i] < _NEAR * high.max():
-            break
-        other = [omega[k] for k in distinct if np.isfinite(omega[k])]
-        if np.isinf(omega[i]) or all(abs(omega[i] - f) > 1e-6 * max(omega[i], f) for f in other):
-            distinct.append(int(i))
-    return distinct
-
-
-def _nearest_frequency(omega: Array, wanted: float) -> float:
-    if np.isinf(wanted) or wanted == 0.0:
-        return wanted
-    there = omega[np.isfinite(omega) & (omega > 0.0)]
-    if not there.size:
-        return wanted
-    best = float(there[int(np.argmin(np.abs(np.log(there / wanted))))])
-    return best if abs(np.log(best / wanted)) < 0.2 else wanted

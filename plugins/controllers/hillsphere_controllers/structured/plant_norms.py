@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,7 +11,11 @@ from numpy.typing import NDArray
 from hillsphere.interfaces import Array, Integers
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.frequency import Response
-from hillsphere_controllers.analysis.hinf_norm import hamiltonians_eigenvalues, hinf_norm
+from hillsphere_controllers.analysis.hinf_norm import (
+    hamiltonians_eigenvalues,
+    hinf_norm,
+    invert_frequency,
+)
 from hillsphere_controllers.structured.closed_loop import Closed, Open, OpenLoop
 from hillsphere_controllers.structured.gradients import h2
 from hillsphere_controllers.structured.peaks import (
@@ -38,6 +42,9 @@ _REMEMBERED = 12
 _ROUNDING = 1e-9
 """Relative amount above the level at which crossings are searched, so that the peak at the level
 itself is none."""
+_SINGULAR = 1e-6
+"""Relative distance of a level from the gain at infinity below which H is singular but for
+rounding."""
 _IMAGINARY = 1e-2
 """Eigenvalues this near the imaginary axis, relative to their size, are looked at."""
 
@@ -122,6 +129,20 @@ class PlantNorms:
                     return None
                 loops[j] = Loop(closed, place, response)
         return [loops[j] for j in range(len(self.plants))]
+
+    def unstable(self, gains_: Array) -> list[int]:
+        """Return the plants that are not stable with K, the worst first; all if none is sure."""
+        excess = np.full(len(self.plants), -np.inf)
+        for group in self._groups:
+            closed = group.open.close_loop(gains_)
+            if closed is None or not np.isfinite(closed.a).all():
+                return list(range(len(self.plants)))
+            poles = np.linalg.eigvals(closed.a)
+            rates = np.array([self.plants[j].rate for j in group.members])
+            excess[group.members] = poles.real.max(axis=1, initial=-np.inf) / rates
+        order = np.argsort(-excess, kind="stable")
+        bad = order[excess[order] >= 0.0]
+        return [int(j) for j in (bad if bad.size else order)]
 
     def seen_above(self, loops: Sequence[Loop], level: float) -> bool:
         """Return whether a gain at a remembered peak already exceeds a level (a logarithm)."""
@@ -241,6 +262,15 @@ class PlantNorms:
         """Forget all peaks, so that a search does not depend on those before it."""
         self._remembered = [np.zeros(0) for _ in self.plants]
 
+    def memory(self, places: Iterable[int]) -> list[Array]:
+        """Return the remembered frequencies of some plants, rad/s."""
+        return [self._remembered[j] for j in places]
+
+    def recall(self, memory: Sequence[Array], places: Iterable[int] | None = None) -> None:
+        """Remember the frequencies (rad/s) that `memory` has given, of all plants or of some."""
+        for j, known in zip(range(len(memory)) if places is None else places, memory, strict=True):
+            self._remembered[j] = known
+
     def finds_higher_gain(self, loops: Sequence[Loop], above: float) -> bool:
         """Return whether the level-set method finds a higher gain, and remember its frequency.
 
@@ -269,39 +299,60 @@ class PlantNorms:
     ) -> dict[int, float]:
         """Return a frequency at which the gain is above the level, for loops that have one."""
         rows, columns, _ = self.plants[group.members[0]].channels[c]
+        levels = {
+            j: np.exp(max(loops[j].levels[c], least)) / self.plants[j].weights[c]
+            * (1.0 + _ROUNDING)
+            for j in group.members
+        }  # fmt: skip
+        # near the gain at infinity H is singular: there the system at ω²/s is looked at
+        at_infinity = {j: loops[j].direct[c] > (1.0 - _SINGULAR) * levels[j] for j in levels}
         frequencies: dict[int, float] = {}
-        crossed: dict[int, float] = {}
-        for j in group.members:
-            loop = loops[j]
-            level = np.exp(max(loop.levels[c], least)) / self.plants[j].weights[c]
-            level *= 1.0 + _ROUNDING
-            if loop.direct[c] <= (1.0 - 1e-6) * level:
-                crossed[j] = level
+        for turned in (False, True):
+            some = [j for j in levels if at_infinity[j] == turned]
+            if not some:
                 continue
-            norm = hinf_norm(
-                closed_loop_part(loop.closed, rows, columns)
-            )  # H is singular at that level
+            level = np.array([levels[j] for j in some])
+            many = loops[some[0]].all.at(np.array([loops[j].place for j in some]))
+            matrices = (
+                many.a, many.b[..., columns], many.c[:, rows], many.d[:, rows][..., columns]
+            )  # fmt: skip
+            scale = np.ones(len(some))
+            if turned:
+                poles = np.array([loops[j].response.poles for j in some])
+                scale = np.exp(np.mean(np.log(np.maximum(np.abs(poles), 1e-300)), axis=1))
+                matrices = invert_frequency(*matrices, scale)
+                size = np.linalg.norm(matrices[3], 2, axis=(1, 2))
+                if (size > (1.0 - _SINGULAR) * level).any():  # and so it is at zero
+                    frequencies |= self._by_norms(loops, dict(zip(some, level, strict=True)), c)
+                    continue
+            # Boyd, Balakrishnan and Kabamba (1989): the gain crosses the level at imaginary
+            # eigenvalues
+            all_values = hamiltonians_eigenvalues(*matrices, level)
+            for j, values, one in zip(some, all_values, scale.tolist(), strict=True):
+                near = np.abs(values[np.abs(values.real) <= _IMAGINARY * np.abs(values)].imag)
+                if not near.size:
+                    continue
+                omega = np.unique(np.append(near, 0.0))  # the gain may be above from zero on
+                omega = np.concatenate([omega, 0.5 * (omega[1:] + omega[:-1])])
+                if turned:
+                    omega = one**2 / omega[omega > 0.0]
+                made = loops[j].response((1j * omega).astype(complex))
+                high = gains(made[:, rows][:, :, columns])
+                best = int(np.argmax(high))
+                if high[best] > levels[j]:
+                    frequencies[j] = float(omega[best])
+        return frequencies
+
+    def _by_norms(
+        self, loops: Sequence[Loop], levels: dict[int, float], c: int
+    ) -> dict[int, float]:
+        """Return the same for loops whose gains at zero and at infinity are both at the level."""
+        frequencies: dict[int, float] = {}
+        for j, level in levels.items():
+            rows, columns, _ = self.plants[j].channels[c]
+            norm = hinf_norm(closed_loop_part(loops[j].closed, rows, columns))
             if norm.value > level and np.isfinite(norm.frequency_rad_s):
                 frequencies[j] = norm.frequency_rad_s
-        if not crossed:
-            return frequencies
-        many = loops[group.members[0]].all.at(np.array([loops[j].place for j in crossed]))
-        # Boyd, Balakrishnan and Kabamba (1989): the gain crosses the level at imaginary eigenvalues
-        all_values = hamiltonians_eigenvalues(
-            many.a, many.b[..., columns], many.c[:, rows], many.d[:, rows][..., columns],
-            np.array(list(crossed.values())),
-        )  # fmt: skip
-        for values, (j, level) in zip(all_values, crossed.items(), strict=True):
-            near = np.abs(values[np.abs(values.real) <= _IMAGINARY * np.abs(values)].imag)
-            if not near.size:
-                continue
-            omega = np.unique(np.append(near, 0.0))  # the gain may be above from zero on
-            omega = np.concatenate([omega, 0.5 * (omega[1:] + omega[:-1])])
-            made = loops[j].response((1j * omega).astype(complex))
-            high = gains(made[:, rows][:, :, columns])
-            best = int(np.argmax(high))
-            if high[best] > level:
-                frequencies[j] = float(omega[best])
         return frequencies
 
 

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
 from hillsphere_controllers.structured.minimax import MinimaxStep, minimax_step
-from hillsphere_controllers.structured.objective import Objective, Piece, Point
+from hillsphere_controllers.structured.objective import Objective, Point
+from hillsphere_controllers.structured.pieces import Piece
 
 __all__ = ["Active", "PolishedPoint", "polish_point", "stationarity"]
 

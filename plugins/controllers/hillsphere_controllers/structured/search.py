@@ -10,6 +10,7 @@ import numpy as np
 
 from hillsphere.errors import Interrupted
 from hillsphere.interfaces import Array
+from hillsphere_controllers.structured.active_plants import ActiveSet, minimise_active
 from hillsphere_controllers.structured.closed_loop import OpenLoop
 from hillsphere_controllers.structured.descent import descend, gradient_sampling
 from hillsphere_controllers.structured.objective import Objective, Point
@@ -86,14 +87,14 @@ class Search:
         objective = self._objective(structure, self.middle, self.spread)
         best = Best(objective, self._tell, self.problem.target)
         near = self.problem.near and start.theta is not None
-        spent = 0
+        spent, active = 0, ActiveSet()
         try:
             together = start.route == STARTS and not near and start.perturbation == 0.0
             if _has_equal_parts(structure) and together:
                 if start.theta is not None:
                     self._taken(start, objective, best)
                 # equal parts are varied together first, then apart
-                x, abscissa, spent = self._together(Alike(structure), start, random, best)
+                x, abscissa, spent = self._together(Alike(structure), start, random, best, active)
             else:
                 x, abscissa = self._stable(start, random, objective)
             point = objective.evaluate(x)
@@ -105,7 +106,7 @@ class Search:
                     start, theta, np.inf, abscissa, evaluations=objective.evaluations + spent
                 )
             steps = _POLISHED if near else _LEFT if spent else 0
-            converged = _minimise_from(objective, point, random, best, polish=steps)
+            converged = _minimise_from(objective, point, random, best, active, polish=steps)
         except Reached:
             converged = False
         except (KeyboardInterrupt, Interrupted):
@@ -135,7 +136,8 @@ class Search:
                 break
             converged, stopped = False, False
             try:
-                converged = _minimise_from(objective, point, random, best)
+                active = ActiveSet.highest(objective, point)
+                converged = _minimise_from(objective, point, random, best, active)
             except Reached:
                 stopped = True
             except (KeyboardInterrupt, Interrupted):
@@ -164,7 +166,12 @@ class Search:
             best.accept(point)
 
     def _together(
-        self, alike: Alike, start: Start, random: np.random.Generator, best: Best
+        self,
+        alike: Alike,
+        start: Start,
+        random: np.random.Generator,
+        best: Best,
+        active: ActiveSet,
     ) -> tuple[Array, float, int]:
         """Return scaled parameters, the largest spectral abscissa, and evaluations of closed loops.
 
@@ -189,7 +196,7 @@ class Search:
             converged = False
             if np.isfinite(point.value):
                 try:
-                    converged = _minimise_from(objective, point, random, lowest)
+                    converged = _minimise_from(objective, point, random, lowest, active)
                 except (KeyboardInterrupt, Interrupted, Reached):
                     if lowest.point is not None:
                         best.accept(best.objective.evaluate(apart(lowest.point.x)))
@@ -266,7 +273,7 @@ class Best:
         tell: Callable[[float], None] | None = None,
         target: float = 0.0,
     ) -> None:
-        self.objective, self._tell, self._target = objective, tell, target
+        self.objective, self._tell, self.target = objective, tell, target
         self.point: Point | None = None
         self._count = 0
 
@@ -301,7 +308,7 @@ class Best:
                 gamma = float(np.exp(point.objective))
                 if self._tell is not None and key[0] == 0.0:
                     self._tell(gamma)
-                if key[0] == 0.0 and gamma < self._target:
+                if key[0] == 0.0 and gamma < self.target:
                     raise Reached
         return point
 
@@ -315,6 +322,7 @@ def _minimise_from(
     point: Point,
     random: np.random.Generator,
     best: Best,
+    active: ActiveSet,
     *,
     polish: int = 0,
 ) -> bool:
@@ -322,6 +330,37 @@ def _minimise_from(
 
     Returns whether polishing ended by itself.
     """
+
+    def minimise(part: Objective, begun: Point, steps: int) -> tuple[Point, bool]:
+        alone = part is objective
+        lowest = best if alone else Best(part, target=best.target)
+        try:
+            converged = _minimise_all(part, begun, random, lowest, polish=steps)
+        except Reached:
+            if alone:
+                raise
+            converged = False
+        except (KeyboardInterrupt, Interrupted):
+            if not alone and lowest.point is not None:
+                best.accept(objective.evaluate(lowest.point.x))
+            raise
+        return lowest.known, converged
+
+    return minimise_active(
+        objective, best.accept(point), active, minimise, best.accept, polish=polish,
+        polish_again=polish or _POLISHED,
+    )  # fmt: skip
+
+
+def _minimise_all(
+    objective: Objective,
+    point: Point,
+    random: np.random.Generator,
+    best: Best,
+    *,
+    polish: int,
+) -> bool:
+    """Minimise for all plants of an objective, as `_minimise_from`."""
     point = best.accept(point)
     converged = False
     for _ in range(_PENALTIES):
@@ -329,11 +368,11 @@ def _minimise_from(
             point = descend(objective, point, iterations=150, accepted=best.remember)
             point = best.accept(point)
         iterations = polish or _POLISHED
-        polished = polish_point(objective, point, accepted=best.accept, iterations=iterations)
+        polished = polish_point(objective, point, accepted=best.remember, iterations=iterations)
         if not (polished.converged or polish):
-            point = gradient_sampling(objective, polished.point, random, rounds=1)
-            polished = polish_point(objective, best.accept(point), accepted=best.accept)
-        point, converged = polished.point, polished.converged
+            point = gradient_sampling(objective, best.accept(polished.point), random, rounds=1)
+            polished = polish_point(objective, best.accept(point), accepted=best.remember)
+        point, converged = best.accept(polished.point), polished.converged
         if point.excess <= KEPT:
             break
         # constraints are still violated: raise the penalty and go on from here

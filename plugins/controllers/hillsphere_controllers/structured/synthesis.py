@@ -253,10 +253,11 @@ def synthesise(
     )  # fmt: skip
     search = Search(problem)
     run = SearchRun(problem, progress, ctx, name)
+    alike = isinstance(structure, Diagonal) and structure.alike
     begun = [(theta, 0.0) for theta in given]
     if scatter:
         begun += [(given[0], scatter)] * (starts - len(given))
-    elif not (isinstance(structure, Diagonal) and structure.alike):
+    elif not alike:
         # zero gains are a saddle for a controller with states: about them
         begun.append((search.middle, _ABOUT))
     count = max(starts, len(begun)) if starts else len(given)
@@ -273,6 +274,15 @@ def synthesise(
         second = run.all(_perturbed_starts(good, seed, count))
     base = _sort_allowed(first + second)
     reached = base[0].gamma if base else np.inf
+    if count > 1 and alike and base and not (confined or run.interrupted or base[0].settled):
+        # searches of equal parts end after some steps of them apart: only the best one goes on
+        place = count + len(second)
+        if reached >= max(target, least * (1.0 + SAME)):
+            second += run.all(
+                [Start(place, _seed(seed, place), base[0].theta, 0.0, RESTARTS, 0, True)]
+            )
+            base = _sort_allowed(first + second)
+            reached = base[0].gamma
     ended = confined or reached < max(target, least * (1.0 + SAME))
     others: list[SearchResult] = []
     remarks: dict[str, str] = {}
