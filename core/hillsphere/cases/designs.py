@@ -8,7 +8,6 @@ from math import prod
 from typing import Literal
 
 import numpy as np
-from scipy.stats import qmc
 
 from hillsphere.base.arrays import Array, Integers
 from hillsphere.base.errors import InputError
@@ -214,6 +213,9 @@ def space_filling(
     generator = np.random.Generator(np.random.PCG64(sequence))
     if dimensions == 0:
         return np.empty((0, count))
+    # Here: it takes most of a second, and a worker needs it for few campaigns.
+    from scipy.stats import qmc
+
     if name == "latin_hypercube":
         points = qmc.LatinHypercube(dimensions, seed=generator).random(count)
     elif dimensions > _MOST_SOBOL:
