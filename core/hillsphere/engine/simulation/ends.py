@@ -45,6 +45,8 @@ failed because a flight was close to an event."""
 _TOGETHER = 1024
 """Sub-steps that are searched at once: enough to amortise the overhead of array operations, few
 enough that little is searched after the end of a flight."""
+_ALL_TOGETHER = 4096
+"""The same where no flight is expected to end: their halves are still halved at once."""
 
 
 class Watch:
@@ -206,8 +208,9 @@ class Watch:
         wanted = ends & ~fails & ~certain.all(axis=0)
         if wanted.any():
             searched = self._searched(
-                _Flown(leg, h, y, values, np.zeros(0)), np.flatnonzero(wanted), certain, index
-            )
+                _Flown(leg, h, y, values, np.zeros(0)), np.flatnonzero(wanted), certain, index,
+                _ALL_TOGETHER,
+            )  # fmt: skip
             met = np.isfinite(searched.begin) | np.isfinite(searched.open_at)
             fails |= met.any(axis=0).reshape(steps, lanes).any(axis=0)
         proved = [not fails[part].any() for part in parts]
@@ -423,7 +426,12 @@ class Watch:
         return certain
 
     def _searched(
-        self, flown: _Flown, columns: Integers, certain: NDArray[np.bool_], index: Integers
+        self,
+        flown: _Flown,
+        columns: Integers,
+        certain: NDArray[np.bool_],
+        index: Integers,
+        together: int = _TOGETHER,
     ) -> FirstCrossings:
         """Search sub-steps for the first crossing of rows that their ends do not decide.
 
@@ -452,8 +460,8 @@ class Watch:
         def bounds(pieces: Pieces) -> Slopes:
             return self._proof.of_pieces(leg, pieces, begun, length, index.reshape(-1))
 
-        for first in range(0, len(columns), _TOGETHER):
-            now = columns[first : first + _TOGETHER]
+        for first in range(0, len(columns), together):
+            now = columns[first : first + together]
             now = now[~over[now % lanes]]
             if not len(now):
                 continue
