@@ -97,10 +97,10 @@ def assert_same(one: Flights, other: Flights) -> None:
 def test_results_are_those_of_legs_proved_one_by_one(
     cases: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    options = {"navigation": NavigationErrors([5.0, 0.5])}
-    together = fly(starts(cases), **options)
+    errors = NavigationErrors([5.0, 0.5])
+    together = fly(starts(cases), navigation=errors)
     monkeypatch.setattr(Ahead, "tries", False)
-    assert_same(together, fly(starts(cases), **options))
+    assert_same(together, fly(starts(cases), navigation=errors))
 
 
 def test_flights_end_in_the_leg_in_which_their_swing_reaches_the_floor() -> None:
