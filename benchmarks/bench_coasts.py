@@ -1,6 +1,6 @@
 """Coasts between impulses about Phobos: legs that are proved together, beside one by one.
 
-64 flights of 30 legs of twelve hours on a quasi-satellite orbit, with an impact to be excluded and
+16 flights of 16 legs of twelve hours on a quasi-satellite orbit, with an impact to be excluded and
 a limit of their size. Whoever follows the sub-steps of a flight needs each leg proved before the
 next; such a follower, which does nothing, gives the time of proofs leg by leg.
 """
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from hillsphere.simulation import Cases, Limit, Simulator
 
 Array = NDArray[np.float64]
-CASES, LEGS, LEG_S, SUBSTEPS = 64, 30, 43200.0, 40
+CASES, LEGS, LEG_S, SUBSTEPS = 16, 16, 43200.0, 40
 AMPLITUDE_M, MEAN_MOTION = 50e3, 2.279e-4  # rad/s, of Phobos
 MOST_M = 4.0 * AMPLITUDE_M
 REPEATS = 7
