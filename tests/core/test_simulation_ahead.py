@@ -60,6 +60,15 @@ class Kicks:
         return 20.0 * np.sign(y[1:2]) + 0.01 * xc, xc + 1.0
 
 
+class Strict(Kicks):
+    """The same, refusing swings that no flight has before it ends on the floor."""
+
+    def step(self, k: int, t_s: Array, y: Array, ref: Array, xc: Array) -> tuple[Array, Array]:
+        if (np.hypot(y[0] - MIDDLE, y[1]) > MIDDLE - FLOOR + 25.0).any():
+            raise ValueError("beyond the floor")
+        return super().step(k, t_s, y, ref, xc)
+
+
 class Counts:
     """What an observer is told."""
 
@@ -77,9 +86,11 @@ def starts(cases: int) -> Array:
     return np.array([MIDDLE + swing * np.cos(phase), -swing * np.sin(phase)])
 
 
-def fly(x0: Array, observer: Counts | None = None, **options: Any) -> Flights:
+def fly(
+    x0: Array, observer: Counts | None = None, law: Kicks | None = None, **options: Any
+) -> Flights:
     limit = Limit("roof", lambda t, x, cases: 1.0 - x[0] / CEILING, lipschitz=[1 / CEILING, 0.0])
-    simulator = Simulator(Spring(), Kicks(), limits=[limit], substeps=24, **options)
+    simulator = Simulator(Spring(), law or Kicks(), limits=[limit], substeps=24, **options)
     return simulator.fly(Cases(x0), 14, history=True, observer=observer)
 
 
@@ -121,6 +132,14 @@ def test_flights_end_in_the_leg_in_which_their_swing_reaches_the_floor() -> None
     assert_array_equal(flights.samples, np.minimum(ends, 14))
     assert_array_equal(np.array(flights.status) == "impact", ends < never)
     assert 5 < np.count_nonzero(ends < never) < 35
+
+
+def test_a_law_may_refuse_what_lies_beyond_the_end_of_a_flight() -> None:
+    x0 = starts(40)
+    assert_same(fly(x0), fly(x0, law=Strict()))
+    # What it refuses of a flight that goes on is an error all the same.
+    with pytest.raises(ValueError, match="beyond the floor"):
+        fly(np.array([[MIDDLE], [430.0]]), law=Strict())
 
 
 def test_an_observer_is_told_of_each_sample_once() -> None:

@@ -72,7 +72,8 @@ class Ahead:
 
     def hear(self, moment: Any) -> None:
         """Take a sample, and pass it on when it is certain."""
-        self._moments.append(moment)
+        if self._record is not None:
+            self._moments.append(moment)
 
     def add(self, k: int, before: dict[str, Any], leg: Unproved | None) -> None:
         """Add the leg that followed sample k; None if it is proved."""

@@ -224,16 +224,10 @@ def fly_block(
     """
     block = _Block(s, part, act, follow)
     begun, last, k = perf_counter(), int(part.samples.max(initial=0)), 0
-    ahead = None
-    if block.may_repeat:
-        ahead = Ahead(s.watch, record, part.count)
-        heard = None if record is None else ahead.hear
+    ahead = Ahead(s.watch, record, part.count) if block.may_repeat else None
     while True:
         if ahead is not None and (ahead.full or k == last or block.over):
-            again = ahead.settle()
-            if again is not None:
-                k = again[0]
-                block.restore(again[1])
+            k = block.settle(ahead, k)
         if k == last or block.over:
             break
         if k % _HEARTBEAT == 0:
@@ -243,11 +237,9 @@ def fly_block(
             break
         if ahead is None:
             block.leg(k, block.sample(k, record))
+            k += 1
         else:
-            before = block.state()
-            done = block.sample(k, heard)
-            ahead.add(k, before, block.leg(k, done, ahead=ahead.tries))
-        k += 1
+            k = block.fly_ahead(k, ahead)
     result = block.result()
     if record is not None:
         record(Moment(last, result.t, result.dv, result.x, result.cause == COMPLETED))
@@ -283,7 +275,7 @@ class _Block:
 
     @property
     def may_repeat(self) -> bool:
-        """Whether samples can be repeated from a `state`, with the same result.
+        """Whether samples can be repeated from the same state, with the same result.
 
         Only for impulses: between held commands a leg is short, and proved at a glance.
         """
@@ -296,17 +288,36 @@ class _Block:
             and self._follow is None
         )
 
-    def state(self) -> dict[str, Any]:
-        """Return a copy of all that samples and legs change."""
-        kept = {k: v.copy() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
-        assert isinstance(self._act, ByImpulse)
-        return kept | {"_law": self._act.memory}
+    def fly_ahead(self, k: int, ahead: Ahead) -> int:
+        """Fly on from sample k, perhaps without a proof; return the sample that comes next."""
+        before = self._state()
+        try:
+            done = self.sample(k, ahead.hear)
+            ahead.add(k, before, self.leg(k, done, ahead=ahead.tries))
+        except Exception:
+            # A law may refuse a state that it meets only beyond the end of a flight.
+            again = self.settle(ahead, k)
+            if again == k:
+                raise
+            return again
+        return k + 1
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go back to a state."""
+    def settle(self, ahead: Ahead, k: int) -> int:
+        """Prove what is not proved before sample k; return the sample from which to fly on."""
+        again = ahead.settle()
+        if again is None:
+            return k
+        k, state = again
         assert isinstance(self._act, ByImpulse)
-        self._act.memory = state["_law"]
-        vars(self).update({k: v for k, v in state.items() if k != "_law"})
+        self._act.memory = state.pop("_law")
+        vars(self).update(state)
+        return k
+
+    def _state(self) -> dict[str, Any]:
+        """Return a copy of all that samples and legs change."""
+        assert isinstance(self._act, ByImpulse)
+        kept = {k: v.copy() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
+        return kept | {"_law": self._act.memory}
 
     def stop(self, lanes: Flags, why: int, when: Array) -> None:
         """End the flight of some lanes."""
