@@ -188,6 +188,15 @@ class ByImpulse(_ByCompensator):
         self._velocities = velocities
         self._idle = np.zeros(width)
 
+    @property
+    def memory(self) -> Array:
+        """The law's states, which it replaces but never changes."""
+        return self._xc
+
+    @memory.setter
+    def memory(self, states: Array) -> None:
+        self._xc = states
+
     def at(self, k: int, t: Array, y: Array, seen: Array, ref: Array, extra: Extra) -> Done:
         """Add the law's impulse to the velocities."""
         own, feed = self._own(k, t, seen, ref), extra.feedforward

@@ -6,24 +6,23 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import ceil, isfinite
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.base.arrays import Array, Integers
 from hillsphere.base.errors import InputError
-from hillsphere.engine.simulation.acting import Act, Done, Extra
+from hillsphere.engine.simulation.acting import Act, ByImpulse, Done, Extra
+from hillsphere.engine.simulation.ahead import Ahead, is_repeatable
 from hillsphere.engine.simulation.ends import Watch
-from hillsphere.engine.simulation.legs import End, Held, Leg
+from hillsphere.engine.simulation.legs import BLOCK, End, Held, Leg, Unproved
 from hillsphere.interfaces.loop import Navigation, Reference
 
 __all__ = [
     "BLOCK", "CAUSES", "Follower", "Moment", "Part", "Passage", "Recorder", "Result", "Settings",
     "fly_block",
 ]  # fmt: skip
-
-BLOCK = 64
-"""Lanes that go through the loop together, always: another width would give other last bits."""
 
 _HEARTBEAT = 64
 """Samples between two calls that tell the executor that the block is alive: seconds at most pass
@@ -84,6 +83,8 @@ class Part:
         Number of samples, number of the case.
     seen, done : ndarray, shape (K + 1, noise, B) and (K, noise, B)
         Normal numbers for navigation and actuator.
+    count : int
+        How many of the first lanes are cases; the others repeat the last of them.
     """
 
     x0: Array
@@ -94,6 +95,7 @@ class Part:
     cases: Integers
     seen: Array
     done: Array
+    count: int = BLOCK
 
 
 @dataclass(frozen=True)
@@ -221,15 +223,23 @@ def fly_block(
         One column per lane.
     """
     block = _Block(s, part, act, follow)
-    begun, last = perf_counter(), int(part.samples.max(initial=0))
-    for k in range(last):
+    begun, last, k = perf_counter(), int(part.samples.max(initial=0)), 0
+    ahead = Ahead(s.watch, record, part.count) if block.may_repeat else None
+    while True:
+        if ahead is not None and (ahead.full or k == last or block.over):
+            k = block.settle(ahead, k)
+        if k == last or block.over:
+            break
         if k % _HEARTBEAT == 0:
             heartbeat(0)
         if s.wall_limit_s is not None and perf_counter() - begun > s.wall_limit_s:
             block.stop(block.flying, TIME_LIMIT, block.t)
-        if block.over:
             break
-        block.leg(k, block.sample(k, record))
+        if ahead is None:
+            block.leg(k, block.sample(k, record))
+            k += 1
+        else:
+            k = block.fly_ahead(k, ahead)
     result = block.result()
     if record is not None:
         record(Moment(last, result.t, result.dv, result.x, result.cause == COMPLETED))
@@ -262,6 +272,52 @@ class _Block:
         for row in np.unique(first[first >= 0]).tolist():
             self.stop(first == row, row, self.t)
         self._alone(self.flying & (part.samples > 0))
+
+    @property
+    def may_repeat(self) -> bool:
+        """Whether samples can be repeated from the same state, with the same result.
+
+        Only for impulses: between held commands a leg is short, and proved at a glance.
+        """
+        s = self._s
+        return (
+            isinstance(self._act, ByImpulse)
+            and is_repeatable(s.navigation)
+            and s.tolerance is None
+            and s.wall_limit_s is None
+            and self._follow is None
+        )
+
+    def fly_ahead(self, k: int, ahead: Ahead) -> int:
+        """Fly on from sample k, perhaps without a proof; return the sample that comes next."""
+        before = self._state()
+        try:
+            done = self.sample(k, ahead.hear)
+            ahead.add(k, before, self.leg(k, done, ahead=ahead.tries))
+        except Exception:
+            # A law may refuse a state that it meets only beyond the end of a flight.
+            again = self.settle(ahead, k)
+            if again == k:
+                raise
+            return again
+        return k + 1
+
+    def settle(self, ahead: Ahead, k: int) -> int:
+        """Prove what is not proved before sample k; return the sample from which to fly on."""
+        again = ahead.settle()
+        if again is None:
+            return k
+        k, state = again
+        assert isinstance(self._act, ByImpulse)
+        self._act.memory = state.pop("_law")
+        vars(self).update(state)
+        return k
+
+    def _state(self) -> dict[str, Any]:
+        """Return a copy of all that samples and legs change."""
+        assert isinstance(self._act, ByImpulse)
+        kept = {k: v.copy() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
+        return kept | {"_law": self._act.memory}
 
     def stop(self, lanes: Flags, why: int, when: Array) -> None:
         """End the flight of some lanes."""
@@ -306,21 +362,22 @@ class _Block:
         self._firings += self.flying if size is None else self.flying & (size > 0)
         return now
 
-    def leg(self, k: int, now: Done) -> None:
-        """Fly to the next sample."""
+    def leg(self, k: int, now: Done, ahead: bool = False) -> Unproved | None:
+        """Fly to the next sample; with `ahead` perhaps without proof, then return what lacks it."""
         part, flying = self._part, self.flying
-        held = self._divide(now)
+        held, unproved = self._divide(now), None
         self._flown.clear()
         if not self._fly_at_once(held):
             for one in held:
                 if self.over:
                     break
-                self._advance(one)
+                unproved = self._advance(one, ahead)
         if self._follow is not None and self._flown:
             self._follow(self._passage(k, flying))
         self.t = part.t0 + (k + 1) * part.period
         if not self._even:
             self._alone(self.flying & (k + 1 < part.samples))
+        return unproved
 
     def _divide(self, now: Done) -> list[Held]:
         """Return the parts of the time until the next sample, by what is held in each."""
@@ -354,10 +411,10 @@ class _Block:
         self._flown.extend(zip(held, flown.nodes, strict=True))
         return True
 
-    def _advance(self, held: Held) -> None:
+    def _advance(self, held: Held, ahead: bool) -> Unproved | None:
         """Fly on, under what is held."""
         self.t, y = held.t, self._y
-        end, coarse = _fly(self._s, self._leg_of(held, self._dv), held.steps)
+        end, coarse = _fly(self._s, self._leg_of(held, self._dv), held.steps, ahead)
         if end.nodes is not None:
             self._flown.append((held, end.nodes))
         if coarse is not None and coarse.any():
@@ -372,6 +429,7 @@ class _Block:
         if end.cause is not None:
             for row in np.unique(end.cause[end.cause >= 0]).tolist():
                 self.stop(self.flying & (end.cause == row), row, end.t)
+        return end.unproved
 
     def _after(self, dv: Array, held: Held, until: Array) -> Array:
         """Return what is spent of Δv after a part was flown until some time (B,)."""
@@ -420,12 +478,12 @@ def _share(steps: int, share: float) -> int:
     return max(1, ceil(share * steps - _WHOLE))
 
 
-def _fly(s: Settings, leg: Leg, steps: int) -> tuple[End, Flags | None]:
+def _fly(s: Settings, leg: Leg, steps: int, ahead: bool) -> tuple[End, Flags | None]:
     """Fly a leg; with a tolerance, lane by lane with as many steps as it asks for.
 
     Then the lanes follow for which the most steps were not enough.
     """
-    end = s.watch.fly(leg, steps)
+    end = s.watch.fly(leg, steps, ahead=ahead)
     if s.tolerance is None:
         return end, None
     coarse = leg.flying

@@ -25,13 +25,18 @@ from hillsphere.engine.simulation.block import (
 )
 from hillsphere.engine.simulation.cases import Batch, Cases, batch_of
 from hillsphere.engine.simulation.ends import Watch
-from hillsphere.engine.simulation.event_proof import EventProof
-from hillsphere.engine.simulation.flow import compile_step_map, compiled_loop, velocity_rows
+from hillsphere.engine.simulation.flow import (
+    compile_step_map,
+    compiled_events,
+    compiled_loop,
+    velocity_rows,
+)
 from hillsphere.engine.simulation.legs import Limit
 from hillsphere.engine.simulation.navigation import PerfectNavigation
 from hillsphere.engine.simulation.outcomes import Flights
 from hillsphere.engine.simulation.recording import Moment, Observer, Table
 from hillsphere.engine.simulation.references import FixedReference, ZeroReference
+from hillsphere.engine.simulation.shared_proofs import proof_of
 from hillsphere.interfaces.control import Compensator
 from hillsphere.interfaces.loop import Actuator, ContinuousLaw, KnownPoles, Navigation, Reference
 from hillsphere.interfaces.plant import Plant
@@ -134,9 +139,7 @@ class Simulator:
             # array terms are dear: steps by their embedded error instead of flying twice as many
             self.map = StepMap(self.map.system, method, tolerance=tolerance)
             self._tolerance = None
-        events = self.map.system.events
-        self._events = self.map.system.function(*events.values()) if events else None
-        self._proofs: dict[tuple[object, ...], EventProof] = {}
+        self._events = compiled_events(self.map.system)
 
     def fly(
         self,
@@ -285,26 +288,15 @@ class Simulator:
         return ByImpulse(law, self.actuator, block.gain, block.p, self._velocities, width)
 
     def _watch(self, budget: bool, limits: Sequence[Limit]) -> Watch:
-        watched = (*self._limits, *limits)
-        key = (budget, *(limit.bound for limit in watched))
-        if key not in self._proofs:
-            system = self.map.system
-            self._proofs[key] = EventProof(
-                system.bounded,
-                len(system.events),
-                watched,
-                budget,
-                len(self._run_time),
-                system.scale,
-            )
+        watched, system = (*self._limits, *limits), self.map.system
         return Watch(
-            self.map.system,
+            system,
             self.map.stepper,
             self._events,
             len(self.plant.states),
             watched,
             budget,
-            self._proofs[key],
+            proof_of(system, watched, budget, len(self._run_time)),
         )
 
     def _settings(self, watch: Watch, budget: bool) -> Settings:
@@ -345,6 +337,7 @@ class Simulator:
             cases=block.numbers,
             seen=noise("navigation", longest + 1, self.navigation.noise),
             done=noise("actuator", longest, acting),
+            count=count,
         )
 
     def _flights(

@@ -25,7 +25,16 @@ from hillsphere.engine.dynamics.root_finding import bracketed_roots
 from hillsphere.engine.dynamics.stages import Stepper
 from hillsphere.engine.dynamics.system import System
 from hillsphere.engine.simulation.event_proof import EventProof
-from hillsphere.engine.simulation.legs import End, Held, Leg, Limit, Nodes, Sample
+from hillsphere.engine.simulation.legs import (
+    BLOCK,
+    End,
+    Held,
+    Leg,
+    Limit,
+    Nodes,
+    Sample,
+    Unproved,
+)
 from hillsphere.engine.simulation.outcomes import status_of_event
 
 __all__ = ["Watch"]
@@ -36,6 +45,8 @@ failed because a flight was close to an event."""
 _TOGETHER = 1024
 """Sub-steps that are searched at once: enough to amortise the overhead of array operations, few
 enough that little is searched after the end of a flight."""
+_ALL_TOGETHER = 4096
+"""The same where no flight is expected to end: their halves are still halved at once."""
 
 
 class Watch:
@@ -122,8 +133,12 @@ class Watch:
         cause[_broken(leg.y, values)] = self.diverged
         return cause
 
-    def fly(self, leg: Leg, steps: int) -> End:
-        """Propagate a leg in equal steps, each lane to the end of the leg or of its flight."""
+    def fly(self, leg: Leg, steps: int, *, ahead: bool = False) -> End:
+        """Propagate a leg in equal steps, each lane to the end of the leg or of its flight.
+
+        With `ahead` a leg of which nothing but its ends shows that no flight ends in it may be
+        returned as it is, with `End.unproved`, for `count_proved`.
+        """
         proof, lanes = self._proof, len(leg.t)
         proof.ready(leg)
         held = Held(leg.t, leg.period, leg.p, leg.rate, steps)
@@ -144,6 +159,9 @@ class Watch:
             and self._has_left(leg, after)
         ):
             return End(end, t, None, None, errors.sum(axis=0), nodes)
+        if ahead and sound and look is not None and (after[:, leg.flying] > 0.0).all():
+            unproved = Unproved(leg, h, np.ascontiguousarray(nodes))
+            return End(end, t, None, None, errors.sum(axis=0), nodes, unproved)
         values = np.empty((steps + 1, self.diverged, lanes))
         values[0], values[-1] = before, after
         for j in range(1, steps):
@@ -155,6 +173,48 @@ class Watch:
             return End(end, t, None, doubtful, errors.sum(axis=0), nodes)
         nodes = np.ascontiguousarray(nodes)
         return self._settle(_Flown(leg, h, nodes, values.transpose(1, 0, 2), errors), doubtful)
+
+    def count_proved(self, flown: Sequence[Unproved], cases: int) -> int:
+        """Return how many of some legs, from the first on, are proved to end no flight.
+
+        Parameters
+        ----------
+        flown : sequence of Unproved
+            Legs of equally many sub-steps.
+        cases : int
+            Number of their first lanes that count; the others repeat the last of them.
+        """
+        some = [one.taken(np.flatnonzero(one.leg.flying[:cases])) for one in flown]
+        counts = [len(one.h) for one in some]
+        whole, total = Unproved.joined(some), sum(counts)
+        # Whole blocks, so that no lane's last bits depend on how many others there are.
+        lanes = -(-total // BLOCK) * BLOCK
+        whole = whole.taken(np.minimum(np.arange(lanes), total - 1))
+        leg, h, y = whole.leg, whole.h, np.ascontiguousarray(whole.y)
+        steps = y.shape[1] - 1
+        times = leg.t + np.arange(steps + 1)[:, None] * h
+        many = leg.taken(np.tile(np.arange(lanes), steps + 1))
+        values = self.values(many, times.ravel(), y.reshape(len(y), -1))
+        values = values.reshape(-1, steps + 1, lanes)
+        ends = np.arange(lanes) < total
+        fails = ends & ~(values > 0.0).all(axis=(0, 1))
+        parts = np.split(np.arange(total), np.cumsum(counts)[:-1])
+        nodes = [
+            Nodes(leg.taken(part), h[part], y[:, :, part], values[:, :, part]) for part in parts
+        ]
+        index = np.full((steps, lanes), -1)
+        index[:, :total] = np.concatenate(self._proof.of_legs(nodes), axis=1)
+        certain = self._certain(values[:, :-1], values[:, 1:], y, index, h)
+        wanted = ends & ~fails & ~certain.all(axis=0)
+        if wanted.any():
+            searched = self._searched(
+                _Flown(leg, h, y, values, np.zeros(0)), np.flatnonzero(wanted), certain, index,
+                _ALL_TOGETHER,
+            )  # fmt: skip
+            met = np.isfinite(searched.begin) | np.isfinite(searched.open_at)
+            fails |= met.any(axis=0).reshape(steps, lanes).any(axis=0)
+        proved = [not fails[part].any() for part in parts]
+        return len(parts) if all(proved) else proved.index(False)
 
     def fly_at_once(self, leg: Leg, parts: Sequence[Held], last: Leg) -> Sample | None:
         """Propagate all parts between two samples, if a joint proof excludes the end of a flight.
@@ -366,7 +426,12 @@ class Watch:
         return certain
 
     def _searched(
-        self, flown: _Flown, columns: Integers, certain: NDArray[np.bool_], index: Integers
+        self,
+        flown: _Flown,
+        columns: Integers,
+        certain: NDArray[np.bool_],
+        index: Integers,
+        together: int = _TOGETHER,
     ) -> FirstCrossings:
         """Search sub-steps for the first crossing of rows that their ends do not decide.
 
@@ -395,8 +460,8 @@ class Watch:
         def bounds(pieces: Pieces) -> Slopes:
             return self._proof.of_pieces(leg, pieces, begun, length, index.reshape(-1))
 
-        for first in range(0, len(columns), _TOGETHER):
-            now = columns[first : first + _TOGETHER]
+        for first in range(0, len(columns), together):
+            now = columns[first : first + together]
             now = now[~over[now % lanes]]
             if not len(now):
                 continue

@@ -31,7 +31,14 @@ from hillsphere.symbolic.expressions import (
     variable,
 )
 
-__all__ = ["closed_system", "compile_step_map", "compiled_loop", "thrust_vectors", "velocity_rows"]
+__all__ = [
+    "closed_system",
+    "compile_step_map",
+    "compiled_events",
+    "compiled_loop",
+    "thrust_vectors",
+    "velocity_rows",
+]
 
 EFFORT = "loop:effort"
 _T = TypeVar("_T")
@@ -97,6 +104,13 @@ def compiled_loop(
         return StepMap(closed, method, errors=True), closed.function(*command)
 
     return _remember((plant, same), (tuple(run_time), method), make)
+
+
+def compiled_events(equations: System) -> ArrayFunction | None:
+    """Return the events of a system in their order as one function, cached; None without any."""
+    if not equations.events:
+        return None
+    return _remember((equations,), (), lambda: equations.function(*equations.events.values()))
 
 
 def thrust_vectors(rows: int) -> int:

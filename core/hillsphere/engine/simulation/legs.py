@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +14,10 @@ from hillsphere.base.errors import InputError
 from hillsphere.engine.dynamics.proof import MARGIN
 from hillsphere.engine.simulation.outcomes import STATUSES
 
-__all__ = ["End", "Held", "Leg", "Limit", "Nodes", "Sample"]
+__all__ = ["BLOCK", "End", "Held", "Leg", "Limit", "Nodes", "Sample", "Unproved"]
+
+BLOCK = 64
+"""Lanes that go through the loop together, always: another width would give other last bits."""
 
 
 @dataclass(frozen=True)
@@ -205,6 +209,8 @@ class End:
     nodes : ndarray, shape (rows, S + 1, B), or None
         States at the ends of the S sub-steps, the start first; they continue after the end of a
         flight that ended in between.
+    unproved : Unproved or None
+        The leg, if only its ends show that it ends no flight.
     """
 
     y: Array
@@ -213,6 +219,48 @@ class End:
     doubtful: Integers | None = None
     error: Array | None = None
     nodes: Array | None = None
+    unproved: Unproved | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Unproved:
+    """A leg of which it is not yet proved that no flight ends in it.
+
+    Parameters
+    ----------
+    leg : Leg
+        The leg.
+    h : ndarray, shape (B,)
+        Length of its sub-steps.
+    y : ndarray, shape (rows, steps + 1, B)
+        States at their ends, finite.
+    """
+
+    leg: Leg
+    h: Array
+    y: Array
+
+    def taken(self, lanes: Integers) -> Unproved:
+        """Return some of its lanes."""
+        return Unproved(self.leg.taken(lanes), self.h[lanes], self.y[:, :, lanes])
+
+    @staticmethod
+    def joined(parts: Sequence[Unproved]) -> Unproved:
+        """Return legs of equally many sub-steps as one leg, with all their lanes."""
+
+        def row(name: str) -> Any:
+            rows = [getattr(part.leg, name) for part in parts]
+            return None if rows[0] is None else np.concatenate(rows, axis=-1)
+
+        leg = Leg(
+            row("t"), row("y"), row("period"), row("p"), row("cases"), row("flying"), False,
+            row("left"), row("rate"), row("within"),
+        )  # fmt: skip
+        return Unproved(
+            leg,
+            np.concatenate([part.h for part in parts]),
+            np.concatenate([part.y for part in parts], axis=-1),
+        )
 
 
 @dataclass(frozen=True, eq=False)
