@@ -25,6 +25,11 @@ UNPROVED = "that no crossing of theirs was missed is not proved"
 """Remark about flights that are not resolved."""
 
 _CHUNK = 64  # sub-steps between two looks: long enough that Python's share is small
+_CLEAR = 1.0
+"""Value of a function that ends flights, at either end of a sub-step, below which the sub-step is
+examined although its zeros are not read. Above an ellipsoid's surface one is 0.4 of its radius: to
+reach the body from there and leave it again within one sub-step takes a speed of a diameter per
+sub-step. A limit of escape is below one everywhere, so that with it nothing is left out."""
 _NEWTON = 4
 """Steps from the zero of the interpolating cubic: Newton's method doubles its digits with each, and
 zeros that have not converged by then are bracketed."""
@@ -114,7 +119,7 @@ class FlightEnds:
     ended_by : ndarray of int, shape (N,)
         Number of the function that ended the flight by falling; −1 without.
     zeros : Zeros
-        All before the end of their lane.
+        All before the end of their lane, where they are read.
     resolved : ndarray of bool, shape (N,)
         Whether it is proved that these are all; False where a function touches zero but for
         rounding, or offers no bound and comes nearer to zero than 0.1.
@@ -145,7 +150,7 @@ def fly(
     watch: Watch,
     x: Array,
     h: float,
-    goes_on: Callable[[NDArray[np.intp], int, Array], NDArray[np.intp]],
+    goes_on: Callable[[NDArray[np.intp], int, Array], tuple[NDArray[np.intp], NDArray[np.bool_]]],
     most: int,
     ends: tuple[str, ...] = (),
 ) -> FlightEnds:
@@ -164,7 +169,8 @@ def fly(
     goes_on : callable
         ``goes_on(lanes, first, way)`` is shown the states ``way`` (n, K, L) of some lanes (L,)
         at the ends of the sub-steps number ``first`` … ``first + K − 1`` (0 is the start) and
-        returns how many of these K states are still part of each flight (L,): K to go on.
+        returns how many of these K states are still part of each flight (L,), K to go on, and in
+        which of the sub-steps between them zeros are read, (K − 1, L).
     most : int
         Largest number of sub-steps.
     ends : tuple of str
@@ -173,7 +179,7 @@ def fly(
     Returns
     -------
     FlightEnds
-        Ends and zeros.
+        Ends and zeros. Sub-steps whose zeros are not read are examined near an end only.
     """
     cases = x.shape[1]
     lanes = np.arange(cases)
@@ -187,9 +193,12 @@ def fly(
         way = step_map.trajectory(now, steps * h, steps, strict=False)
         bad = ~np.isfinite(way).all(axis=0)
         whole = np.where(bad.any(axis=0), np.argmax(bad, axis=0), steps + 1)
-        length = np.minimum(goes_on(lanes, done, way), whole)
-        inside = np.arange(steps)[:, None] < length - 1
-        brackets, sure = _brackets(step_map, watch, way, inside, h)
+        length, read = goes_on(lanes, done, way)
+        length = np.minimum(length, whole)
+        values = watch(way)[0]
+        close = (values[killers] < _CLEAR).any(axis=0)
+        inside = (np.arange(steps)[:, None] < length - 1) & (read | close[:-1] | close[1:])
+        brackets, sure = _brackets(step_map, watch, way, values, inside, h)
         resolved[lanes] &= sure
         brackets.begin += done * h
         falls = np.isin(brackets.event, killers) & (brackets.values[0] > brackets.values[1])
@@ -211,7 +220,12 @@ def fly(
 
 
 def _brackets(
-    step_map: StepMap, watch: Watch, way: Array, inside: NDArray[np.bool_], h: float
+    step_map: StepMap,
+    watch: Watch,
+    way: Array,
+    values: Array,
+    inside: NDArray[np.bool_],
+    h: float,
 ) -> tuple[_Brackets, NDArray[np.bool_]]:
     """Return all brackets of a chunk (n, K + 1, L); `begin` counts from its start."""
 
@@ -219,7 +233,7 @@ def _brackets(
         x = step_map.step(np.ascontiguousarray(base), tau, strict=False)
         return x, watch(x)[0]
 
-    b = watch.brackets(way, watch(way)[0], h, halve, inside)
+    b = watch.brackets(way, values, h, halve, inside)
     pick = np.arange(b.lane.size)
     slopes = np.array([watch(x)[1][b.function, pick] for x in (b.y0, b.y1)])
     ends, values = np.array([b.begin, b.end]), np.array([b.g0, b.g1])
