@@ -9,7 +9,7 @@ formula, to rounding.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,9 @@ UNPROVED = "that no crossing of theirs was missed is not proved"
 """Remark about flights that are not resolved."""
 
 _CHUNK = 64  # sub-steps between two looks: long enough that Python's share is small
+_TOGETHER = 1 << 14
+"""Sub-steps that are examined at once: with few lanes those of many chunks, since interpreted code
+costs as much for ten sub-steps as for a thousand. Their states take some megabytes."""
 _CLEAR = 1.0
 """Value of a function that ends flights, at either end of a sub-step, below which the sub-step is
 examined although its zeros are not read. Above an ellipsoid's surface one is 0.4 of its radius: to
@@ -145,6 +148,27 @@ class _Brackets:
     slopes: Array  # (2, E): and rates
 
 
+@dataclass(frozen=True, eq=False)
+class _Chunk:
+    """Sub-steps to be examined, of lanes that were flown together."""
+
+    way: Array  # (n, K + 1, L)
+    values: Array  # (m, K + 1, L)
+    inside: NDArray[np.bool_]  # (K, L): which are examined
+    lane: NDArray[np.intp]  # (L,)
+    first: NDArray[np.intp]  # (L,): number of the first one
+
+
+def _join_chunks(
+    chunks: list[_Chunk],
+) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.intp], NDArray[np.intp]]:
+    way, values, inside, lane, first = (
+        np.concatenate([getattr(one, field.name) for one in chunks], axis=-1)
+        for field in fields(_Chunk)
+    )
+    return way, values, inside, lane, first
+
+
 def fly(
     step_map: StepMap,
     watch: Watch,
@@ -185,7 +209,18 @@ def fly(
     lanes = np.arange(cases)
     end, last = x.copy(), np.zeros(cases, dtype=np.intp)
     parts: list[_Brackets] = []
+    held: list[_Chunk] = []
     resolved = np.ones(cases, dtype=bool)
+
+    def prove() -> None:
+        way, values, inside, lane, first = _join_chunks(held)
+        brackets, sure = _brackets(step_map, watch, way, values, inside, h)
+        np.logical_and.at(resolved, lane, sure)
+        brackets.begin += first[brackets.lane] * h
+        brackets.lane = lane[brackets.lane]
+        parts.append(brackets)
+        held.clear()
+
     killers = [watch.names.index(name) for name in ends]
     now, done = np.ascontiguousarray(x), 0
     while lanes.size and done < most:
@@ -196,20 +231,25 @@ def fly(
         length, read = goes_on(lanes, done, way)
         length = np.minimum(length, whole)
         values = watch(way)[0]
-        close = (values[killers] < _CLEAR).any(axis=0)
-        inside = (np.arange(steps)[:, None] < length - 1) & (read | close[:-1] | close[1:])
-        brackets, sure = _brackets(step_map, watch, way, values, inside, h)
-        resolved[lanes] &= sure
-        brackets.begin += done * h
-        falls = np.isin(brackets.event, killers) & (brackets.values[0] > brackets.values[1])
-        alive = length == steps + 1
-        alive[brackets.lane[falls]] = False
-        brackets.lane = lanes[brackets.lane]
-        parts.append(brackets)
+        inside = np.arange(steps)[:, None] < length - 1
+        ending = values[killers]
+        falls = (ending[:, :-1] > 0.0) & (ending[:, 1:] <= 0.0) & inside
+        # what falls and rises again within a sub-step is seen by the proof: it ends the flight too
+        alive = (length == steps + 1) & ~falls.any(axis=(0, 1))
+        close = (ending < _CLEAR).any(axis=0)
+        inside &= read | close[:-1] | close[1:]
+        if held and len(held[0].inside) != steps:
+            prove()
+        if inside.any():
+            held.append(_Chunk(way, values, inside, lanes, np.full(lanes.size, done)))
+        if sum(np.count_nonzero(one.inside) for one in held) >= _TOGETHER:
+            prove()
         at = np.maximum(length - 1, 0)
         end[:, lanes] = way[:, at, np.arange(lanes.size)]
         last[lanes] = done + at
         now, lanes, done = np.ascontiguousarray(way[:, -1, alive]), lanes[alive], done + steps
+    if held:
+        prove()
     zeros = _refine_brackets(step_map, watch, parts, h)
     time, ended = np.asarray(last * h, float), np.full(cases, -1, dtype=np.intp)
     for i in np.flatnonzero(np.isin(zeros.event, killers) & ~zeros.rising)[::-1]:
