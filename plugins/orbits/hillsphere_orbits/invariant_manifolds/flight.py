@@ -236,7 +236,7 @@ def fly(
         falls = (ending[:, :-1] > 0.0) & (ending[:, 1:] <= 0.0) & inside
         # what falls and rises again within a sub-step is seen by the proof: it ends the flight too
         alive = (length == steps + 1) & ~falls.any(axis=(0, 1))
-        close = (ending < _CLEAR).any(axis=0)
+        close: NDArray[np.bool_] = np.asarray((ending < _CLEAR).any(axis=0))
         inside &= read | close[:-1] | close[1:]
         if held and len(held[0].inside) != steps:
             prove()
