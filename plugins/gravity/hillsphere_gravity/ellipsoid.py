@@ -11,17 +11,17 @@ from hillsphere.symbolic import (
     Params,
     Scalar,
     Vec3,
-    acos,
-    cos,
     dot,
     greater,
     maximum,
     minimum,
+    number_in,
     power,
     select,
     sqrt,
+    sum_of,
 )
-from hillsphere_gravity.carlson import carlson_rf_rd
+from hillsphere_gravity.carlson import MOST_DUPLICATIONS, carlson_rf_rd, duplications_for
 from hillsphere_gravity.specs import EllipsoidSpec
 
 __all__ = ["CODATA_2018_G", "Ellipsoid", "homogeneous_bound"]
@@ -29,9 +29,17 @@ __all__ = ["CODATA_2018_G", "Ellipsoid", "homogeneous_bound"]
 CODATA_2018_G = 6.67430e-11
 """Constant of gravitation, m³/(kg s²): Tiesinga et al. (2021), Rev. Mod. Phys. 93, 025010."""
 
-_ACOS_LIMIT = 1.0 - 1e-12
-"""Largest argument of the arc cosine in `_confocal`: at 1 its derivative is infinite. The angle
-changes by at most √(2e-12), about 1e-6, which the Newton step after it removes."""
+_LEAST_HALF = 1e-12
+"""Least square of cos(θ/2) in `_confocal`: at 0 the root's derivative is infinite. A change of
+cos(θ/2) by up to 1e-6 is removed by the Newton step after it."""
+_THIRD = (
+    7.660444431189829e-01, 2.474090663228401e-01, -1.550918843710593e-02, 2.466352815702471e-03,
+    -5.041246782281836e-04, 1.164254444024750e-04, -2.892003841316938e-05, 7.541131605350303e-06,
+    -2.035474973147588e-06, 5.639775268445228e-07, -1.603647473166151e-07, 4.617955473808906e-08,
+    -1.241851354123506e-08, 3.601632120721053e-09, -1.706996504922347e-09, 5.267350653124788e-10,
+)  # fmt: skip
+"""cos(⅔ arccos((1 + t)/2)) on −1 ≤ t ≤ 1 by powers of t, its Chebyshev series cut after degree 15:
+within 7e-15, measured in 40 digits."""
 _ON_SURFACE = 1.0 - 8.0 * float_info.epsilon
 """A point within rounding of the surface takes the gradient of the outside, so that a particle
 resting on the body can leave it upwards."""
@@ -105,14 +113,14 @@ class Ellipsoid:
     def potential(self, r: Vec3, p: Params) -> Expr:
         """Return +U, m²/s², at the body-fixed position r, m."""
         position, squares = self._scale_position(r, p)
-        rf, rd = carlson_rf_rd(_confocal(position, squares))
+        rf, rd = carlson_rf_rd(_confocal(position, squares), _duplications(squares))
         moment = dot([q * q for q in position], rd)
         return self._gm(p) / self._unit * (1.5 * rf - 0.5 * moment)
 
     def acceleration(self, r: Vec3, p: Params) -> Vec3:
         """Return ∇U, m/s², at the body-fixed position r, m."""
         position, squares = self._scale_position(r, p)
-        _, rd = carlson_rf_rd(_confocal(position, squares))
+        _, rd = carlson_rf_rd(_confocal(position, squares), _duplications(squares))
         factor = -self._gm(p) / self._unit**2
         return (
             factor * position[0] * rd[0],
@@ -135,7 +143,8 @@ class Ellipsoid:
     def _scale_position(self, r: Vec3, p: Params) -> tuple[Vec3, Vec3]:
         """Position and squared axes in units of the greatest nominal axis."""
         a, b, c = (p[name] / self._unit for name in _AXIS_NAMES)
-        return (r[0] / self._unit, r[1] / self._unit, r[2] / self._unit), (a * a, b * b, c * c)
+        per_unit = 1.0 / self._unit
+        return (r[0] * per_unit, r[1] * per_unit, r[2] * per_unit), (a * a, b * b, c * c)
 
 
 def homogeneous_bound(distance: Expr, gm: Expr, radius: Scalar, reach: Scalar) -> Expr:
@@ -170,12 +179,11 @@ def homogeneous_bound(distance: Expr, gm: Expr, radius: Scalar, reach: Scalar) -
 def _confocal(position: Vec3, squares: Vec3) -> Vec3:
     """Return the squared semi-axes of the confocal ellipsoid through a point, of the body inside.
 
-    Λ solves the cubic λ³ + p₂λ² + p₁λ + p₀ = 0, which has three real roots, by the trigonometric
-    formula. For a nearly round body two of them nearly coincide, and the argument of the arc cosine
-    reaches ±1, where its derivative is infinite. The argument is clamped, which costs at most 1e-6,
-    and one Newton step on the confocal equation restores Λ to rounding. That step also makes the
-    automatic derivative right: its own derivative is that of the implicit function, and the
-    starting value enters only through its error.
+    Λ is the largest root of the cubic λ³ + p₂λ² + p₁λ + p₀ = 0, which has three real roots,
+    2√q cos(θ/3) − p₂/3 with cos θ = …/q^(3/2). Where terms cancel, near the surface, that is good
+    to the rounding of the terms only, and one Newton step on the confocal equation restores Λ to
+    its own rounding. That step also makes the automatic derivative right: its own derivative is
+    that of the implicit function, and the starting value enters only through its error.
     """
     a2, b2, c2 = squares
     x, y, z = position
@@ -188,16 +196,47 @@ def _confocal(position: Vec3, squares: Vec3) -> Vec3:
     p2 = a2 + b2 + c2 - x2 - y2 - z2
     p1 = a2 * b2 + b2 * c2 + c2 * a2 - x2 * (b2 + c2) - y2 * (c2 + a2) - z2 * (a2 + b2)
     p0 = a2 * b2 * c2 - x2 * b2 * c2 - y2 * c2 * a2 - z2 * a2 * b2
-    # largest root of the cubic: λ = 2√q cos(θ/3) − p₂/3, cos θ = …/q^(3/2)
     q = p2 * p2 / 9.0 - p1 / 3.0
-    cosine = ((p1 * p2 - 3.0 * p0) / 6.0 - p2 * p2 * p2 / 27.0) / (q * sqrt(q))
-    root = 2.0 * sqrt(q) * cos(acos(_clamp(cosine)) / 3.0) - p2 / 3.0
+    size = sqrt(q)
+    cosine = ((p1 * p2 - 3.0 * p0) / 6.0 - p2 * p2 * p2 / 27.0) / (q * size)
+    # cos²(θ/2) = (1 + cos θ)/2, zero only where two of the larger roots meet, which is inside.
+    half = sqrt(maximum(0.5 + 0.5 * cosine, _LEAST_HALF))
+    root = 2.0 * size * _cosine_of_third(half) - p2 / 3.0
     u, v, w = root + a2, root + b2, root + c2
     # Newton step on x²/u + y²/v + z²/w = 1, whose derivative by Λ is −Σ x²/u²
-    excess = x2 / u + y2 / v + z2 / w - 1.0
-    root = root + excess / (x2 / (u * u) + y2 / (v * v) + z2 / (w * w))
+    over = (1.0 / u, 1.0 / v, 1.0 / w)
+    parts = (x2 * over[0], y2 * over[1], z2 * over[2])
+    excess = parts[0] + parts[1] + parts[2] - 1.0
+    root = root + excess / dot(parts, over)
     root = select(outside, root, 0.0)
     return (root + a2, root + b2, root + c2)
+
+
+def _cosine_of_third(half: Expr) -> Expr:
+    """Return cos(θ/3) from cos(θ/2) in [0, 1].
+
+    As a function of cos(θ/2) it has no singularity but at −1, so that a polynomial of degree 15
+    gives it to rounding.
+    """
+    t = 2.0 * half - 1.0
+    t2 = t * t
+    t4 = t2 * t2
+    powers: tuple[Scalar, ...] = (1.0, t, t2, t * t2)
+    total: Expr | None = None
+    for first in reversed(range(0, len(_THIRD), 4)):
+        # four terms at a time: few products, most of them independent of each other
+        part = sum_of([c * p for c, p in zip(_THIRD[first : first + 4], powers, strict=True)])
+        total = part if total is None else part + t4 * total
+    assert total is not None
+    return total
+
+
+def _duplications(squares: Vec3) -> int:
+    """Return the number that Carlson's integrals need outside; most if axes are set at run time."""
+    try:
+        return duplications_for([number_in(square) for square in squares])
+    except TypeError:
+        return MOST_DUPLICATIONS
 
 
 def _level(position: Vec3, squares: Vec3) -> Expr:
@@ -205,9 +244,3 @@ def _level(position: Vec3, squares: Vec3) -> Expr:
     x, y, z = position
     a2, b2, c2 = squares
     return x * x / a2 + y * y / b2 + z * z / c2
-
-
-def _clamp(x: Expr) -> Expr:
-    """Return an argument of the arc cosine limited to where its derivative is finite."""
-    below = select(greater(x, _ACOS_LIMIT), _ACOS_LIMIT, x)
-    return select(greater(below, -_ACOS_LIMIT), below, -_ACOS_LIMIT)

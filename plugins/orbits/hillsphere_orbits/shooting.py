@@ -26,7 +26,7 @@ from hillsphere.interfaces import Array, OrbitProblem
 from hillsphere_orbits.flow import Flow
 from hillsphere_orbits.stability import monodromy_of_half
 
-__all__ = ["PeriodicShooting", "Shooting", "SymmetricShooting"]
+__all__ = ["DoublySymmetricShooting", "PeriodicShooting", "Shooting", "SymmetricShooting"]
 
 
 class Shooting(OrbitProblem, Protocol):
@@ -147,6 +147,33 @@ class SymmetricShooting:
     def with_steps(self, steps: int) -> SymmetricShooting:
         """Return the same problem with another number of sub-steps."""
         return replace(self, steps=steps)
+
+
+@dataclass(frozen=True)
+class DoublySymmetricShooting(SymmetricShooting):
+    """A quarter of a period between perpendicular crossings of two mirrors.
+
+    Unknowns are those of `SymmetricShooting` with the first mirror; residuals the states with sign
+    −1 in the second one after half of the half-period. Orbits that keep one mirror only are no
+    solutions, so that these equations are regular where such a family branches off.
+
+    Parameters
+    ----------
+    second : tuple of int
+        Diagonal of the mirror that is met after a quarter of a period.
+    """
+
+    second: tuple[int, ...] = ()
+
+    def residual(self, z: Array) -> tuple[Array, Array]:
+        """Return the states with sign −1 at a quarter of the period, and their derivatives."""
+        zero = [
+            i for i, (name, sign) in enumerate(zip(self.flow.names, self.second, strict=True))
+            if sign == -1 and name not in self.frozen
+        ]  # fmt: skip
+        end, phi = self.flow.with_matrix(self.state(z), 0.5 * z[-1], (self.steps + 1) // 2)
+        slopes = [phi[zero][:, self._free], 0.5 * self.flow.rate(end)[zero, None]]
+        return end[zero], np.concatenate(slopes, axis=1)
 
 
 @dataclass(frozen=True)

@@ -122,6 +122,50 @@ def test_agrees_with_adaptive_quadrature(axes: tuple[float, float, float]) -> No
         assert np.linalg.norm(acceleration[:, k] - g) <= 1e-14 * np.linalg.norm(g)
 
 
+# Axes, position, U/GM, its gradient: R_F and R_D of mpmath 1.4 in 40 digits, the confocal root by
+# Newton's iteration. Just above the surface, at a diameter, far away.
+FORTY_DIGITS: list[tuple[tuple[float, ...], tuple[float, ...], float, tuple[float, ...]]] = [
+    (
+        PHOBOS, (6254.4, 6840.0, 5850.514), 9.0630060967835336e-5,
+        (-3.7266889552274623e-9, -4.8101323805065477e-9, -5.3249920146867543e-9),
+    ),
+    (
+        PHOBOS, (-19545.0, 22800.0, 6855.0), 3.2627732622260655e-5,
+        (6.6764747936099687e-10, -7.9863993278010403e-10, -2.4753235123142113e-10),
+    ),
+    (
+        PHOBOS, (3909000.0, -4560000.0, 10968000.0), 7.9969061726626534e-8,
+        (-1.9990863442978826e-15, 2.3320120549611032e-15, -5.6091036786381472e-15),
+    ),
+    (
+        (10000.0, 10000.0, 4000.0), (4800.0, 6000.0, 2560.4), 0.00012968125855069746,
+        (-7.4125053901728544e-9, -9.265631737716068e-9, -1.1291874258623162e-8),
+    ),
+    (
+        (34400.0, 11200.0, 11200.0), (16512.0, 6720.0, 7169.12), 5.7423840262720838e-5,
+        (-1.2122678356919251e-9, -2.0888845554772836e-9, -2.2284916732683487e-9),
+    ),
+    (
+        (10000.0, 9999.999, 9999.998), (4800.0, 5999.999, 6400.999), 9.9993611437427043e-5,
+        (-4.7990794266973829e-9, -5.9988490033332713e-9, -6.3997729130844212e-9),
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("axes", "place", "potential", "acceleration"), FORTY_DIGITS)
+def test_agrees_with_forty_digits(
+    axes: tuple[float, float, float],
+    place: tuple[float, ...],
+    potential: float,
+    acceleration: tuple[float, ...],
+) -> None:
+    """A few roundings: 1e-15 measured on random points from 1e-12 to 1e4 radii above a surface."""
+    body, r = field(axes, 1.0), np.array(place)[:, None]
+    assert body.potential(r)[0] == pytest.approx(potential, rel=4e-15)
+    error = np.linalg.norm(body.acceleration(r)[:, 0] - acceleration)
+    assert error <= 4e-15 * np.linalg.norm(acceleration)
+
+
 def test_agrees_with_twelve_gauss_legendre_nodes() -> None:
     points = np.concatenate([outside(PHOBOS, 60), inside(PHOBOS, 40)[:, :-1]], axis=1)
     found = field(PHOBOS).acceleration(points)
@@ -289,7 +333,9 @@ def test_run_time_parameters_equal_compiled_constants() -> None:
     for name in ("potential", "acceleration", "gradient"):
         found, expected = getattr(run_time, name)(points, values), getattr(other, name)(points)
         scale = np.abs(expected).max(axis=tuple(range(expected.ndim - 1)))
-        assert np.all(np.abs(found - expected) <= 1e-15 * scale)
+        # Known axes need fewer duplications in Carlson's integrals than axes set at run time, so
+        # that both round differently: 1.4e-15 measured for the gradient.
+        assert np.all(np.abs(found - expected) <= 4e-15 * scale)
     # Left out, they are nominal.
     np.testing.assert_allclose(
         run_time.potential(points), GravityField(nominal).potential(points), rtol=3e-15

@@ -107,7 +107,9 @@ def watch(flow: Flow) -> Watch:
 def flown(flow: Flow, watch: Watch, x: Array, h: float, steps: int) -> FlightEnds:
     return fly(
         flow.plain, watch, x, h,
-        lambda lanes, first, way: np.full(lanes.size, way.shape[1]), steps,
+        lambda lanes, first, way: (
+            np.full(lanes.size, way.shape[1]), np.ones((way.shape[1] - 1, lanes.size), bool)
+        ), steps,
         tuple(name for name in ("impact",) if name in watch.names),
     )  # fmt: skip
 
@@ -217,6 +219,21 @@ def test_each_trajectory_is_met_once(local: LocalManifold, watch: Watch) -> None
     zeros = [found.ends.zeros.select(found.ends.zeros.lane == k) for k in (0, 2)]
     after = [z.x[:, z.event == 0][:, -6:] for z in zeros]
     np.testing.assert_allclose(after[0], after[1], rtol=0, atol=0.02)
+
+
+def test_known_zeros_are_found_alone(local: LocalManifold, watch: Watch) -> None:
+    """Looked for beside their times only, with the same bits as among all."""
+    p = np.array([0.1, 0.35, 0.6])
+    every = fly_leaves(local, watch, p)
+    zeros = every.ends.zeros
+    zeros = zeros.select((zeros.event == 0) & (zeros.time > every.left[zeros.lane]))
+    last = [np.flatnonzero(zeros.lane == lane)[-1] for lane in range(p.size)]
+    alone = fly_leaves(local, watch, p, near=zeros.time[last])
+    np.testing.assert_array_equal(alone.left, every.left)
+    found = alone.ends.zeros
+    assert found.lane.size < every.ends.zeros.lane.size
+    same = [np.flatnonzero((found.lane == k) & (found.event == 0))[-1] for k in range(p.size)]
+    np.testing.assert_array_equal(found.x[:, same], zeros.x[:, last])
 
 
 def test_distance_where_times_begin(local: LocalManifold, watch: Watch, flow: Flow) -> None:

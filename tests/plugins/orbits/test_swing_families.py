@@ -178,6 +178,21 @@ def test_mirror_breaks_along_one_to_five(families: SwingFamilies) -> None:
     assert m[0, 0] + m[1, 1] + m[3, 3] + m[4, 4] - 2.0 == pytest.approx(2.0, abs=6e-6)
 
 
+def test_orbits_where_a_mirror_breaks_keep_both(families: SwingFamilies, taylor: Taylor) -> None:
+    """There half a period is solved to 1e-9 by orbits that lie 1e-3 off: the error grows as κ³."""
+    both = [
+        i for i, f in enumerate(families.event_family)
+        if (families.symmetry[f], families.axis[f]) == ("xy", "x")
+        and (families.event_kind[i], families.event_plane[i]) == ("branching", "planar")
+    ]  # fmt: skip
+    assert both
+    orbits = families.event_orbits
+    x = normalised(families, orbits.x0)[:, both]
+    quarter = taylor.propagate(x, 0.25 * orbits.period_s[both] / orbits.time_s)
+    # perpendicular to the y axis: x and vy vanish
+    assert np.abs(quarter[[0, 4]]).max() < 1e-9
+
+
 def test_swing_takes_families_up_again(families: SwingFamilies, plant: Any, taylor: Taylor) -> None:
     swing = Swing(families, plant)
     assert list(swing.families) == [0, 1, 2, 3]

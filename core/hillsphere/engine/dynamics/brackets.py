@@ -16,15 +16,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.base.arrays import Array, Integers
-from hillsphere.engine.dynamics.bounds import Bound
-from hillsphere.engine.dynamics.enclosures import Bounded, LinearRows, derivatives_within, enclose
+from hillsphere.engine.dynamics.bounds import UNWANTED, Bound
+from hillsphere.engine.dynamics.enclosures import (
+    Bounded,
+    Enclosure,
+    LinearRows,
+    derivatives_within,
+    enclose,
+)
 from hillsphere.engine.dynamics.expression_bounds import bounds_of_event
 from hillsphere.engine.dynamics.intervals import Interval
 from hillsphere.engine.dynamics.proof import (
     DEPTH,
     MARGIN,
     Pieces,
-    Slopes,
     count_crossings,
     decide,
     halve_pieces,
@@ -190,16 +195,8 @@ class ProvedBrackets:
         moved[:, :-1] = np.maximum(moved[:, :-1], moved[:, 1:])
         reach = moved.reshape(len(way), -1)[:, which]
         for depth in range(DEPTH + 1):
-            count = len(pieces.lane)
-            many = pad_pieces(pieces)
-            some = np.minimum(np.arange(len(many.lane)), count - 1)
-            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                decided = decide(
-                    many.g0, many.g1, np.abs(many.end - many.begin),
-                    _slopes(bounded, many, h, reach[:, some]), 0, from_zero=False,
-                )  # fmt: skip
             # Per function and piece: certainly no zero, or certainly exactly one.
-            clear, single = (one[:, :count] for one in decided)
+            clear, single = _decide(bounded, pieces, h, reach, waiting)
             keep(single & waiting, pieces)
             waiting = waiting & ~clear & ~single
             left: NDArray[np.bool_] = np.asarray(waiting.any(axis=0))
@@ -229,22 +226,40 @@ class ProvedBrackets:
         )  # fmt: skip
 
 
-def _slopes(bounded: Bounded, now: Pieces, h: float, reach: Array) -> Slopes:
-    """Bound the functions' derivatives over pieces, along the flight.
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
+def _decide(
+    bounded: Bounded, pieces: Pieces, h: float, reach: Array, waiting: NDArray[np.bool_]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Decide pieces, see `decide`: by first derivatives, and by second ones where these do not.
 
-    `reach` (n, K) is how far the states may move, for the first trial box.
+    `reach` (n, K) is how far the states may move, for the first trial box. Second derivatives take
+    most of the time, and of most pieces the first ones are enough.
     """
-    length, none = now.end - now.begin, np.zeros((0, len(now.lane)))
-    box = enclose(bounded, now.begin, length, now.y0, none, now.y0 + reach)
-    when = np.minimum(now.begin, now.end), np.maximum(now.begin, now.end)
-    slopes = np.array(derivatives_within(bounded, when, box, []))
-    slopes[0::2, :, ~box.holds], slopes[1::2, :, ~box.holds] = -np.inf, np.inf
-    return _along((slopes[0], slopes[1], slopes[2], slopes[3]), h)
+    count = len(pieces.lane)
+    many = pad_pieces(pieces)
+    some = np.minimum(np.arange(len(many.lane)), count - 1)
+    none = np.zeros((0, len(many.lane)))
+    box = enclose(
+        bounded, many.begin, many.end - many.begin, many.y0, none, many.y0 + reach[:, some]
+    )
+    bends = [UNWANTED] * len(many.y0)
 
+    def decided(now: Pieces, box: Enclosure, bends: Sequence[Interval | None] | None) -> Any:
+        when = np.minimum(now.begin, now.end), np.maximum(now.begin, now.end)
+        slopes = np.array(derivatives_within(bounded, when, box, [], bends))
+        slopes[0::2, :, ~box.holds], slopes[1::2, :, ~box.holds] = -np.inf, np.inf
+        a, b, c, d = slopes
+        along = (a, b, c, d) if h > 0.0 else (-b, -a, c, d)
+        return decide(now.g0, now.g1, np.abs(now.end - now.begin), along, 0, from_zero=False)
 
-def _along(slopes: Slopes, h: float) -> Slopes:
-    a, b, c, d = slopes
-    return slopes if h > 0.0 else (-b, -a, c, d)
+    clear, single = (one[:, :count] for one in decided(many, box, bends))
+    left = np.flatnonzero((waiting & ~clear & ~single).any(axis=0) & box.holds[:count])
+    if left.size:
+        few = pad_pieces(pieces.taken(left))
+        at = left[np.minimum(np.arange(len(few.lane)), left.size - 1)]
+        for one, more in zip((clear, single), decided(few, box.taken(at), None), strict=True):
+            one[:, left] |= more[:, : left.size]
+    return clear, single
 
 
 def _reverse_pieces(pieces: Pieces, h: float) -> Pieces:

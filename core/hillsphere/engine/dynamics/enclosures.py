@@ -109,6 +109,13 @@ class Enclosure:
     rate_hi: Array
     holds: NDArray[np.bool_]
 
+    def taken(self, which: NDArray[np.intp]) -> Enclosure:
+        """Return those of some lanes."""
+        return Enclosure(
+            self.lo[:, which], self.hi[:, which], self.rate_lo[:, which], self.rate_hi[:, which],
+            self.holds[which],
+        )  # fmt: skip
+
 
 # A box may contain a singularity; its bounds are then infinite, which is a valid result.
 @np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore")
@@ -266,7 +273,8 @@ def derivatives_within(
     p : sequence of Interval
         Run-time parameters.
     bends : sequence, optional
-        Result of `bends_within`, if it is known.
+        Result of `bends_within`, if it is known; `UNWANTED` of every state if the second
+        derivatives are not asked for, whose bounds are then NaN.
 
     Returns
     -------

@@ -9,7 +9,7 @@ formula, to rounding.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,14 @@ UNPROVED = "that no crossing of theirs was missed is not proved"
 """Remark about flights that are not resolved."""
 
 _CHUNK = 64  # sub-steps between two looks: long enough that Python's share is small
+_TOGETHER = 1 << 14
+"""Sub-steps that are examined at once: with few lanes those of many chunks, since interpreted code
+costs as much for ten sub-steps as for a thousand. Their states take some megabytes."""
+_CLEAR = 1.0
+"""Value of a function that ends flights, at either end of a sub-step, below which the sub-step is
+examined although its zeros are not read. Above an ellipsoid's surface one is 0.4 of its radius: to
+reach the body from there and leave it again within one sub-step takes a speed of a diameter per
+sub-step. A limit of escape is below one everywhere, so that with it nothing is left out."""
 _NEWTON = 4
 """Steps from the zero of the interpolating cubic: Newton's method doubles its digits with each, and
 zeros that have not converged by then are bracketed."""
@@ -114,7 +122,7 @@ class FlightEnds:
     ended_by : ndarray of int, shape (N,)
         Number of the function that ended the flight by falling; −1 without.
     zeros : Zeros
-        All before the end of their lane.
+        All before the end of their lane, where they are read.
     resolved : ndarray of bool, shape (N,)
         Whether it is proved that these are all; False where a function touches zero but for
         rounding, or offers no bound and comes nearer to zero than 0.1.
@@ -140,12 +148,33 @@ class _Brackets:
     slopes: Array  # (2, E): and rates
 
 
+@dataclass(frozen=True, eq=False)
+class _Chunk:
+    """Sub-steps to be examined, of lanes that were flown together."""
+
+    way: Array  # (n, K + 1, L)
+    values: Array  # (m, K + 1, L)
+    inside: NDArray[np.bool_]  # (K, L): which are examined
+    lane: NDArray[np.intp]  # (L,)
+    first: NDArray[np.intp]  # (L,): number of the first one
+
+
+def _join_chunks(
+    chunks: list[_Chunk],
+) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.intp], NDArray[np.intp]]:
+    way, values, inside, lane, first = (
+        np.concatenate([getattr(one, field.name) for one in chunks], axis=-1)
+        for field in fields(_Chunk)
+    )
+    return way, values, inside, lane, first
+
+
 def fly(
     step_map: StepMap,
     watch: Watch,
     x: Array,
     h: float,
-    goes_on: Callable[[NDArray[np.intp], int, Array], NDArray[np.intp]],
+    goes_on: Callable[[NDArray[np.intp], int, Array], tuple[NDArray[np.intp], NDArray[np.bool_]]],
     most: int,
     ends: tuple[str, ...] = (),
 ) -> FlightEnds:
@@ -164,7 +193,8 @@ def fly(
     goes_on : callable
         ``goes_on(lanes, first, way)`` is shown the states ``way`` (n, K, L) of some lanes (L,)
         at the ends of the sub-steps number ``first`` … ``first + K − 1`` (0 is the start) and
-        returns how many of these K states are still part of each flight (L,): K to go on.
+        returns how many of these K states are still part of each flight (L,), K to go on, and in
+        which of the sub-steps between them zeros are read, (K − 1, L).
     most : int
         Largest number of sub-steps.
     ends : tuple of str
@@ -173,13 +203,24 @@ def fly(
     Returns
     -------
     FlightEnds
-        Ends and zeros.
+        Ends and zeros. Sub-steps whose zeros are not read are examined near an end only.
     """
     cases = x.shape[1]
     lanes = np.arange(cases)
     end, last = x.copy(), np.zeros(cases, dtype=np.intp)
     parts: list[_Brackets] = []
+    held: list[_Chunk] = []
     resolved = np.ones(cases, dtype=bool)
+
+    def prove() -> None:
+        way, values, inside, lane, first = _join_chunks(held)
+        brackets, sure = _brackets(step_map, watch, way, values, inside, h)
+        np.logical_and.at(resolved, lane, sure)
+        brackets.begin += first[brackets.lane] * h
+        brackets.lane = lane[brackets.lane]
+        parts.append(brackets)
+        held.clear()
+
     killers = [watch.names.index(name) for name in ends]
     now, done = np.ascontiguousarray(x), 0
     while lanes.size and done < most:
@@ -187,20 +228,28 @@ def fly(
         way = step_map.trajectory(now, steps * h, steps, strict=False)
         bad = ~np.isfinite(way).all(axis=0)
         whole = np.where(bad.any(axis=0), np.argmax(bad, axis=0), steps + 1)
-        length = np.minimum(goes_on(lanes, done, way), whole)
+        length, read = goes_on(lanes, done, way)
+        length = np.minimum(length, whole)
+        values = watch(way)[0]
         inside = np.arange(steps)[:, None] < length - 1
-        brackets, sure = _brackets(step_map, watch, way, inside, h)
-        resolved[lanes] &= sure
-        brackets.begin += done * h
-        falls = np.isin(brackets.event, killers) & (brackets.values[0] > brackets.values[1])
-        alive = length == steps + 1
-        alive[brackets.lane[falls]] = False
-        brackets.lane = lanes[brackets.lane]
-        parts.append(brackets)
+        ending = values[killers]
+        falls = (ending[:, :-1] > 0.0) & (ending[:, 1:] <= 0.0) & inside
+        # what falls and rises again within a sub-step is seen by the proof: it ends the flight too
+        alive = (length == steps + 1) & ~falls.any(axis=(0, 1))
+        close: NDArray[np.bool_] = np.asarray((ending < _CLEAR).any(axis=0))
+        inside &= read | close[:-1] | close[1:]
+        if held and len(held[0].inside) != steps:
+            prove()
+        if inside.any():
+            held.append(_Chunk(way, values, inside, lanes, np.full(lanes.size, done)))
+        if sum(np.count_nonzero(one.inside) for one in held) >= _TOGETHER:
+            prove()
         at = np.maximum(length - 1, 0)
         end[:, lanes] = way[:, at, np.arange(lanes.size)]
         last[lanes] = done + at
         now, lanes, done = np.ascontiguousarray(way[:, -1, alive]), lanes[alive], done + steps
+    if held:
+        prove()
     zeros = _refine_brackets(step_map, watch, parts, h)
     time, ended = np.asarray(last * h, float), np.full(cases, -1, dtype=np.intp)
     for i in np.flatnonzero(np.isin(zeros.event, killers) & ~zeros.rising)[::-1]:
@@ -211,7 +260,12 @@ def fly(
 
 
 def _brackets(
-    step_map: StepMap, watch: Watch, way: Array, inside: NDArray[np.bool_], h: float
+    step_map: StepMap,
+    watch: Watch,
+    way: Array,
+    values: Array,
+    inside: NDArray[np.bool_],
+    h: float,
 ) -> tuple[_Brackets, NDArray[np.bool_]]:
     """Return all brackets of a chunk (n, K + 1, L); `begin` counts from its start."""
 
@@ -219,7 +273,7 @@ def _brackets(
         x = step_map.step(np.ascontiguousarray(base), tau, strict=False)
         return x, watch(x)[0]
 
-    b = watch.brackets(way, watch(way)[0], h, halve, inside)
+    b = watch.brackets(way, values, h, halve, inside)
     pick = np.arange(b.lane.size)
     slopes = np.array([watch(x)[1][b.function, pick] for x in (b.y0, b.y1)])
     ends, values = np.array([b.begin, b.end]), np.array([b.g0, b.g1])

@@ -31,6 +31,7 @@ from hillsphere_orbits.spatial_qso_families.stability import excess, spectrum
 __all__ = ["Leaves", "LocalManifold", "classify_manifolds", "leaves", "sides_are_images"]
 
 _LEAST = 1.0 + 1e-5  # multiplier; nearer to 1 lie the scattered ones of every orbit
+_BESIDE = 1.5  # sub-steps to the middle of those that hold a known zero, and one on either side
 _SAME = 1e-6  # of states that a symmetry maps on one another, relative to their size
 
 
@@ -208,7 +209,7 @@ class Leaves:
     node : ndarray of int, shape (N,)
         Sub-step of the orbit at which they begin.
     ends : FlightEnds
-        Ends and zeros, their times counted from the first state.
+        Ends and zeros, their times counted from the first state; zeros before `left` are not read.
     left : ndarray, shape (N,)
         Length of flight at the last moment when the distance from the orbit, both at the same
         time, is ε; NaN if there is none.
@@ -233,6 +234,7 @@ def leaves(
     duration: float,
     ends: tuple[str, ...] = (),
     node: NDArray[np.int64] | None = None,
+    near: Array | None = None,
 ) -> Leaves:
     """Fly trajectories of a manifold.
 
@@ -257,6 +259,8 @@ def leaves(
     node : ndarray of int, shape (N,), optional
         Sub-steps of the orbit, in the first domain, at which to take the trajectories up, instead
         of as late as `start` allows.
+    near : ndarray, shape (N,), optional
+        Length of each flight, > 0, beside which zeros are wanted, instead of all after `left`.
 
     Returns
     -------
@@ -274,18 +278,24 @@ def leaves(
 
     begin = node
 
-    def goes_on(lanes: NDArray[np.intp], first: int, way: Array) -> NDArray[np.intp]:
+    def goes_on(
+        lanes: NDArray[np.intp], first: int, way: Array
+    ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
         count = way.shape[1]
         step = first + np.arange(count)
         away = way - local.on_orbit(begin[lanes] + step[:, None])
-        near = np.sum(away * away, axis=0) <= distance * distance
-        some = np.flatnonzero(near.any(axis=0))
+        close = np.sum(away * away, axis=0) <= distance * distance
+        some = np.flatnonzero(close.any(axis=0))
         # last sub-step within ε: the trajectory may return to the neighbourhood of the orbit
-        last = count - 1 - np.argmax(near[::-1, some], axis=0)
+        last = count - 1 - np.argmax(close[::-1, some], axis=0)
         within[lanes[some]] = first + last
         state_within[:, lanes[some]] = way[:, last, some]
         # one sub-step more than the flight lasts, so that its end is bracketed
-        return np.clip(within[lanes] + int(reach) + 3 - first, 0, count)
+        length = np.clip(within[lanes] + int(reach) + 3 - first, 0, count)
+        if near is not None:
+            return length, np.abs(step[:-1, None] + 0.5 - near[lanes] / abs(h)) <= _BESIDE
+        # zeros count from the last moment at ε on, which lies in the sub-step after `within`
+        return length, step[:-1, None] >= within[lanes]
 
     most = local.most_steps(start, distance) + int(reach) + 3
     flown = fly(flow.plain, watch, x, h, goes_on, most, ends)

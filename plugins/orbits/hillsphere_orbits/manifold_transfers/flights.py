@@ -140,7 +140,7 @@ class LegFlights:
     def __call__(self, piece: Coasts | Waits) -> VerifiedFlights:
         """Fly a piece; coasts are corrected before."""
         if isinstance(piece, Coasts):
-            start = self._correct_starts(piece)
+            start = self.correct_starts(piece)
             return self._verify("leg", start, piece.tof, piece.end)
         curve, target = self._curves[piece.arrives], piece.target
         start = np.repeat(curve.x0[:, None], target.shape[1], axis=1)
@@ -155,29 +155,52 @@ class LegFlights:
             flown.place_lane,
         )  # fmt: skip
 
-    def _correct_starts(self, piece: Coasts) -> Array:
+    def correct_starts(self, piece: Coasts) -> Array:
         """Return first states from which the Taylor propagator reaches planned ends.
 
         Passing near the body and the unstable orbit, a leg magnifies the last digits of its first
-        state. The matrix of the flight backwards tells which change of the first state, of the
-        order of those digits, takes the miss away; a step that does not make it smaller is not
-        taken.
+        state. The matrix of the flight tells which change of the first state, of the order of
+        those digits, takes the miss away; a step that does not make it smaller is not taken.
+
+        Parameters
+        ----------
+        piece : Coasts
+            Legs, K of them.
+
+        Returns
+        -------
+        ndarray, shape (6, K)
+            Corrected first states, normalised. None is moved by more than its miss.
         """
         end, tof, taylor = piece.end, piece.tof, self._flow.taylor
         best = piece.start
         miss = taylor.propagate(best, tof) - end
-        back: Array | None = None
+        matrix: Array | None = None
         for _ in range(_CORRECTIONS):
             size = np.linalg.norm(miss, axis=0)
             if not (size > _ENOUGH).any():
                 break
-            if back is None:
-                _, back = self._flow.with_matrix(np.ascontiguousarray(end), -tof, piece.steps)
-            # linear correction: the matrix of the flight backwards maps the miss to the first state
-            tried = best - np.einsum("ijk,jk->ik", back, miss)
+            if matrix is None:
+                _, matrix = self._flow.with_matrix(np.ascontiguousarray(best), tof, piece.steps)
+            tried = best - _cause(matrix, miss)
             other = taylor.propagate(tried, tof) - end
             better = (size > _ENOUGH) & (np.linalg.norm(other, axis=0) < size)
             if not better.any():
                 break
             best, miss = np.where(better, tried, best), np.where(better, other, miss)
         return best
+
+
+def _cause(matrix: Array, miss: Array) -> Array:
+    """Return the first states' errors (6, K) that the flight magnifies to misses (6, K).
+
+    The matrix of a Hamiltonian flight shrinks as many directions as it stretches, by the same
+    factors. Along a stretched one the error is smaller than the miss by that factor; along a shrunk
+    one it would be larger by it, so that a miss of the size of rounding would move the first state
+    away from where the search put it. That part of the miss is not caused by the first state, and
+    is left: singular values below one count as zero.
+    """
+    left, size, right = np.linalg.svd(np.moveaxis(matrix, 2, 0))
+    part = np.einsum("kij,ik->kj", left, miss)
+    part = np.where(size >= 1.0, part / np.maximum(size, 1.0), 0.0)
+    return np.asarray(np.einsum("kji,kj->ik", right, part))

@@ -18,7 +18,7 @@ from hillsphere.dynamics import bracketed_roots
 from hillsphere.interfaces import Array
 from hillsphere_orbits.flow import Flow
 from hillsphere_orbits.invariant_manifolds.flight import Watch
-from hillsphere_orbits.invariant_manifolds.sampling import LocalManifold, leaves
+from hillsphere_orbits.invariant_manifolds.sampling import Leaves, LocalManifold, leaves
 from hillsphere_orbits.manifold_transfers.mesh import Mesh, Roots
 from hillsphere_orbits.transfers.curves import PolarOrbit
 from hillsphere_orbits.transfers.pareto import front
@@ -186,11 +186,9 @@ class Search:
                 mask[here] = False
             some = [r.select(here) for r, here in zip(roots, chosen, strict=True)]
             p, node, clock, kept = self._root(Roots.join(some), which, targets)
-            for k, target in enumerate(targets):
-                own = which[kept] == k
-                if own.any():
-                    legs = self._final(p[own], node[own], clock[own], target)
-                    polished[k] = join_legs([polished[k], legs])
+            if p.size:
+                found = self._final(p, node, clock, which[kept], targets)
+                polished = [join_legs([*both]) for both in zip(polished, found, strict=True)]
 
     def _promising(self, roots: Roots, mask: NDArray[np.bool_], done: Legs) -> NDArray[np.intp]:
         """Return the masked roots that may be on the front, given the roots polished so far."""
@@ -254,12 +252,23 @@ class Search:
         x, late = _to_plane(flow, x, 4.0 * abs(local.h))
         return x, when + sense * late
 
-    def _final(self, p: Array, node: NDArray[np.int64], clock: Array, target: PolarOrbit) -> Legs:
-        """Return the legs at roots, propagated as a whole for their time and impacts."""
-        local, flow = self.local, self.local.flow
+    def _final(
+        self,
+        p: Array,
+        node: NDArray[np.int64],
+        clock: Array,
+        which: NDArray[np.intp],
+        targets: list[PolarOrbit],
+    ) -> list[Legs]:
+        """Return the legs at roots, by target, propagated as a whole for their time and impacts.
+
+        Zeros are looked for beside the roots only, and impacts where a leg comes near the body: the
+        legs that are chosen are flown anew.
+        """
+        local = self.local
         flown = leaves(
             local, self.watch, p, self.side, start=self.start, distance=self.distance,
-            duration=self.limit, ends=self.ends, node=node,
+            duration=self.limit, ends=self.ends, node=node, near=clock - node * abs(local.h),
         )  # fmt: skip
         z = flown.ends.zeros
         z = z.select(z.event == 0)
@@ -272,7 +281,19 @@ class Search:
         tof = np.abs(z.time[first]) - np.abs(flown.left[lane])
         timely = (tof > 0.0) & (tof <= self.limit)
         first, lane, tof = first[timely], lane[timely], tof[timely]
-        x = z.x[:, first]
+        return [
+            self._legs_to(target, flown, lane[own], tof[own], z.x[:, first[own]])
+            for k, target in enumerate(targets)
+            for own in (which[lane] == k,)
+        ]
+
+    def _legs_to(
+        self, target: PolarOrbit, flown: Leaves, lane: NDArray[np.intp], tof: Array, x: Array
+    ) -> Legs:
+        """Return the legs of some lanes, whose passages have the states x, to a planar orbit."""
+        local, flow = self.local, self.local.flow
+        if not lane.size:
+            return Legs.none()
         there = target.state(np.arctan2(x[1], x[0]))
         left = flown.left[lane]
         steps = max(1, int(np.max(np.abs(left), initial=0.0) / abs(local.h)) + 1)
@@ -281,7 +302,7 @@ class Search:
         j = np.floor(clock_left / local.h).astype(np.int64)
         orbit = flow.plain.step(np.ascontiguousarray(local.on_orbit(j)), clock_left - j * local.h)
         return Legs(
-            p=p[lane],
+            p=flown.p[lane],
             side=np.full(lane.size, self.side, dtype=np.int64),
             tof=tof,
             dv=np.linalg.norm(x[3:] - there[3:], axis=0),

@@ -11,7 +11,12 @@ from hillsphere.interfaces import Array, Plant
 from hillsphere_orbits.continuation import Branch
 from hillsphere_orbits.correction import correct, tangents
 from hillsphere_orbits.flow import Flow, flow_of
-from hillsphere_orbits.shooting import PeriodicShooting, Shooting, SymmetricShooting
+from hillsphere_orbits.shooting import (
+    DoublySymmetricShooting,
+    PeriodicShooting,
+    Shooting,
+    SymmetricShooting,
+)
 from hillsphere_orbits.swing_qso_families.products import SwingFamilies
 
 __all__ = ["AXES", "FamilyTangents", "Swing", "at_positions", "swing_problem"]
@@ -28,7 +33,7 @@ _ACCEPTED = 1e-9  # residual; Newton takes one more step from there
 _ROUNDING = 1e-12  # accuracy of the flow that members are corrected with
 
 
-def swing_problem(flow: Flow, axis: str, *, mirror: bool = True) -> Shooting:
+def swing_problem(flow: Flow, axis: str, *, mirror: bool = True, other: bool = False) -> Shooting:
     """Return the equations of planar orbits that start on an axis.
 
     Parameters
@@ -40,6 +45,9 @@ def swing_problem(flow: Flow, axis: str, *, mirror: bool = True) -> Shooting:
     mirror : bool
         Whether they cross it perpendicularly there, so that half a period is solved; otherwise a
         full period from the section through the axis.
+    other : bool
+        Whether they cross the other axis perpendicularly too, a quarter of a period later, which
+        then is solved.
 
     Returns
     -------
@@ -53,10 +61,17 @@ def swing_problem(flow: Flow, axis: str, *, mirror: bool = True) -> Shooting:
     """
     if not mirror:
         return PeriodicShooting(flow, "y" if axis == "x" else "x", _FROZEN)
-    signs = flow.system.mirrors.get(AXES[axis])
-    if signs is None:
-        raise InputError(f"the plant names no mirror {AXES[axis]}: no orbits symmetric about it")
-    return SymmetricShooting(flow, signs, _FROZEN)
+    first, second = (_mirror(flow, each) for each in (axis, "y" if axis == "x" else "x"))
+    if first is None or (other and second is None):
+        names = " and ".join(AXES.values()) if other else AXES[axis]
+        raise InputError(f"the plant names no mirror {names}: no orbits symmetric about it")
+    if other and second is not None:
+        return DoublySymmetricShooting(flow, first, _FROZEN, second=second)
+    return SymmetricShooting(flow, first, _FROZEN)
+
+
+def _mirror(flow: Flow, axis: str) -> tuple[int, ...] | None:
+    return flow.system.mirrors.get(AXES[axis])
 
 
 def at_positions(problem: Shooting, branch: Branch, u: Array) -> Array:

@@ -145,12 +145,13 @@ class Following:
         events = Secondary((), (), np.empty(0), np.empty((2, 0), dtype=complex))
         unsearched = ""
         if self.secondary:
+            regular = chain.regular_problem(flow)
             try:
                 events = secondary(
-                    lambda u: problem.monodromy(at_positions(problem, branch, u)),
+                    lambda u: problem.monodromy(at_positions(regular, branch, u)),
                     monodromy[:, :, :kept],
                     integral=lambda u: surveyor.integral(
-                        problem.state(at_positions(problem, branch, u))
+                        problem.state(at_positions(regular, branch, u))
                     ),
                 )
             except (ConvergenceError, PropagationError) as error:

@@ -284,8 +284,10 @@ class SwingFamiliesStage:
             [family.chain.start.name for family in families],
         )
         event_z = [
-            at_positions(problem, family.chain.branch, family.events.position)
-            for problem, family in zip(all_problems, families, strict=True)
+            at_positions(
+                family.chain.regular_problem(flow), family.chain.branch, family.events.position
+            )
+            for family in families
         ]
         count = [len(family.events.kind) for family in families]
         events = orbits_of(surveyor, all_problems, event_z, [""] * sum(count))
