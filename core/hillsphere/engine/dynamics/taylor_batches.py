@@ -375,8 +375,9 @@ class TaylorBatches:
         # it would take a step of the rounding of its time.
         over = time == goal
         names: dict[int, str] = {}
-        if self._ends or not (over & batch.alive).any():
-            outcome = [int(result[0]) for result in results]  # slow, and rarely needed
+        plain = not self._ends and np.isfinite(state).all() and (over & batch.alive).any()
+        if not plain:
+            outcome = [int(result[0]) for result in results]  # a slow conversion, rarely needed
             names = {i: self._names[-o - 1] for i, o in enumerate(outcome) if o in self._outcomes}
             over |= np.isin(outcome, (_TIME_LIMIT, _NON_FINITE, *self._outcomes))
         vacant: _Lanes = (batch.alive & over).nonzero()[0]
