@@ -28,7 +28,10 @@ from hillsphere.symbolic.expressions import (
 __all__ = ["ArrayStages", "CompiledStep", "Stepper"]
 
 _VECTOR = int(_hy.recommended_simd_size())
-"""Lanes of one vector of the processor, which a compiled step evaluates at once."""
+"""Lanes of one vector of the processor."""
+_TOGETHER = 2
+"""Vectors that a step without derivatives evaluates at once, so that their divisions and square
+roots overlap: 12 % less time for an ellipsoid's field, 25 % for a point mass. Bits are the same."""
 _PARAMETER, _STEP, _TIME = "p,", "h,", "t,"
 """Names of inputs of a step, with a comma, which no state's name has."""
 Advance = Callable[[Array, Array, Array], None]
@@ -125,8 +128,9 @@ class CompiledStep:
             step = _compose(y, rate, tableau, h, when, held, system if errors else None)
             apart = self._terms.inputs if self._terms else []
             inputs = [*y, *numbered, h, when, *apart]
-            return _hy.cfunc(step, vars=inputs, compact_mode=compact)
+            return _hy.cfunc(step, vars=inputs, compact_mode=compact, batch_size=self._lanes)
 
+        self._lanes = _VECTOR if derivatives else _TOGETHER * _VECTOR
         n = len(system.x)
         self.rows = n + n * (n + len(parameters)) if derivatives else n
         options = {
@@ -169,7 +173,7 @@ class CompiledStep:
     def _bind(self, h: Array, p: Array) -> Advance:
         function, terms, moving = self._function, self._terms, self.needs_time
         cases, after = len(h), self.rows + len(p)
-        width = _padded(cases)
+        width = _padded(cases, self._lanes)
         # the unused lanes hold ones, of which nothing is read
         inputs = np.ones((function.nvars, width))
         states, clock, held = (
@@ -273,13 +277,14 @@ def _compose(
     return step
 
 
-def _padded(cases: int) -> int:
-    """Return the number of lanes to evaluate: one, or whole vectors.
+def _padded(cases: int, together: int) -> int:
+    """Return the number of lanes to evaluate: one, or a multiple of those evaluated together.
 
-    A vector takes one and a half times as long as a lane alone. Its functions differ from those of
-    a single lane in their last bits, so that lanes left over would depend on their place.
+    Four lanes take one and a half times as long as a lane alone, eight twice. Their functions
+    differ from those of a single lane in their last bits, so that lanes left over would depend on
+    their place.
     """
-    return cases if cases < 2 else -(-cases // _VECTOR) * _VECTOR
+    return cases if cases < 2 else -(-cases // together) * together
 
 
 def _weights(row: Array) -> list[tuple[int, float]]:
