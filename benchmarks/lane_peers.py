@@ -43,14 +43,15 @@ def heyoka_batch(
     """Return heyoka's batch mode, and the function that returns the steps (N,) of flights.
 
     `events` are a function that ends a flight when it falls through zero, and one whose zeros are
-    counted. The number of flights is a multiple of that of lanes.
+    recorded with their states. The number of flights is a multiple of that of lanes.
     """
     options: dict[str, Any] = {}
-    count = [0]
+    met: list[tuple[float, Array]] = []
     if events is not None:
 
         def note(integrator: Any, time: float, sign: int, lane: int) -> None:
-            count[0] += 1
+            integrator.update_d_output([time] * lanes)
+            met.append((time, integrator.d_output[:, lane].copy()))
 
         falls = heyoka.event_direction.negative
         options["t_events"] = [heyoka.t_event_batch(events[0], direction=falls)]
@@ -61,6 +62,7 @@ def heyoka_batch(
     ended = -1  # the outcome of the first terminal event that stops
 
     def batches(start: Array, read: Callable[[int], None]) -> None:
+        met.clear()
         for k in range(0, start.shape[1], lanes):
             integrator.state[:] = start[:, k : k + lanes]
             integrator.set_time(0.0)
