@@ -129,3 +129,18 @@ def test_a_flight_has_the_same_bits_in_whatever_company() -> None:
                     strict=True,
                 ):  # fmt: skip
                     np.testing.assert_array_equal(one, other)
+
+
+def test_a_lane_at_a_singularity_waits_for_no_other_to_end() -> None:
+    """Flights of no duration end at once, where another lane turns non-finite at its start."""
+    s = system(KeplerPlant(), normalised=True)
+    x = np.zeros((len(s.x), 40))
+    x[0], x[len(s.x) // 2 + 1] = 1.0, np.linspace(0.8, 1.1, 40)
+    taylor, duration = Taylor(s), np.linspace(1.0, 30.0, 40)
+    duration[[2, 3, 20]] = 0.0
+    expected = taylor.propagate(x, duration)
+    x[:, [1, 21]] = 0.0
+    flown = taylor.fly(x, duration, strict=False)
+    assert np.isnan(flown.x[:, [1, 21]]).all()
+    others = np.setdiff1d(np.arange(40), [1, 21])
+    np.testing.assert_array_equal(flown.x[:, others], expected[:, others])

@@ -15,10 +15,25 @@ from hillsphere.engine.dynamics.tableaux import Tableau
 from hillsphere.engine.dynamics.variational import Derivatives, variational_equations
 from hillsphere.symbolic._heyoka import heyoka as _hy
 from hillsphere.symbolic.compile_cache import kept_function
-from hillsphere.symbolic.expressions import Expr, parameter, substitute, sum_of, variable
+from hillsphere.symbolic.expressions import (
+    Expr,
+    parameter,
+    substitute,
+    sum_of,
+    time,
+    variable,
+    variable_names,
+)
 
 __all__ = ["ArrayStages", "CompiledStep", "Stepper"]
 
+_VECTOR = int(_hy.recommended_simd_size())
+"""Lanes of one vector of the processor."""
+_TOGETHER = 2
+"""Vectors that a step without derivatives evaluates at once, so that their divisions and square
+roots overlap: 12 % less time for an ellipsoid's field, 25 % for a point mass. Bits are the same."""
+_PARAMETER, _STEP, _TIME = "p,", "h,", "t,"
+"""Names of inputs of a step, with a comma, which no state's name has."""
 Advance = Callable[[Array, Array, Array], None]
 """(y, out, t): advance `y` (rows, N) from times t (N,) by one step and write it to `out`."""
 
@@ -55,11 +70,12 @@ class CompiledStep:
 
     The stages are substituted into one another, so that the compiler receives one straight-line
     program: common subexpressions of a stage are evaluated once, nothing is stored between
-    stages, and a step is a single call. Step and run-time parameters are parameters of the
-    function; time enters stage i as t + c_i h.
+    stages, and a step is a single call. Run-time parameters, the step h and the time follow the
+    states as inputs of the function; time enters stage i as t + c_i h. A call whose parameters
+    and time are separate arguments, as the compile layer has them too, takes three times as long.
 
-    Separate terms of time alone are further parameters, one for each different c_i. They are
-    computed before each step, only once if all lanes have the same time.
+    Separate terms of time alone are further inputs, one for each different c_i. They are computed
+    before each step, only once if all lanes have the same time.
 
     Parameters
     ----------
@@ -94,20 +110,27 @@ class CompiledStep:
             raise InputError("derivatives need a system without terms of time that stand apart")
         self._terms = _TimeTerms(system, tableau) if system.time_terms else None
 
+        moving = _TIME in variable_names(substitute(system.rhs, {time: variable(_TIME)}))
+        self.needs_time: bool = moving or self._terms is not None
+
         def compiled() -> Any:
             y, rate = (
                 variational_equations(system, parameters) if derivatives else (system.x, system.rhs)
             )
-            names = system.run_time_names
-            # The last parameter of the function is the step.
-            h = _hy.par[len(names)]
-            numbered = {parameter(name): _hy.par[i] for i, name in enumerate(names)}
-            if numbered:
-                rate = substitute(rate, numbered)
-            held = self._terms.at_nodes(len(names) + 1) if self._terms else {}
-            step = _compose(y, rate, tableau, h, held, system if errors else None)
-            return _hy.cfunc(step, vars=list(y), compact_mode=compact)
+            h, when = variable(_STEP), variable(_TIME)
+            numbered = [variable(f"{_PARAMETER}{i}") for i in range(len(system.run_time))]
+            table = {
+                parameter(name): one
+                for name, one in zip(system.run_time_names, numbered, strict=True)
+            }
+            rate = substitute(rate, {time: when, **table})
+            held = self._terms.at_nodes() if self._terms else {}
+            step = _compose(y, rate, tableau, h, when, held, system if errors else None)
+            apart = self._terms.inputs if self._terms else []
+            inputs = [*y, *numbered, h, when, *apart]
+            return _hy.cfunc(step, vars=inputs, compact_mode=compact, batch_size=self._lanes)
 
+        self._lanes = _VECTOR if derivatives else _TOGETHER * _VECTOR
         n = len(system.x)
         self.rows = n + n * (n + len(parameters)) if derivatives else n
         options = {
@@ -123,7 +146,6 @@ class CompiledStep:
             weights = [one.tolist() for one in tableau.errors]
             options["errors"] = [*weights, system.errors_in.tolist(), list(system.passing)]
         self._function: Any = kept_function(options, (*system.x, *system.rhs), compiled)
-        self.needs_time: bool = self._function.is_time_dependent or self._terms is not None
 
     def bind(self, h: Array, p: Array) -> Advance:
         """Fix the steps h (N,) and run-time parameters p (k, N) of the lanes."""
@@ -149,28 +171,30 @@ class CompiledStep:
         return self._tableau.step_error(squares[..., 0, :], squares[..., 1, :])
 
     def _bind(self, h: Array, p: Array) -> Advance:
-        function, terms = self._function, self._terms
-        if terms is not None:
-            return self._bound(terms, h, p)
-        options: dict[str, Any] = {}
-        if function.nparams:
-            options["pars"] = np.concatenate([p, h[None]])[: function.nparams]
-        if not self.needs_time:
-            return lambda y, out, t: function(y, out, **options)
-        return lambda y, out, t: function(y, out, time=t, **options)
-
-    def _bound(self, terms: _TimeTerms, h: Array, p: Array) -> Advance:
-        function, first = self._function, len(p) + 1
-        pars = np.empty((first + terms.rows, len(h)))
-        pars[: first - 1], pars[first - 1] = p, h
-        used, moving = pars[: function.nparams], function.is_time_dependent
-        together = terms.same(h)
+        function, terms, moving = self._function, self._terms, self.needs_time
+        cases, after = len(h), self.rows + len(p)
+        width = _padded(cases, self._lanes)
+        # the unused lanes hold ones, of which nothing is read
+        inputs = np.ones((function.nvars, width))
+        states, clock, held = (
+            inputs[some, :cases] for some in (slice(self.rows), after + 1, slice(after + 2, None))
+        )
+        inputs[self.rows : after, :cases], inputs[after, :cases] = p, h
+        together = terms is not None and terms.same(h)
+        result = None if width == cases else np.empty((function.nouts, width))
 
         def advance(y: Array, out: Array, t: Array) -> None:
-            some = slice(1) if together and terms.same(t) else slice(None)
-            pars[first:] = terms(t[some], h[some])
-            options = {"time": t} if moving else {}
-            function(y, out, pars=used, **options)
+            states[...] = y
+            if moving:
+                clock[...] = t
+            if terms is not None:
+                some = slice(1) if together and terms.same(t) else slice(None)
+                held[...] = terms(t[some], h[some])
+            if result is None:
+                function(inputs, out)
+            else:
+                function(inputs, result)
+                out[...] = result[:, :cases]
 
         return advance
 
@@ -182,20 +206,24 @@ class _TimeTerms:
         self._names = list(system.time_terms)
         self._nodes = np.unique(tableau.c)
         when = variable("when")
-        terms = substitute(tuple(system.time_terms.values()), {_hy.time: when})
+        terms = substitute(tuple(system.time_terms.values()), {time: when})
         self._function = ArrayFunction(terms, [when])
         self.rows = len(self._names) * len(self._nodes)
 
-    def at_nodes(self, first: int) -> dict[float, dict[Expr, Expr]]:
-        """Return the parameters, numbered from `first`, that represent the terms at each node."""
-        nodes = self._nodes.tolist()
+    @property
+    def inputs(self) -> list[Expr]:
+        """Inputs of a step that represent the terms at the nodes, in the order of their values."""
+        return [self._input(name, node) for name in self._names for node in self._nodes.tolist()]
+
+    def at_nodes(self) -> dict[float, dict[Expr, Expr]]:
+        """Return what replaces the terms at each node."""
         return {
-            node: {
-                parameter(name): _hy.par[first + j * len(nodes) + i]
-                for j, name in enumerate(self._names)
-            }
-            for i, node in enumerate(nodes)
+            node: {parameter(name): self._input(name, node) for name in self._names}
+            for node in self._nodes.tolist()
         }
+
+    def _input(self, name: str, node: float) -> Expr:
+        return variable(f"{_PARAMETER}{name},{node}")
 
     def __call__(self, t: Array, h: Array) -> Array:
         """Return their values (rows, N) in steps h (N,) from times t (N,)."""
@@ -213,10 +241,11 @@ def _compose(
     rate: Sequence[Expr],
     tableau: Tableau,
     h: Expr,
+    when: Expr,
     held: Mapping[float, Mapping[Expr, Expr]],
     measured: System | None,
 ) -> list[Expr]:
-    """Return the state after one step as expressions of the state before it.
+    """Return the state one step of length h after time `when`, as expressions of that before it.
 
     `held` gives the separate terms of time at each node; it is empty without such terms. If
     `measured` is a system, the squares of both embedded estimates in its scales are appended.
@@ -230,7 +259,7 @@ def _compose(
             if terms:
                 table[state] = state + h * sum_of(terms)
         if node:
-            table[_hy.time] = _hy.time + node * h
+            table[when] = when + node * h
         slopes.append(substitute(rate, table) if table else tuple(rate))
     final = _weights(tableau.b)
     step = [s + h * sum_of([w * slopes[m][j] for m, w in final]) for j, s in enumerate(y)]
@@ -246,6 +275,16 @@ def _compose(
             parts[j] = h * parts[j]
         step.append(sum_of([part * part for part in parts]))
     return step
+
+
+def _padded(cases: int, together: int) -> int:
+    """Return the number of lanes to evaluate: one, or a multiple of those evaluated together.
+
+    Four lanes take one and a half times as long as a lane alone, eight twice. Their functions
+    differ from those of a single lane in their last bits, so that lanes left over would depend on
+    their place.
+    """
+    return cases if cases < 2 else -(-cases // together) * together
 
 
 def _weights(row: Array) -> list[tuple[int, float]]:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.base.arrays import Array
+from hillsphere.engine.dynamics.lane_refill import LaneRefill
 from hillsphere.symbolic._heyoka import heyoka as _hy
 from hillsphere.symbolic.expressions import Expr
 
@@ -27,10 +28,6 @@ _BATCH = 2 * _VECTOR
 """Lanes that fly together if there are as many: the operations of two vectors overlap, which saves
 a fifth to a third of the time; four save no more. A lane's bits are the same at any width but one.
 """
-_FIRST_STEPS = 512
-"""Steps after which lanes that have ended first take the next flights; later, a quarter of the mean
-number of steps of the flights that have ended, and of this number at least. Of 128, 512 and 2000
-it took the least time for flights of 10 to 6000 steps, and a sixth less than 128 for equal ones."""
 _LEAST_HAIR = 1e-12
 """Least value of a switching function at the end of a step past its zero: above the rounding of
 functions of order one, which could show the wrong sign."""
@@ -114,6 +111,8 @@ class TaylorBatches:
     ) -> None:
         self._equations, self._n, self._tol, self._compact = list(equations), n, tol, compact
         self._ends, self._recorded = dict(ends), dict(recorded)
+        self._names = list(ends)
+        self._outcomes = range(-len(ends), 0)
         # Of a lane that flies backward an event falls along the flight where it rises in time.
         self._sense = _hy.par[parameters]
         # A step over a switch must end on the side it flies to, beyond doubt, for the next one to
@@ -162,6 +161,7 @@ class TaylorBatches:
         self._carried.met = ends.met
         if cases:
             self._stream(ends, y, p, start, target)
+            ends.y[:, ~np.isfinite(ends.y).all(axis=0)] = np.nan
         return ends
 
     def _leave_zero(
@@ -315,7 +315,8 @@ class TaylorBatches:
 
     def _load(self, integrator: Any, y: Array, p: Array, t: Array, sense: Array) -> None:
         integrator.state[:] = y
-        integrator.pars[:] = np.concatenate([p, sense[None]])[: len(integrator.pars)]
+        if len(integrator.pars):
+            integrator.pars[:] = np.concatenate([p, sense[None]])[: len(integrator.pars)]
         integrator.set_time(t)
         if integrator.with_events:
             # An event that ended the last flight would hide its repetition at the next one's start.
@@ -325,81 +326,93 @@ class TaylorBatches:
         """Propagate lanes; each that has ended takes the next flight until there is none.
 
         Flights of different numbers of steps thus keep all lanes busy. An event of one lane stops
-        all of them, and so does every so many steps the count.
+        all of them, and so does a number of steps that `LaneRefill` chooses.
         """
         cases = y.shape[1]
         width = _width(cases)
-        integrator, batch = self._integrator(width), self._carried
-        lanes = np.minimum(np.arange(width), cases - 1)
+        integrator, batch, refill = self._integrator(width), self._carried, LaneRefill(width)
         sense = np.where(target < start, -1.0, 1.0)
+        clock = np.maximum(np.abs(start), np.abs(target))
+        lanes = np.minimum(np.arange(width), cases - 1)
         self._load(integrator, y[:, lanes], p[:, lanes], start[lanes], sense[lanes])
-        batch.lanes, batch.start = lanes, start[lanes]
-        batch.clock = np.maximum(np.abs(start), np.abs(target))[lanes]
+        batch.lanes, batch.start, batch.clock = lanes, start[lanes], clock[lanes]
         # A lane without a flight of its own repeats the last flight and reports nothing.
         batch.alive = np.arange(width) < cases
-        goal, waiting = target[lanes].copy(), min(width, cases)
-        steps, spent, ended = _FIRST_STEPS, 0, 0
+        goal, waiting = target[lanes], min(width, cases)
+
+        def progress() -> list[float]:
+            flown, whole = integrator.time - batch.start, goal - batch.start
+            parts: list[float] = (flown / np.where(whole, whole, 1.0)).tolist()
+            return parts
+
         while True:
             # Without flights that wait, nothing is gained by stopping before the last end.
-            integrator.propagate_until(goal, max_steps=steps if waiting < cases else 0)
-            results = integrator.propagate_res
-            spent += sum(int(result[3]) for result in results)
-            vacant = [
-                i for i in range(width) if self._note_end(ends, integrator, i, results[i], goal[i])
-            ]
-            ended += len(vacant)
-            if ended:
-                steps = max(spent // (4 * ended), _FIRST_STEPS // 4)
-            taken = {}
-            for i in vacant[: cases - waiting]:
-                taken[i], waiting = waiting, waiting + 1
-            for i, flight in taken.items():
-                batch.lanes[i], batch.start[i], batch.alive[i] = flight, start[flight], True
-                batch.clock[i] = max(abs(start[flight]), abs(target[flight]))
-                goal[i] = target[flight]
+            steps = refill.steps(progress) if waiting < cases else 0
+            integrator.propagate_until(goal, max_steps=steps)
+            vacant = self._note_ends(ends, integrator, goal, refill)
+            here = vacant[: cases - waiting]
+            if len(here):
+                taken = np.arange(waiting, waiting + len(here))
+                waiting += len(here)
+                batch.lanes[here], batch.start[here], batch.clock[here] = (
+                    taken, start[taken], clock[taken],
+                )  # fmt: skip
+                goal[here], batch.alive[here] = target[taken], True
+                if len(here) == width:
+                    self._load(integrator, y[:, taken], p[:, taken], start[taken], sense[taken])
+                else:
+                    self._exchange(integrator, here, taken, y, p, start, sense)
             if not batch.alive.any():
                 return
-            if taken:
-                self._exchange(integrator, taken, y, p, start, sense)
             if not batch.alive.all():
                 self._refill(integrator, goal)
 
-    def _note_end(self, ends: Ends, integrator: Any, i: int, result: Any, goal: float) -> bool:
-        """Store the end of the flight of lane i and vacate the lane; return False if it goes on."""
-        batch, names = self._carried, list(self._ends)
-        outcome, flight = int(result[0]), int(batch.lanes[i])
-        by_event = -len(names) <= outcome < 0
+    def _note_ends(self, ends: Ends, integrator: Any, goal: Array, refill: LaneRefill) -> _Lanes:
+        """Store the ends of flights and vacate their lanes; return these lanes."""
+        batch, state, time = self._carried, integrator.state, integrator.time
+        results = integrator.propagate_res
         # A lane at its goal when another one stops the batch does not report the time limit; later
         # it would take a step of the rounding of its time.
-        there = outcome == _TIME_LIMIT or integrator.time[i] == goal
-        if not batch.alive[i] or not (by_event or outcome == _NON_FINITE or there):
-            return False
-        ends.y[:, flight] = np.nan if outcome == _NON_FINITE else integrator.state[:, i]
-        ends.time[flight] = integrator.time[i]
-        ends.ended_by[flight] = names[-outcome - 1] if by_event else None
-        batch.alive[i] = False
-        return True
+        over = time == goal
+        names: dict[int, str] = {}
+        plain = not self._ends and np.isfinite(state).all() and (over & batch.alive).any()
+        if not plain:
+            outcome = [int(result[0]) for result in results]  # a slow conversion, rarely needed
+            names = {i: self._names[-o - 1] for i, o in enumerate(outcome) if o in self._outcomes}
+            over |= np.isin(outcome, (_TIME_LIMIT, _NON_FINITE, *self._outcomes))
+        vacant: _Lanes = (batch.alive & over).nonzero()[0]
+        ended = vacant.tolist()
+        refill.note([result[3] for result in results], ended)
+        if ended:
+            flights = batch.lanes[vacant]
+            ends.y[:, flights], ends.time[flights] = state[:, vacant], time[vacant]
+            for i in names:
+                if batch.alive[i]:
+                    ends.ended_by[int(batch.lanes[i])] = names[i]
+            batch.alive[vacant] = False
+        return vacant
 
     def _exchange(
         self,
         integrator: Any,
-        taken: Mapping[int, int],
+        here: _Lanes,
+        flights: _Lanes,
         y: Array,
         p: Array,
         start: Array,
         sense: Array,
     ) -> None:
         """Put flights at their start into vacant lanes."""
-        here, flights = list(taken), list(taken.values())
-        pars = np.concatenate([p[:, flights], sense[None, flights]])
         integrator.state[:, here] = y[:, flights]
-        integrator.pars[:, here] = pars[: len(integrator.pars)]
+        if len(integrator.pars):
+            pars = np.concatenate([p[:, flights], sense[None, flights]])
+            integrator.pars[:, here] = pars[: len(integrator.pars)]
         # The time of the others keeps its second part, below the rounding of a double.
         high, low = (np.array(part) for part in integrator.dtime)
         high[here], low[here] = start[flights], 0.0
         integrator.set_dtime(high, low)
         if integrator.with_events:
-            for i in here:
+            for i in here.tolist():
                 integrator.reset_cooldowns(i)
 
     def _refill(self, integrator: Any, goal: Array) -> None:
