@@ -19,11 +19,16 @@ from hillsphere_tracking.assisted_tracking.following import (
     ERRORS,
     SPREAD,
     AntennaRecord,
+    FollowedPass,
     TrackerOutcome,
     follow,
 )
 from hillsphere_tracking.assisted_tracking.measures import MEASURES, MetricName, outage_name
-from hillsphere_tracking.assisted_tracking.nominal_orbits import error_inputs, nominal_orbits
+from hillsphere_tracking.assisted_tracking.nominal_orbits import (
+    NominalOrbits,
+    error_inputs,
+    nominal_orbits,
+)
 from hillsphere_tracking.assisted_tracking.presentation import present_case
 from hillsphere_tracking.assisted_tracking.products import AssistedTracking
 from hillsphere_tracking.assisted_tracking.specs import AssistedTrackingSpec
@@ -177,27 +182,27 @@ class AssistedTrackingStage:
     ) -> _Block:
         """Run all cases; `keep` gives the histories to be kept, by pass and tracker."""
         spec = self.spec
-        block = _Block([], [])
+        followed: list[FollowedPass] = []
+        nominal: list[NominalOrbits] = []
         for truth in passes:
-            record = self._observe(truth, batch)
-            nominal = nominal_orbits(
-                spec.nominal_error, batch, truth.name, truth.start_teme, self.field
+            followed.append(FollowedPass(truth, self._observe(truth, batch)))
+            nominal.append(
+                nominal_orbits(spec.nominal_error, batch, truth.name, truth.start_teme, self.field)
             )
-            row = []
-            for name, tracker in self.trackers.items():
-                as_they_are = spec.osculating_as_mean and not tracker.short_period
-                elements = nominal.osculating if as_they_are else nominal.mean
-                # a diverged case is recognised by results that are not finite
-                with np.errstate(all="ignore"):
-                    row.append(
-                        follow(tracker, truth, record, elements, self.orbit.epoch,
-                               spec.lock_angle_rad, spec.search,
-                               keep=sorted(keep.get((truth.name, name), ())))
-                    )  # fmt: skip
-                advance(1)
-            block.seen.append(record)
-            block.followed.append(row)
-        return block
+        columns = []
+        for name, tracker in self.trackers.items():
+            as_they_are = spec.osculating_as_mean and not tracker.short_period
+            # a diverged case is recognised by results that are not finite
+            with np.errstate(all="ignore"):
+                columns.append(
+                    follow(tracker, followed,
+                           [n.osculating if as_they_are else n.mean for n in nominal],
+                           self.orbit.epoch, spec.lock_angle_rad, spec.search,
+                           keep=[keep.get((truth.name, name), ()) for truth in passes])
+                )  # fmt: skip
+            advance(len(passes))
+        rows = [list(row) for row in zip(*columns, strict=True)]
+        return _Block([p.record for p in followed], rows)
 
     def _observe(self, truth: PassTruth, batch: CaseBatch) -> AntennaRecord:
         """Simulate the antenna's measurements, which are common to all trackers."""

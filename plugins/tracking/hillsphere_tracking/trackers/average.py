@@ -49,6 +49,8 @@ from hillsphere_tracking.trackers.specs import AverageSpec
 from hillsphere_tracking.trackers.state import (
     OrbitState,
     field_of,
+    join_states,
+    point_antenna,
     predict_angles,
     start,
     validate_measurement,
@@ -137,6 +139,18 @@ class Average:
         weight = (count > 1.0) * (1.0 - share)
         scatter = state.scatter + weight * (off[_PAIRS[0]] * off[_PAIRS[1]])
         return AverageState(state.site, t_s, now, state.biases_rad, count, scatter)
+
+    def join(self, states: Sequence[AverageState]) -> AverageState:
+        """Return one state with the cases of several; see `JointTracker`."""
+        return join_states(states)
+
+    def point(
+        self, state: AverageState, times_s: Array, biased: bool = True
+    ) -> tuple[Array, Array]:
+        """Return azimuth and elevation (K, N) as `predict` does, without their covariance."""
+        return point_antenna(
+            state, times_s, self._field, short_period=False, biased=biased
+        )  # fmt: skip
 
     def predict(
         self, state: AverageState, times_s: Array, biased: bool = True

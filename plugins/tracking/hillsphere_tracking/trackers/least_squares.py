@@ -52,6 +52,8 @@ from hillsphere_tracking.trackers.specs import LeastSquaresSpec
 from hillsphere_tracking.trackers.state import (
     OrbitState,
     field_of,
+    join_states,
+    point_antenna,
     predict_angles,
     start,
     validate_measurement,
@@ -307,6 +309,19 @@ class LeastSquares:
         return LeastSquaresState(
             state.site, t_s, at.elements, at.biases, state.count + good, at.clock, at.horizon,
             covariance, state.sense, outliers, agreed, restarts, state.beginning or state,
+        )  # fmt: skip
+
+    def join(self, states: Sequence[LeastSquaresState]) -> LeastSquaresState:
+        """Return one state with the cases of several; see `JointTracker`."""
+        return join_states(states)
+
+    def point(
+        self, state: LeastSquaresState, times_s: Array, biased: bool = True
+    ) -> tuple[Array, Array]:
+        """Return azimuth and elevation (K, N) as `predict` does, without their covariance."""
+        return point_antenna(
+            state, times_s, self._field, short_period=self.short_period, biased=biased,
+            clock_s=state.time_bias_s, horizon_rad=state.horizon_rad,
         )  # fmt: skip
 
     def predict(

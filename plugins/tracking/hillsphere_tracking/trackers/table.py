@@ -15,6 +15,8 @@ from hillsphere_tracking.trackers.specs import TableSpec
 from hillsphere_tracking.trackers.state import (
     OrbitState,
     field_of,
+    join_states,
+    point_antenna,
     predict_angles,
     start,
     validate_measurement,
@@ -54,6 +56,16 @@ class Table:
         """Count the measurement without using it."""
         _, azimuth, elevation = validate_measurement(state, t_s, az_rad, el_rad)
         return replace(state, count=state.count + np.isfinite(azimuth + elevation))
+
+    def join(self, states: Sequence[OrbitState]) -> OrbitState:
+        """Return one state with the cases of several; see `JointTracker`."""
+        return join_states(states)
+
+    def point(self, state: OrbitState, times_s: Array, biased: bool = True) -> tuple[Array, Array]:
+        """Return azimuth and elevation (K, N) as `predict` does, without their covariance."""
+        return point_antenna(
+            state, times_s, self._field, short_period=self.short_period, biased=biased
+        )  # fmt: skip
 
     def predict(
         self, state: OrbitState, times_s: Array, biased: bool = True
