@@ -142,15 +142,18 @@ def test_passes_at_once_are_each_pass_sample_by_sample(name: str, scene: Any) ->
     kind, keys = TRACKERS[name]
     tracker = create("tracker", kind, **keys)
     assert isinstance(tracker, JointTracker)
-    found = follow(tracker, passes, elements, made.orbit.epoch, 0.02, None, keep=[KEEP, KEEP, KEEP])
-    for p, nominal, outcome in zip(passes, elements, found, strict=True):
+    given = (tracker, passes, elements, made.orbit.epoch, 0.02, None)
+    found = follow(*given, keep=[KEEP, KEEP, KEEP])
+    first = follow(*given, keep=[KEEP, KEEP, KEEP], history_cases=2)
+    for p, nominal, outcome, two in zip(passes, elements, found, first, strict=True):
         measures, histories = follow_alone(tracker, p, nominal, made)
         for one, expected in zip(outcome.measures, measures, strict=True):
             for measure, values in expected.items():
                 # NEES is a square of an error (1e-3 rad) over that of a deviation: rounding grows
                 assert_allclose(one[measure], values, rtol=1e-9, err_msg=measure)
-        for one, expected in zip(outcome.over_time, histories, strict=True):
+        for one, some, expected in zip(outcome.over_time, two.over_time, histories, strict=True):
             for quantity, values in expected.items():
+                assert_allclose(some[quantity], values[:, :2], rtol=1e-9, atol=1e-13)
                 assert_allclose(one[quantity], values, rtol=1e-9, atol=1e-13, err_msg=quantity)
 
 

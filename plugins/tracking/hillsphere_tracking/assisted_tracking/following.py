@@ -43,6 +43,10 @@ _OF_THE_TRUE = frozenset({"error", "sky_error"})
 _SHOWN = "shown"
 """Key of the predicted antenna angles among the errors that are derived from them."""
 
+_LANES_AT_ONCE = 4096
+"""Cases times samples that are predicted at once for the histories: a call then takes far longer
+than its overhead, and its arrays (0.2 MB a quantity) remain in the processor's cache."""
+
 _LEAST_SIGMA_RAD = 1e-7
 """Least standard deviation (rad) of a measurement: trackers need a positive one, also for an
 antenna without noise; it is below the noise of any antenna."""
@@ -118,6 +122,7 @@ def follow(
     search: SearchSpec | None,
     *,
     keep: Sequence[Collection[str]] | None = None,
+    history_cases: int | None = None,
 ) -> list[TrackerOutcome]:
     """Update a tracker with the measurements of passes, and evaluate its prediction at each outage.
 
@@ -141,6 +146,8 @@ def follow(
         Search after the return of the signal; None for no search.
     keep : sequence of collection of str, length P, optional
         Names from `ERRORS` and ``"spread"`` whose histories are kept, for each pass.
+    history_cases : int, optional
+        Histories of so many first cases suffice; by default those of all N are kept.
 
     Returns
     -------
@@ -155,10 +162,26 @@ def follow(
     outcomes: dict[int, TrackerOutcome] = {}
     for group in groups.values():
         kept = sorted({name for i in group for name in keep[i]}) if keep else []
-        together = _Passes(tracker, [passes[i] for i in group], kept, lock_angle_rad, search)
+        together = _Passes(
+            tracker, [passes[i] for i in group], kept, history_cases, lock_angle_rad, search
+        )
         found = together.follow([elements[i] for i in group], epoch)
         outcomes.update(zip(group, found, strict=True))
     return [outcomes[i] for i in range(len(passes))]
+
+
+class _Lanes:
+    """Columns of all cases of several passes, or of the first few of each pass."""
+
+    def __init__(self, cases: Sequence[int], few: int | None = None) -> None:
+        self.every = few is None
+        self.counts = list(cases) if few is None else [min(few, n) for n in cases]
+        starts = np.cumsum([0, *cases[:-1]]).tolist()
+        firsts = [first + np.arange(n) for first, n in zip(starts, self.counts, strict=True)]
+        self.columns = slice(None) if few is None else np.concatenate(firsts)
+        ends = np.cumsum([0, *self.counts]).tolist()
+        self.of_pass = [slice(a, b) for a, b in pairwise(ends)]
+        self.size = ends[-1]
 
 
 class _Passes:
@@ -169,17 +192,19 @@ class _Passes:
         tracker: Tracker[Any],
         passes: Sequence[FollowedPass],
         keep: Sequence[str],
+        history_cases: int | None,
         lock_angle_rad: float,
         search: SearchSpec | None,
     ) -> None:
         self._tracker, self._passes, self._keep = tracker, passes, keep
         self._lock_angle_rad, self._search = lock_angle_rad, search
         self._cases = [p.record.measured_rad.shape[2] for p in passes]
-        ends = np.cumsum([0, *self._cases])
-        self._lanes = [slice(a, b) for a, b in pairwise(ends.tolist())]
         self._joint = tracker if isinstance(tracker, JointTracker) else None
-        self._times = self._by_case([p.truth.t_s for p in passes])
         self._begins: list[int] = passes[0].truth.begins.tolist()
+        self._times = self._by_case([p.truth.t_s for p in passes])
+        self._all = _Lanes(self._cases)
+        few = None if self._joint is None else history_cases
+        self._kept = _Lanes(self._cases, few)
 
     def follow(self, elements: Sequence[Array], epoch: Epoch) -> list[TrackerOutcome]:
         """Return the outcome of each pass; see `follow`."""
@@ -191,8 +216,17 @@ class _Passes:
         sigmas = [np.maximum(p.truth.sigma_rad[:, :last], _LEAST_SIGMA_RAD) for p in self._passes]
         sigma = np.array([self._by_case([s[axis] for s in sigmas]) for axis in range(2)])
         outcomes = [TrackerOutcome([], []) for _ in self._passes]
-        before = [{name: np.empty((last, n)) for name in self._keep} for n in self._cases]
+        before = [{name: np.empty((last, n)) for name in self._keep} for n in self._kept.counts]
+        most = 1 if self._joint is None else max(1, _LANES_AT_ONCE // self._kept.size)
+        waiting: list[Any] = []  # states whose predictions of their own samples are kept
         for k in range(last + 1):
+            if waiting and (len(waiting) == most or k in self._begins):
+                at = slice(k - len(waiting), k)
+                now = self._predict(waiting, at, self._keep, self._kept)
+                for errors, there in zip(now, before, strict=True):
+                    for name in self._keep:
+                        there[name][at] = errors[name]
+                waiting.clear()
             for begin in [b for b in self._begins if b == k]:
                 self._lose(state, begin, outcomes, before)
             if k == last:
@@ -201,10 +235,7 @@ class _Passes:
                 state, self._times[k], azimuth[k], elevation[k], sigma[:, k]
             )
             if self._keep:
-                now = self._predict(state, slice(k, k + 1), self._keep)
-                for errors, there in zip(now, before, strict=True):
-                    for name in self._keep:
-                        there[name][k] = errors[name][0]
+                waiting.append(self._select(state, self._kept))
         return outcomes
 
     def _initial(self, elements: Sequence[Array], epoch: Epoch) -> Any:
@@ -218,6 +249,11 @@ class _Passes:
             return states[0]
         assert self._joint is not None
         return self._joint.join(states)
+
+    def _select(self, state: Any, lanes: _Lanes) -> Any:
+        if lanes.every or self._joint is None:
+            return state
+        return self._joint.select(state, lanes.columns)
 
     def _by_case(self, rows: Sequence[Array]) -> Array:
         """Return a row of values per pass as columns (K, P·N); short rows keep their last value."""
@@ -240,12 +276,18 @@ class _Passes:
         looks = [self._looks(p.truth.t_s[begin:]) for p in self._passes]
         rows = [p.truth.t_s[begin + look] for p, look in zip(self._passes, looks, strict=True)]
         *_, covariance = self._tracker.predict(state, self._by_case(rows))
-        later = self._predict(state, slice(begin, None), (*ERRORS, *self._keep))
-        for i, (p, errors, outcome) in enumerate(zip(self._passes, later, outcomes, strict=True)):
-            measures = self._measures(p, begin, errors, looks[i], covariance[..., self._lanes[i]])
-            outcome.measures.append(measures)
+        at = slice(begin, None)
+        names = (*ERRORS, *self._keep) if self._kept.every else ERRORS
+        later = list(self._predict([state], at, names, self._all))
+        kept = later
+        if self._keep and not self._kept.every:
+            few = self._select(state, self._kept)
+            kept = list(self._predict([few], at, self._keep, self._kept))
+        for i, (p, outcome) in enumerate(zip(self._passes, outcomes, strict=True)):
+            amid = covariance[..., self._all.of_pass[i]]
+            outcome.measures.append(self._measures(p, begin, later[i], looks[i], amid))
             outcome.over_time.append(
-                {name: np.concatenate([before[i][name][:begin], errors[name]])
+                {name: np.concatenate([before[i][name][:begin], kept[i][name]])
                  for name in self._keep}
             )  # fmt: skip
 
@@ -256,34 +298,43 @@ class _Passes:
             back = int(np.searchsorted(times_s - times_s[0], self._search.signal_back_s))
         return np.array([middle, back if back < times_s.size else middle])
 
-    def _predict(self, state: Any, at: slice, names: Collection[str]) -> Iterator[dict[str, Array]]:
-        """Yield, pass by pass, the named errors (K, N) of predictions for the samples `at`.
+    def _predict(
+        self, states: Sequence[Any], at: slice, names: Collection[str], lanes: _Lanes
+    ) -> Iterator[dict[str, Array]]:
+        """Yield, pass by pass, the named errors (K, n) of predictions for the samples `at`.
 
-        With ``encoder_error`` the predicted angles (2, K, N) come too, as `_SHOWN`.
+        There is one state of the cases `lanes` for all samples, or one for each. With
+        ``encoder_error`` the predicted angles (2, K, n) come too, as `_SHOWN`.
         """
-        times = self._times[at]
-        shown = true = covariance = np.empty((2, 2, 0, times.shape[1]))
+        times = self._times[at][:, lanes.columns]
+        grid, state = times, states[0]
+        if len(states) > 1:
+            assert self._joint is not None
+            grid, state = times.reshape(1, -1), self._joint.join(states)
+        shown = true = covariance = np.empty(0)
         if SPREAD in names:
-            *angles, covariance = self._tracker.predict(state, times)
-            shown = np.array(angles)
+            *angles, covariance = self._tracker.predict(state, grid)
+            shown = np.array(angles).reshape(2, *times.shape)
+            covariance = covariance.reshape(2, 2, *times.shape)
         elif "encoder_error" in names:
-            shown = self._point(state, times, biased=True)
+            shown = self._point(state, grid, biased=True).reshape(2, *times.shape)
         if not _OF_THE_TRUE.isdisjoint(names):
-            true = self._point(state, times, biased=False)
-        for p, lanes in zip(self._passes, self._lanes, strict=True):
+            true = self._point(state, grid, biased=False).reshape(2, *times.shape)
+        for p, own, n in zip(self._passes, lanes.of_pass, lanes.counts, strict=True):
             count = p.truth.t_s[at].size
             errors = {}
             if not _OF_THE_TRUE.isdisjoint(names):
-                angles, aim = true[:, :count, lanes], p.true_rad[:, at]
+                there, aim = true[:, :count, own], p.true_rad[:, at]
                 if "error" in names:
-                    errors["error"] = root_sum_square(angles, aim)
+                    errors["error"] = root_sum_square(there, aim)
                 if "sky_error" in names:
-                    errors["sky_error"] = arc(angles, aim)
+                    errors["sky_error"] = arc(there, aim)
             if "encoder_error" in names:
-                errors[_SHOWN] = shown[:, :count, lanes]
-                errors["encoder_error"] = root_sum_square(errors[_SHOWN], p.encoder_rad[:, at])
+                aim = p.encoder_rad[:, at, :n]
+                errors[_SHOWN] = shown[:, :count, own]
+                errors["encoder_error"] = root_sum_square(errors[_SHOWN], aim)
             if SPREAD in names:
-                errors[SPREAD] = larger_sigma(covariance[:, :, :count, lanes])
+                errors[SPREAD] = larger_sigma(covariance[:, :, :count, own])
             yield errors
 
     def _point(self, state: Any, times_s: Array, *, biased: bool) -> Array:

@@ -121,7 +121,7 @@ class AssistedTrackingStage:
         lanes = np.zeros(LANES, dtype=np.int64)
         filler = np.arange(LANES) > 0
         batch = CaseBatch(lanes, lanes, filler, (), np.zeros((0, LANES)), ctx.seed, _STREAM)
-        block = self._follow_cases(passes, batch, self._all_histories(), advance)
+        block = self._follow_cases(passes, batch, self._all_histories(), advance, history_cases=1)
         return self._product(passes, block, self._results(passes, block))
 
     def run_cases(self, batch: CaseBatch, history: bool | Sequence[str] = False) -> CaseResults:
@@ -179,6 +179,7 @@ class AssistedTrackingStage:
         batch: CaseBatch,
         keep: Mapping[tuple[str, str], Collection[str]],
         advance: Callable[[int], None],
+        history_cases: int | None = None,
     ) -> _Block:
         """Run all cases; `keep` gives the histories to be kept, by pass and tracker."""
         spec = self.spec
@@ -198,7 +199,8 @@ class AssistedTrackingStage:
                     follow(tracker, followed,
                            [n.osculating if as_they_are else n.mean for n in nominal],
                            self.orbit.epoch, spec.lock_angle_rad, spec.search,
-                           keep=[keep.get((truth.name, name), ()) for truth in passes])
+                           keep=[keep.get((truth.name, name), ()) for truth in passes],
+                           history_cases=history_cases)
                 )  # fmt: skip
             advance(len(passes))
         rows = [list(row) for row in zip(*columns, strict=True)]

@@ -47,9 +47,9 @@ from hillsphere_tracking.kepler import eccentric_anomaly, true_anomaly, wrap_ang
 from hillsphere_tracking.mean_elements import propagate_secular
 from hillsphere_tracking.trackers.specs import AverageSpec
 from hillsphere_tracking.trackers.state import (
+    JointCases,
     OrbitState,
     field_of,
-    join_states,
     point_antenna,
     predict_angles,
     start,
@@ -86,7 +86,7 @@ class AverageState(OrbitState):
     scatter: Array
 
 
-class Average:
+class Average(JointCases):
     """Running means of Ω and M over the measurements; the other elements are constant [1]_.
 
     Parameters
@@ -139,10 +139,6 @@ class Average:
         weight = (count > 1.0) * (1.0 - share)
         scatter = state.scatter + weight * (off[_PAIRS[0]] * off[_PAIRS[1]])
         return AverageState(state.site, t_s, now, state.biases_rad, count, scatter)
-
-    def join(self, states: Sequence[AverageState]) -> AverageState:
-        """Return one state with the cases of several; see `JointTracker`."""
-        return join_states(states)
 
     def point(
         self, state: AverageState, times_s: Array, biased: bool = True

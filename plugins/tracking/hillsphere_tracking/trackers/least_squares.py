@@ -50,9 +50,9 @@ from hillsphere_tracking.trackers.observation import compare_directions, propaga
 from hillsphere_tracking.trackers.one_call import compile_update, predict_and_correct
 from hillsphere_tracking.trackers.specs import LeastSquaresSpec
 from hillsphere_tracking.trackers.state import (
+    JointCases,
     OrbitState,
     field_of,
-    join_states,
     point_antenna,
     predict_angles,
     start,
@@ -108,7 +108,7 @@ class LeastSquaresState(OrbitState):
     beginning: LeastSquaresState | None = None
 
 
-class LeastSquares:
+class LeastSquares(JointCases):
     """Recursive least-squares tracker, an extended Kalman filter (see the module).
 
     Parameters
@@ -310,10 +310,6 @@ class LeastSquares:
             state.site, t_s, at.elements, at.biases, state.count + good, at.clock, at.horizon,
             covariance, state.sense, outliers, agreed, restarts, state.beginning or state,
         )  # fmt: skip
-
-    def join(self, states: Sequence[LeastSquaresState]) -> LeastSquaresState:
-        """Return one state with the cases of several; see `JointTracker`."""
-        return join_states(states)
 
     def point(
         self, state: LeastSquaresState, times_s: Array, biased: bool = True

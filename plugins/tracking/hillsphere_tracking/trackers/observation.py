@@ -19,7 +19,7 @@ from hillsphere.base.geodetic import Station
 from hillsphere.base.orientation import EarthOrientation
 from hillsphere.dynamics import ArrayFunction
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
+from hillsphere.interfaces import Array, Integers
 from hillsphere.model.earth.rotation import ROTATION_RATES_RAD_S, earth_angle, earth_fixed
 from hillsphere.symbolic import Expr
 from hillsphere.time import Epoch
@@ -43,6 +43,7 @@ __all__ = [
     "measurement_columns",
     "propagate_and_compare",
     "propagation_of",
+    "select_site",
     "site_of",
     "tangents",
 ]
@@ -107,6 +108,15 @@ def join_sites(sites: Sequence[Site], cases: Sequence[int]) -> Site:
     places = [np.broadcast_to(site.place, (12, n)) for site, n in pairs]
     turns = [np.broadcast_to(site.angle_rad, n) for site, n in pairs]
     return Site(np.concatenate(places, axis=1), np.concatenate(turns))
+
+
+def select_site(site: Site, cases: Integers) -> Site:
+    """Return the antennas of some cases (n,)."""
+    place, turn = site.place, site.angle_rad
+    return Site(
+        place[:, cases] if place.shape[1] > 1 else place,
+        turn[cases] if isinstance(turn, np.ndarray) else turn,
+    )
 
 
 def angles(direction: Array) -> tuple[Array, Array]:

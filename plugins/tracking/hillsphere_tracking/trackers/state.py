@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
@@ -11,7 +11,7 @@ import numpy as np
 from hillsphere.base.geodetic import Station
 from hillsphere.base.orientation import EarthOrientation
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Tracker
+from hillsphere.interfaces import Array, Integers, Tracker
 from hillsphere.time import Epoch
 from hillsphere_tracking.dynamics_brouwer import ZonalField
 from hillsphere_tracking.kepler import validate_elements
@@ -23,17 +23,16 @@ from hillsphere_tracking.trackers.observation import (
     directions,
     fold_over_zenith,
     join_sites,
+    select_site,
     site_of,
     tangents,
 )
 from hillsphere_tracking.trackers.specs import TrackerSpec
 
 __all__ = [
-    "JointTracker", "OrbitState", "field_of", "join_states", "point_antenna", "predict_angles",
+    "JointCases", "JointTracker", "OrbitState", "field_of", "point_antenna", "predict_angles",
     "start", "validate_measurement",
 ]  # fmt: skip
-
-State = TypeVar("State")
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,11 @@ class JointTracker(Tracker[Any], Protocol):
     """A tracker whose cases may be of different passes; campaigns then call it far less often."""
 
     def join(self, states: Sequence[Any]) -> Any:
-        """Return one state with the cases of several, one after the other, before measurements."""
+        """Return one state with the cases of several, one after the other."""
+        ...
+
+    def select(self, state: Any, cases: Integers) -> Any:
+        """Return the state of some cases, given by their numbers (n,)."""
         ...
 
     def point(self, state: Any, times_s: Array, biased: bool = True) -> tuple[Array, Array]:
@@ -77,19 +80,34 @@ class JointTracker(Tracker[Any], Protocol):
         ...
 
 
-def join_states(states: Sequence[S]) -> S:
-    """Return one state with the cases of several; arrays of states have the cases last."""
-    first = states[0]
-    parts: dict[str, Any] = {}
-    for name in (f.name for f in fields(first)):
+class JointCases:
+    """The parts of a `JointTracker` that all trackers with an `OrbitState` have in common."""
+
+    def join(self, states: Sequence[S]) -> S:
+        """Return one state with the cases of several, one after the other."""
+        site = join_sites([s.site for s in states], [s.t_s.size for s in states])
+        return _with_site(site, lambda parts: np.concatenate(parts, axis=-1), states)
+
+    def select(self, state: S, cases: Integers) -> S:
+        """Return the state of some cases, given by their numbers (n,)."""
+        return _with_site(
+            select_site(state.site, cases), lambda parts: parts[0][..., cases], [state]
+        )
+
+
+def _with_site(site: Site, of: Callable[[Sequence[Array]], Array], states: Sequence[S]) -> S:
+    """Return a state with another site, whose arrays, cases last, are made of those of states.
+
+    A state before the first measurement, to which later ones refer, is made likewise.
+    """
+    parts: dict[str, Any] = {"site": site}
+    for name in (f.name for f in fields(states[0]) if f.name != "site"):
         values = [getattr(state, name) for state in states]
-        if isinstance(values[0], np.ndarray):
-            parts[name] = np.concatenate(values, axis=-1)
-        elif name == "site":
-            parts[name] = join_sites(values, [state.t_s.size for state in states])
+        if all(isinstance(value, OrbitState) for value in values):
+            parts[name] = _with_site(site, of, values)
         else:
-            parts[name] = values[0]
-    return type(first)(**parts)
+            parts[name] = None if values[0] is None else of(values)
+    return type(states[0])(**parts)
 
 
 def field_of(spec: TrackerSpec) -> ZonalField:

@@ -13,9 +13,9 @@ from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
 from hillsphere_tracking.trackers.specs import TableSpec
 from hillsphere_tracking.trackers.state import (
+    JointCases,
     OrbitState,
     field_of,
-    join_states,
     point_antenna,
     predict_angles,
     start,
@@ -25,7 +25,7 @@ from hillsphere_tracking.trackers.state import (
 __all__ = ["Table"]
 
 
-class Table:
+class Table(JointCases):
     """Tracker that predicts from the nominal orbit alone and ignores all measurements.
 
     Parameters
@@ -56,10 +56,6 @@ class Table:
         """Count the measurement without using it."""
         _, azimuth, elevation = validate_measurement(state, t_s, az_rad, el_rad)
         return replace(state, count=state.count + np.isfinite(azimuth + elevation))
-
-    def join(self, states: Sequence[OrbitState]) -> OrbitState:
-        """Return one state with the cases of several; see `JointTracker`."""
-        return join_states(states)
 
     def point(self, state: OrbitState, times_s: Array, biased: bool = True) -> tuple[Array, Array]:
         """Return azimuth and elevation (K, N) as `predict` does, without their covariance."""
