@@ -147,10 +147,11 @@ def test_passes_at_once_are_each_pass_sample_by_sample(name: str, scene: Any) ->
     first = follow(*given, keep=[KEEP, KEEP, KEEP], history_cases=2)
     for p, nominal, outcome, two in zip(passes, elements, found, first, strict=True):
         measures, histories = follow_alone(tracker, p, nominal, made)
-        for one, expected in zip(outcome.measures, measures, strict=True):
+        for one, other, expected in zip(outcome.measures, two.measures, measures, strict=True):
             for measure, values in expected.items():
                 # NEES is a square of an error (1e-3 rad) over that of a deviation: rounding grows
                 assert_allclose(one[measure], values, rtol=1e-9, err_msg=measure)
+                assert_allclose(other[measure], values, rtol=1e-9, err_msg=measure)
         for one, some, expected in zip(outcome.over_time, two.over_time, histories, strict=True):
             for quantity, values in expected.items():
                 assert_allclose(some[quantity], values[:, :2], rtol=1e-9, atol=1e-13)

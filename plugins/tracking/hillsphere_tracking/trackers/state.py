@@ -65,7 +65,10 @@ S = TypeVar("S", bound=OrbitState)
 
 @runtime_checkable
 class JointTracker(Tracker[Any], Protocol):
-    """A tracker whose cases may be of different passes; campaigns then call it far less often."""
+    """A tracker whose cases may be of different passes; campaigns then call it far less often.
+
+    What overrides `predict` must override `point` too.
+    """
 
     def join(self, states: Sequence[Any]) -> Any:
         """Return one state with the cases of several, one after the other."""
