@@ -190,7 +190,7 @@ def test_joined_states_are_updated_as_each_alone(scene: Any) -> None:
         assert_allclose(after.elements[:, lanes], alone.elements, rtol=1e-13)
         assert_allclose(after.covariance[..., lanes], alone.covariance, rtol=1e-9)
     # a joined state points each of its cases from its own antenna, on its own Earth
-    there = np.array(tracker.point(joined, times[None] + 5.0))[:, 0].reshape(2, 3, LANES)
+    there = tracker.point(joined, times[None] + 5.0)[0][:, 0].reshape(2, 3, LANES)
     for i, (p, state) in enumerate(zip(passes, states, strict=True)):
-        alone = np.array(tracker.point(state, p.truth.t_s[:1] + 5.0))[:, 0]
+        alone = tracker.point(state, p.truth.t_s[:1] + 5.0)[0][:, 0]
         assert_allclose(there[:, i], alone, rtol=1e-12)

@@ -311,15 +311,10 @@ class _Passes:
         if len(states) > 1:
             assert self._joint is not None
             grid, state = times.reshape(1, -1), self._joint.join(states)
-        shown = true = covariance = np.empty(0)
+        shown, true = (q.reshape(2, *times.shape) for q in self._point(state, grid))
+        covariance = np.empty(0)
         if SPREAD in names:
-            *angles, covariance = self._tracker.predict(state, grid)
-            shown = np.array(angles).reshape(2, *times.shape)
-            covariance = covariance.reshape(2, 2, *times.shape)
-        elif "encoder_error" in names:
-            shown = self._point(state, grid, biased=True).reshape(2, *times.shape)
-        if not _OF_THE_TRUE.isdisjoint(names):
-            true = self._point(state, grid, biased=False).reshape(2, *times.shape)
+            covariance = self._tracker.predict(state, grid)[2].reshape(2, 2, *times.shape)
         for p, own, n in zip(self._passes, lanes.of_pass, lanes.counts, strict=True):
             count = p.truth.t_s[at].size
             errors = {}
@@ -337,11 +332,12 @@ class _Passes:
                 errors[SPREAD] = larger_sigma(covariance[:, :, :count, own])
             yield errors
 
-    def _point(self, state: Any, times_s: Array, *, biased: bool) -> Array:
-        """Return the predicted azimuth and elevation (2, K, P·N)."""
+    def _point(self, state: Any, times_s: Array) -> tuple[Array, Array]:
+        """Return the predicted azimuth and elevation (2, K, P·N), with and without biases."""
         if self._joint is not None:
-            return np.array(self._joint.point(state, times_s, biased))
-        return np.array(self._tracker.predict(state, times_s, biased=biased)[:2])
+            return self._joint.point(state, times_s)
+        shown, true = (self._tracker.predict(state, times_s, biased=b)[:2] for b in (True, False))
+        return np.array(shown), np.array(true)
 
     def _measures(
         self,

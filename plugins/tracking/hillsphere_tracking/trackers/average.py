@@ -140,13 +140,9 @@ class Average(JointCases):
         scatter = state.scatter + weight * (off[_PAIRS[0]] * off[_PAIRS[1]])
         return AverageState(state.site, t_s, now, state.biases_rad, count, scatter)
 
-    def point(
-        self, state: AverageState, times_s: Array, biased: bool = True
-    ) -> tuple[Array, Array]:
-        """Return azimuth and elevation (K, N) as `predict` does, without their covariance."""
-        return point_antenna(
-            state, times_s, self._field, short_period=False, biased=biased
-        )  # fmt: skip
+    def point(self, state: AverageState, times_s: Array) -> tuple[Array, Array]:
+        """Return azimuth and elevation (2, K, N) as `predict` does, with and without biases."""
+        return point_antenna(state, times_s, self._field, short_period=False)
 
     def predict(
         self, state: AverageState, times_s: Array, biased: bool = True

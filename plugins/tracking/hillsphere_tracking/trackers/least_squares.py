@@ -311,12 +311,10 @@ class LeastSquares(JointCases):
             covariance, state.sense, outliers, agreed, restarts, state.beginning or state,
         )  # fmt: skip
 
-    def point(
-        self, state: LeastSquaresState, times_s: Array, biased: bool = True
-    ) -> tuple[Array, Array]:
-        """Return azimuth and elevation (K, N) as `predict` does, without their covariance."""
+    def point(self, state: LeastSquaresState, times_s: Array) -> tuple[Array, Array]:
+        """Return azimuth and elevation (2, K, N) as `predict` does, with and without biases."""
         return point_antenna(
-            state, times_s, self._field, short_period=self.short_period, biased=biased,
+            state, times_s, self._field, short_period=self.short_period,
             clock_s=state.time_bias_s, horizon_rad=state.horizon_rad,
         )  # fmt: skip
 

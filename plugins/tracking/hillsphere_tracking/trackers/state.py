@@ -78,8 +78,8 @@ class JointTracker(Tracker[Any], Protocol):
         """Return the state of some cases, given by their numbers (n,)."""
         ...
 
-    def point(self, state: Any, times_s: Array, biased: bool = True) -> tuple[Array, Array]:
-        """Return azimuth and elevation (K, N) as `predict` does, without their covariance."""
+    def point(self, state: Any, times_s: Array) -> tuple[Array, Array]:
+        """Return azimuth and elevation (2, K, N) as `predict` does, with and without biases."""
         ...
 
 
@@ -172,18 +172,22 @@ def point_antenna(
     field: ZonalField,
     *,
     short_period: bool,
-    biased: bool,
     clock_s: Array | None = None,
     horizon_rad: Array | None = None,
 ) -> tuple[Array, Array]:
-    """Return azimuth and elevation (K, N) as `predict_angles` does, without their covariance.
+    """Return the angles of `predict_angles` (2, K, N) with and without biases, no covariances.
 
     Directions alone take an eighth of the time; the parameters are those of `predict_angles`.
     """
-    true = _true_times(state, times_s, clock_s, biased=biased)
-    u = directions(*_spread(state, true), field, short_period=short_period)
-    azimuth, elevation = angles(u.reshape(3, -1, state.t_s.size))
-    return _shown(state, azimuth, elevation, horizon_rad) if biased else (azimuth, elevation)
+
+    def direct(clock: Array | None) -> tuple[Array, Array]:
+        grid = _true_times(state, times_s, clock, biased=True)
+        u = directions(*_spread(state, grid), field, short_period=short_period)
+        return angles(u.reshape(3, -1, state.t_s.size))
+
+    true = direct(None)
+    seen = true if clock_s is None or not clock_s.any() else direct(clock_s)
+    return np.array(_shown(state, *seen, horizon_rad)), np.array(true)
 
 
 def predict_angles(

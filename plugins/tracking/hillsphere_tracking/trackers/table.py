@@ -57,11 +57,9 @@ class Table(JointCases):
         _, azimuth, elevation = validate_measurement(state, t_s, az_rad, el_rad)
         return replace(state, count=state.count + np.isfinite(azimuth + elevation))
 
-    def point(self, state: OrbitState, times_s: Array, biased: bool = True) -> tuple[Array, Array]:
-        """Return azimuth and elevation (K, N) as `predict` does, without their covariance."""
-        return point_antenna(
-            state, times_s, self._field, short_period=self.short_period, biased=biased
-        )  # fmt: skip
+    def point(self, state: OrbitState, times_s: Array) -> tuple[Array, Array]:
+        """Return azimuth and elevation (2, K, N) as `predict` does, with and without biases."""
+        return point_antenna(state, times_s, self._field, short_period=self.short_period)
 
     def predict(
         self, state: OrbitState, times_s: Array, biased: bool = True
