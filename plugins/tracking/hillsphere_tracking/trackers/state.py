@@ -187,7 +187,7 @@ def point_antenna(
 
     true = direct(None)
     seen = true if clock_s is None or not clock_s.any() else direct(clock_s)
-    return np.array(_shown(state, *seen, horizon_rad)), np.array(true)
+    return np.array(_encoder_angles(state, *seen, horizon_rad)), np.array(true)
 
 
 def predict_angles(
@@ -266,11 +266,11 @@ def predict_angles(
         total += to_sky @ covariance[:, n:, n:] @ to_sky.swapaxes(-1, -2)
     if biased:
         # Beyond the zenith both axes of the sky change sign, which leaves the covariance unchanged.
-        azimuth, elevation = _shown(state, azimuth, elevation, horizon_rad)
+        azimuth, elevation = _encoder_angles(state, azimuth, elevation, horizon_rad)
     return azimuth, elevation, total.transpose(2, 3, 0, 1)
 
 
-def _shown(
+def _encoder_angles(
     state: OrbitState, azimuth: Array, elevation: Array, horizon_rad: Array | None
 ) -> tuple[Array, Array]:
     """Return the angles that an antenna with the state's biases shows."""
