@@ -178,7 +178,7 @@ class _Lanes:
         self.counts = list(cases) if few is None else [min(few, n) for n in cases]
         starts = np.cumsum([0, *cases[:-1]]).tolist()
         firsts = [first + np.arange(n) for first, n in zip(starts, self.counts, strict=True)]
-        self.columns = slice(None) if few is None else np.concatenate(firsts)
+        self.columns: slice | Integers = slice(None) if few is None else np.concatenate(firsts)
         ends = np.cumsum([0, *self.counts]).tolist()
         self.of_pass = [slice(a, b) for a, b in pairwise(ends)]
         self.size = ends[-1]
@@ -251,9 +251,10 @@ class _Passes:
         return self._joint.join(states)
 
     def _select(self, state: Any, lanes: _Lanes) -> Any:
-        if lanes.every or self._joint is None:
+        columns = lanes.columns
+        if self._joint is None or isinstance(columns, slice):
             return state
-        return self._joint.select(state, lanes.columns)
+        return self._joint.select(state, columns)
 
     def _by_case(self, rows: Sequence[Array]) -> Array:
         """Return a row of values per pass as columns (K, P·N); short rows keep their last value."""

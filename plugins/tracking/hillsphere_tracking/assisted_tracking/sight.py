@@ -104,7 +104,7 @@ class Sight:
         One call for many angles takes a tenth of the time of as many calls.
         """
         rows = np.arange(angles_rad.size)
-        t = np.broadcast_to(self._t, (rows.size, self._t.size))
+        t: Array = np.broadcast_to(self._t, (rows.size, self._t.size))
         height = self._elevations(t, np.tile(self._x, rows.size), angles_rad)
         for _ in range(_ROUNDS):
             k = np.argmax(height, axis=1)
