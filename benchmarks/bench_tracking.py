@@ -8,6 +8,8 @@ what a user would otherwise write:
   differences, as one is written around a filter package; beside it `least_squares` without
   short-period terms and repeated linearisation, which must agree but for what is of second order in
   the noise (a fifteenth of a standard deviation);
+- the stage `assisted_tracking` with trackers of the plain interface, pass by pass and with the
+  covariances of all predictions;
 - skyfield's search for events, satellite by satellite and station by station, as it is (to half a
   second) and to the millisecond.
 
@@ -28,10 +30,15 @@ from sgp4.api import WGS72, Satrec
 from skyfield import sgp4lib
 from skyfield.api import EarthSatellite, load, wgs84
 
+from hillsphere import create
 from hillsphere.base.geodetic import Station
 from hillsphere.base.orientation import ConstantOrientation, EarthOrientation, OrientationTable
+from hillsphere.interfaces.cases import CaseBatch
 from hillsphere.model.earth.rotation import earth_angle, to_earth_fixed
+from hillsphere.spec import Ref
 from hillsphere.time import Epoch
+from hillsphere_tracking.assisted_tracking.specs import AssistedTrackingSpec
+from hillsphere_tracking.assisted_tracking.stage import AssistedTrackingStage
 from hillsphere_tracking.ground_track import EarthTrack
 from hillsphere_tracking.mean_elements import propagate_secular, secular_rates, states
 from hillsphere_tracking.passes.masks import HorizonMask
@@ -415,6 +422,67 @@ def passes_figures() -> dict[str, float]:
     }
 
 
+class PlainInterface:
+    """A tracker without `join`, `select` and `point`: each pass is followed by itself."""
+
+    def __init__(self, tracker: Any) -> None:
+        self.short_period = tracker.short_period
+        self.initial, self.update, self.predict = tracker.initial, tracker.update, tracker.predict
+
+
+def outage_stage(tracker: Any) -> AssistedTrackingStage:
+    """Return four passes with two losses of the signal, followed by one tracker."""
+    a, e, i, node, perigee, mean = ELEMENTS.tolist()
+    elements = {
+        "epoch": "1989-01-31T09:58:00", "semi_major_axis_m": a, "eccentricity": e,
+        "inclination_rad": i, "node_rad": node, "perigee_rad": perigee, "mean_anomaly_rad": mean,
+    }  # fmt: skip
+    antennas = [
+        create("sensor", "antenna", station=s.name, latitude_rad=s.latitude_rad,
+               longitude_rad=s.longitude_rad, height_m=s.height_m)
+        for s in (ALCANTARA, CUIABA)
+    ]  # fmt: skip
+    passes = [
+        {"name": f"p{k}", "sensor": antennas[k // 2], "revolution": revolution,
+         "elevation_max_deg": 40.0, "outages_s": [60.0, 120.0]}
+        for k, revolution in enumerate((7, 8, 8, 9))
+    ]  # fmt: skip
+    return AssistedTrackingStage(
+        AssistedTrackingSpec.model_validate(
+            {"satellite": {"name": "SCD", "elements": elements}, "passes": passes,
+             "trackers": [Ref("one", tracker)],
+             "nominal_error": {"position_km": 3, "velocity_m_s": 3}}
+        )
+    )  # fmt: skip
+
+
+def campaign_figures() -> dict[str, float]:
+    """Follow a block of a campaign as it is, and pass by pass by the plain interface of trackers.
+
+    Ratios are medians of paired repeats; histories of one error are kept, as for bands over time.
+    """
+    lanes = np.arange(64)
+    batch = CaseBatch(lanes, lanes, lanes < 0, (), np.zeros((0, 64)), 1, "bench")
+    tracker = LeastSquares(LeastSquaresSpec())
+    stages = [outage_stage(one) for one in (tracker, PlainInterface(tracker))]
+    results = [stage.run_cases(batch, ["*.error"]) for stage in stages]
+    times = np.empty((2, PAIRS))
+    for k in range(PAIRS):
+        for row, stage in zip(times, stages, strict=True):
+            begin = process_time()
+            stage.run_cases(batch, ["*.error"])
+            row[k] = process_time() - begin
+    one, other = (result.values for result in results)
+    off = np.abs(one - other) / np.maximum(np.abs(other), 1e-300)
+    ratio = times[1] / times[0]
+    return {
+        "outages_block_cpu_ms": float(np.median(times[0])) * 1e3,
+        "outages_faster_than_pass_by_pass": float(np.median(ratio)),
+        "outages_faster_than_pass_by_pass_lowest": float(ratio.min()),
+        "outages_difference_from_pass_by_pass": float(off.max()),
+    }
+
+
 def figures() -> dict[str, float]:
     """Return the figures, for benchmarks/run.py."""
     seen = measured(short_period=True)
@@ -462,7 +530,7 @@ def figures() -> dict[str, float]:
         "least_squares_batch_faster_than_plain": plain / found["least_squares_batch_us"],
         "least_squares_difference_from_plain_deg": float(np.degrees(acos(min(one @ two, 1.0)))),
     }
-    return found | sgp4_figures() | passes_figures()
+    return found | campaign_figures() | sgp4_figures() | passes_figures()
 
 
 if __name__ == "__main__":

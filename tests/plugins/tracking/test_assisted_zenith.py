@@ -12,7 +12,7 @@ from hillsphere.base.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.interfaces import Array
 from hillsphere.model.earth.rotation import earth_fixed
 from hillsphere.time import Epoch
-from hillsphere_tracking.assisted_tracking.following import AntennaRecord, follow
+from hillsphere_tracking.assisted_tracking.following import AntennaRecord, FollowedPass, follow
 from hillsphere_tracking.assisted_tracking.truth import PassTruth
 from hillsphere_tracking.mean_elements import EARTH_FIELD, propagate_secular, states
 from hillsphere_tracking.trackers.least_squares import LeastSquares, LeastSquaresState
@@ -57,9 +57,9 @@ def test_a_known_bias_is_no_error_beyond_the_zenith() -> None:
     shown = np.array(fold_over_zenith(*(true + BIAS[:, None])))[:, :, None]
     seen = AntennaRecord(shown, np.broadcast_to(BIAS[:, None, None], shown.shape), (station,))
     tracker = Knowing(LeastSquaresSpec(short_period=False))
-    found = follow(
-        tracker, truth, seen, propagate_secular(ELEMENTS, t[:1]), EPOCH, 0.02, None,
-        keep=("encoder_error",),
+    (found,) = follow(
+        tracker, [FollowedPass(truth, seen)], [propagate_secular(ELEMENTS, t[:1])], EPOCH, 0.02,
+        None, keep=[("encoder_error",)],
     )  # fmt: skip
     assert found.measures[0]["encoder_error_max"][0] < 1e-3
     assert found.over_time[0]["encoder_error"].max() < 1e-3

@@ -95,13 +95,24 @@ class Sight:
 
     def highest(self, angle_rad: float) -> tuple[float, float]:
         """Return time (s) and value (rad) of the highest elevation in the revolution."""
-        t, height = self._t, self._elevation(self._t, self._x, angle_rad)
+        times, heights = self.highest_each(np.array([angle_rad]))
+        return float(times[0]), float(heights[0])
+
+    def highest_each(self, angles_rad: Array) -> tuple[Array, Array]:
+        """Return times and values (M,) of the highest elevations about M Earths, by their angles.
+
+        One call for many angles takes a tenth of the time of as many calls.
+        """
+        rows = np.arange(angles_rad.size)
+        t: Array = np.broadcast_to(self._t, (rows.size, self._t.size))
+        height = self._elevations(t, np.tile(self._x, rows.size), angles_rad)
         for _ in range(_ROUNDS):
-            k = int(np.argmax(height))
-            t = np.linspace(t[max(k - 1, 0)], t[min(k + 1, t.size - 1)], _FINE)
-            height = self._elevation(t, self.orbit.states(t), angle_rad)
-        k = int(np.argmax(height))
-        return float(t[k]), float(height[k])
+            k = np.argmax(height, axis=1)
+            low, high = np.maximum(k - 1, 0), np.minimum(k + 1, t.shape[1] - 1)
+            t = np.linspace(t[rows, low], t[rows, high], _FINE, axis=1)
+            height = self._elevations(t, self.orbit.states(t.ravel()), angles_rad)
+        k = np.argmax(height, axis=1)
+        return t[rows, k], height[rows, k]
 
     def visit(self, angle_rad: float, period_s: float, ends_s: tuple[float, float]) -> Visit | None:
         """Return the pass around the highest elevation of the revolution.
@@ -162,14 +173,19 @@ class Sight:
             seen_s, hidden_s = np.where(there, t, seen_s), np.where(there, hidden_s, t)
         return float(seen_s[0]), float(seen_s[1])
 
-    def turns(self, t_s: Array, angle_rad: float) -> Array:
-        """Return the rotations (3, 3, N) from the orbit's frame to the turned Earth."""
+    def turns(self, t_s: Array, angle_rad: float | Array) -> Array:
+        """Return the rotations (3, 3, N) from the orbit's frame to the turned Earth.
+
+        The angle may be one for all times, or one for each.
+        """
         earth = TurnedEarth(self._orientation, angle_rad)
         return earth_fixed(self.orbit.frame, self.orbit.epoch, t_s, earth)
 
-    def _elevation(self, t: Array, x: Array, angle_rad: float) -> Array:
-        scene = {"earth_fixed": self.turns(t, angle_rad)}
-        return np.asarray(self._sensor.observe(x, t, scene)[1])
+    def _elevations(self, t: Array, x: Array, angles_rad: Array) -> Array:
+        """Return elevations (M, K) at times (M, K), with states (6, M·K), about M Earths."""
+        flat = t.ravel()
+        scene = {"earth_fixed": self.turns(flat, np.repeat(angles_rad, t.shape[1]))}
+        return np.asarray(self._sensor.observe(x, flat, scene)[1]).reshape(t.shape)
 
 
 def shift_for(
@@ -209,7 +225,7 @@ def shift_for(
         return sight.highest(angle)[1] - elevation_rad  # of the last flight
 
     angles = np.linspace(-np.pi, np.pi, _GRID)
-    off = np.array([miss(angle) for angle in angles])
+    off = sight.highest_each(angles)[1] - elevation_rad
     # Peaks, where the orbit passes over the station, are narrower than the grid: add their tops.
     for k in np.flatnonzero((off[1:-1] >= off[:-2]) & (off[1:-1] >= off[2:])) + 1:
         peak = minimize_scalar(

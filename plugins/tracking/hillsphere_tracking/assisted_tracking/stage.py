@@ -19,11 +19,16 @@ from hillsphere_tracking.assisted_tracking.following import (
     ERRORS,
     SPREAD,
     AntennaRecord,
+    FollowedPass,
     TrackerOutcome,
     follow,
 )
 from hillsphere_tracking.assisted_tracking.measures import MEASURES, MetricName, outage_name
-from hillsphere_tracking.assisted_tracking.nominal_orbits import error_inputs, nominal_orbits
+from hillsphere_tracking.assisted_tracking.nominal_orbits import (
+    NominalOrbits,
+    error_inputs,
+    nominal_orbits,
+)
 from hillsphere_tracking.assisted_tracking.presentation import present_case
 from hillsphere_tracking.assisted_tracking.products import AssistedTracking
 from hillsphere_tracking.assisted_tracking.specs import AssistedTrackingSpec
@@ -116,7 +121,7 @@ class AssistedTrackingStage:
         lanes = np.zeros(LANES, dtype=np.int64)
         filler = np.arange(LANES) > 0
         batch = CaseBatch(lanes, lanes, filler, (), np.zeros((0, LANES)), ctx.seed, _STREAM)
-        block = self._follow_cases(passes, batch, self._all_histories(), advance)
+        block = self._follow_cases(passes, batch, self._all_histories(), advance, history_cases=1)
         return self._product(passes, block, self._results(passes, block))
 
     def run_cases(self, batch: CaseBatch, history: bool | Sequence[str] = False) -> CaseResults:
@@ -174,30 +179,32 @@ class AssistedTrackingStage:
         batch: CaseBatch,
         keep: Mapping[tuple[str, str], Collection[str]],
         advance: Callable[[int], None],
+        history_cases: int | None = None,
     ) -> _Block:
         """Run all cases; `keep` gives the histories to be kept, by pass and tracker."""
         spec = self.spec
-        block = _Block([], [])
+        followed: list[FollowedPass] = []
+        nominal: list[NominalOrbits] = []
         for truth in passes:
-            record = self._observe(truth, batch)
-            nominal = nominal_orbits(
-                spec.nominal_error, batch, truth.name, truth.start_teme, self.field
+            followed.append(FollowedPass(truth, self._observe(truth, batch)))
+            nominal.append(
+                nominal_orbits(spec.nominal_error, batch, truth.name, truth.start_teme, self.field)
             )
-            row = []
-            for name, tracker in self.trackers.items():
-                as_they_are = spec.osculating_as_mean and not tracker.short_period
-                elements = nominal.osculating if as_they_are else nominal.mean
-                # a diverged case is recognised by results that are not finite
-                with np.errstate(all="ignore"):
-                    row.append(
-                        follow(tracker, truth, record, elements, self.orbit.epoch,
-                               spec.lock_angle_rad, spec.search,
-                               keep=sorted(keep.get((truth.name, name), ())))
-                    )  # fmt: skip
-                advance(1)
-            block.seen.append(record)
-            block.followed.append(row)
-        return block
+        columns = []
+        for name, tracker in self.trackers.items():
+            as_they_are = spec.osculating_as_mean and not tracker.short_period
+            # a diverged case is recognised by results that are not finite
+            with np.errstate(all="ignore"):
+                columns.append(
+                    follow(tracker, followed,
+                           [n.osculating if as_they_are else n.mean for n in nominal],
+                           self.orbit.epoch, spec.lock_angle_rad, spec.search,
+                           keep=[keep.get((truth.name, name), ()) for truth in passes],
+                           history_cases=history_cases)
+                )  # fmt: skip
+            advance(len(passes))
+        rows = [list(row) for row in zip(*columns, strict=True)]
+        return _Block([p.record for p in followed], rows)
 
     def _observe(self, truth: PassTruth, batch: CaseBatch) -> AntennaRecord:
         """Simulate the antenna's measurements, which are common to all trackers."""

@@ -20,12 +20,12 @@ class TurnedEarth:
     ----------
     base : EarthOrientation
         True orientation.
-    angle_rad : float
-        Additional rotation, eastwards.
+    angle_rad : float or ndarray, shape (N,)
+        Additional rotation, eastwards; an array has the angle of each of the times asked for.
     """
 
     base: EarthOrientation
-    angle_rad: float
+    angle_rad: float | Array
 
     def at(self, epoch: Epoch, t_s: Array) -> OrientationAngles:
         """Return the orientation at times (N,), SI seconds after an epoch."""

@@ -47,8 +47,10 @@ from hillsphere_tracking.kepler import eccentric_anomaly, true_anomaly, wrap_ang
 from hillsphere_tracking.mean_elements import propagate_secular
 from hillsphere_tracking.trackers.specs import AverageSpec
 from hillsphere_tracking.trackers.state import (
+    JointCases,
     OrbitState,
     field_of,
+    point_antenna,
     predict_angles,
     start,
     validate_measurement,
@@ -84,7 +86,7 @@ class AverageState(OrbitState):
     scatter: Array
 
 
-class Average:
+class Average(JointCases):
     """Running means of Ω and M over the measurements; the other elements are constant [1]_.
 
     Parameters
@@ -137,6 +139,10 @@ class Average:
         weight = (count > 1.0) * (1.0 - share)
         scatter = state.scatter + weight * (off[_PAIRS[0]] * off[_PAIRS[1]])
         return AverageState(state.site, t_s, now, state.biases_rad, count, scatter)
+
+    def point(self, state: AverageState, times_s: Array) -> tuple[Array, Array]:
+        """Return azimuth and elevation (2, K, N) as `predict` does, with and without biases."""
+        return point_antenna(state, times_s, self._field, short_period=False)
 
     def predict(
         self, state: AverageState, times_s: Array, biased: bool = True

@@ -50,8 +50,10 @@ from hillsphere_tracking.trackers.observation import compare_directions, propaga
 from hillsphere_tracking.trackers.one_call import compile_update, predict_and_correct
 from hillsphere_tracking.trackers.specs import LeastSquaresSpec
 from hillsphere_tracking.trackers.state import (
+    JointCases,
     OrbitState,
     field_of,
+    point_antenna,
     predict_angles,
     start,
     validate_measurement,
@@ -106,7 +108,7 @@ class LeastSquaresState(OrbitState):
     beginning: LeastSquaresState | None = None
 
 
-class LeastSquares:
+class LeastSquares(JointCases):
     """Recursive least-squares tracker, an extended Kalman filter (see the module).
 
     Parameters
@@ -307,6 +309,13 @@ class LeastSquares:
         return LeastSquaresState(
             state.site, t_s, at.elements, at.biases, state.count + good, at.clock, at.horizon,
             covariance, state.sense, outliers, agreed, restarts, state.beginning or state,
+        )  # fmt: skip
+
+    def point(self, state: LeastSquaresState, times_s: Array) -> tuple[Array, Array]:
+        """Return azimuth and elevation (2, K, N) as `predict` does, with and without biases."""
+        return point_antenna(
+            state, times_s, self._field, short_period=self.short_period,
+            clock_s=state.time_bias_s, horizon_rad=state.horizon_rad,
         )  # fmt: skip
 
     def predict(

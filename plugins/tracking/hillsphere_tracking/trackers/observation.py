@@ -19,7 +19,7 @@ from hillsphere.base.geodetic import Station
 from hillsphere.base.orientation import EarthOrientation
 from hillsphere.dynamics import ArrayFunction
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
+from hillsphere.interfaces import Array, Integers
 from hillsphere.model.earth.rotation import ROTATION_RATES_RAD_S, earth_angle, earth_fixed
 from hillsphere.symbolic import Expr
 from hillsphere.time import Epoch
@@ -39,9 +39,11 @@ __all__ = [
     "derivatives",
     "directions",
     "fold_over_zenith",
+    "join_sites",
     "measurement_columns",
     "propagate_and_compare",
     "propagation_of",
+    "select_site",
     "site_of",
     "tangents",
 ]
@@ -60,13 +62,13 @@ class Site:
     ----------
     place : ndarray, shape (12, N) or (12, 1)
         Position, m, then the axes east, north and up, row by row.
-    angle_rad : float
+    angle_rad : float or ndarray, shape (N,)
         Rotation angle of the Earth at t_s = 0 in the frame of the elements; it grows at a constant
         rate.
     """
 
     place: Array
-    angle_rad: float
+    angle_rad: float | Array
 
 
 def site_of(stations: Sequence[Station], epoch: Epoch, orientation: EarthOrientation) -> Site:
@@ -98,6 +100,23 @@ def site_of(stations: Sequence[Station], epoch: Epoch, orientation: EarthOrienta
     pole = earth_fixed("teme", epoch, np.zeros(1), orientation)[:, :, 0] @ turn.T
     place = [np.concatenate([pole.T @ s.ecef_m, (s.axes @ pole).ravel()]) for s in stations]
     return Site(np.array(place).T.copy(), angle)
+
+
+def join_sites(sites: Sequence[Site], cases: Sequence[int]) -> Site:
+    """Return the antennas of several sites, each with so many cases, one after the other."""
+    pairs = list(zip(sites, cases, strict=True))
+    places = [np.broadcast_to(site.place, (12, n)) for site, n in pairs]
+    turns = [np.broadcast_to(site.angle_rad, n) for site, n in pairs]
+    return Site(np.concatenate(places, axis=1), np.concatenate(turns))
+
+
+def select_site(site: Site, cases: Integers) -> Site:
+    """Return the antennas of some cases (n,)."""
+    place, turn = site.place, site.angle_rad
+    return Site(
+        place[:, cases] if place.shape[1] > 1 else place,
+        turn[cases] if isinstance(turn, np.ndarray) else turn,
+    )
 
 
 def angles(direction: Array) -> tuple[Array, Array]:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
 from hillsphere.base.geodetic import Station
 from hillsphere.base.orientation import EarthOrientation
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
+from hillsphere.interfaces import Array, Integers, Tracker
 from hillsphere.time import Epoch
 from hillsphere_tracking.dynamics_brouwer import ZonalField
 from hillsphere_tracking.kepler import validate_elements
@@ -19,13 +20,19 @@ from hillsphere_tracking.trackers.observation import (
     angles,
     cotangent,
     derivatives,
+    directions,
     fold_over_zenith,
+    join_sites,
+    select_site,
     site_of,
     tangents,
 )
 from hillsphere_tracking.trackers.specs import TrackerSpec
 
-__all__ = ["OrbitState", "field_of", "predict_angles", "start", "validate_measurement"]
+__all__ = [
+    "JointCases", "JointTracker", "OrbitState", "field_of", "point_antenna", "predict_angles",
+    "start", "validate_measurement",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -51,6 +58,59 @@ class OrbitState:
     elements: Array
     biases_rad: Array
     count: Array
+
+
+S = TypeVar("S", bound=OrbitState)
+
+
+@runtime_checkable
+class JointTracker(Tracker[Any], Protocol):
+    """A tracker whose cases may be of different passes; campaigns then call it far less often.
+
+    What overrides `predict` must override `point` too.
+    """
+
+    def join(self, states: Sequence[Any]) -> Any:
+        """Return one state with the cases of several, one after the other."""
+        ...
+
+    def select(self, state: Any, cases: Integers) -> Any:
+        """Return the state of some cases, given by their numbers (n,)."""
+        ...
+
+    def point(self, state: Any, times_s: Array) -> tuple[Array, Array]:
+        """Return azimuth and elevation (2, K, N) as `predict` does, with and without biases."""
+        ...
+
+
+class JointCases:
+    """The parts of a `JointTracker` that all trackers with an `OrbitState` have in common."""
+
+    def join(self, states: Sequence[S]) -> S:
+        """Return one state with the cases of several, one after the other."""
+        site = join_sites([s.site for s in states], [s.t_s.size for s in states])
+        return _with_site(site, lambda parts: np.concatenate(parts, axis=-1), states)
+
+    def select(self, state: S, cases: Integers) -> S:
+        """Return the state of some cases, given by their numbers (n,)."""
+        return _with_site(
+            select_site(state.site, cases), lambda parts: parts[0][..., cases], [state]
+        )
+
+
+def _with_site(site: Site, of: Callable[[Sequence[Array]], Array], states: Sequence[S]) -> S:
+    """Return a state with another site, whose arrays, cases last, are made of those of states.
+
+    A state before the first measurement, to which later ones refer, is made likewise.
+    """
+    parts: dict[str, Any] = {"site": site}
+    for name in (f.name for f in fields(states[0]) if f.name != "site"):
+        values = [getattr(state, name) for state in states]
+        if all(isinstance(value, OrbitState) for value in values):
+            parts[name] = _with_site(site, of, values)
+        else:
+            parts[name] = None if values[0] is None else of(values)
+    return type(states[0])(**parts)
 
 
 def field_of(spec: TrackerSpec) -> ZonalField:
@@ -106,6 +166,30 @@ def validate_measurement(
     return arrays[0], arrays[1], arrays[2]
 
 
+def point_antenna(
+    state: OrbitState,
+    times_s: Array,
+    field: ZonalField,
+    *,
+    short_period: bool,
+    clock_s: Array | None = None,
+    horizon_rad: Array | None = None,
+) -> tuple[Array, Array]:
+    """Return the angles of `predict_angles` (2, K, N) with and without biases, no covariances.
+
+    Directions alone take an eighth of the time; the parameters are those of `predict_angles`.
+    """
+
+    def direct(clock: Array | None) -> tuple[Array, Array]:
+        grid = _true_times(state, times_s, clock, biased=True)
+        u = directions(*_spread(state, grid), field, short_period=short_period)
+        return angles(u.reshape(3, -1, state.t_s.size))
+
+    true = direct(None)
+    seen = true if clock_s is None or not clock_s.any() else direct(clock_s)
+    return np.array(_encoder_angles(state, *seen, horizon_rad)), np.array(true)
+
+
 def predict_angles(
     state: OrbitState,
     times_s: Array,
@@ -156,9 +240,7 @@ def predict_angles(
         Covariance of cross-elevation (azimuth times cos h) and elevation, rad².
     """
     cases = state.t_s.size
-    true = _grid(state, times_s)
-    if biased and clock_s is not None:
-        true = true + clock_s
+    true = _true_times(state, times_s, clock_s, biased=biased)
     u, slopes = derivatives(*_spread(state, true), field, short_period=short_period)
     u, slopes = u.reshape(3, -1, cases), slopes.reshape(3, 7, -1, cases)
     azimuth, elevation = angles(u)
@@ -183,30 +265,38 @@ def predict_angles(
         total += crossed + crossed.swapaxes(-1, -2)
         total += to_sky @ covariance[:, n:, n:] @ to_sky.swapaxes(-1, -2)
     if biased:
-        if horizon_rad is not None:
-            elevation = elevation + horizon_rad * cotangent(elevation)
         # Beyond the zenith both axes of the sky change sign, which leaves the covariance unchanged.
-        azimuth, elevation = fold_over_zenith(
-            azimuth + state.biases_rad[0], elevation + state.biases_rad[1]
-        )
+        azimuth, elevation = _encoder_angles(state, azimuth, elevation, horizon_rad)
     return azimuth, elevation, total.transpose(2, 3, 0, 1)
 
 
-def _grid(state: OrbitState, times_s: Array) -> Array:
+def _encoder_angles(
+    state: OrbitState, azimuth: Array, elevation: Array, horizon_rad: Array | None
+) -> tuple[Array, Array]:
+    """Return the angles that an antenna with the state's biases shows."""
+    if horizon_rad is not None:
+        elevation = elevation + horizon_rad * cotangent(elevation)
+    return fold_over_zenith(azimuth + state.biases_rad[0], elevation + state.biases_rad[1])
+
+
+def _true_times(state: OrbitState, times_s: Array, clock_s: Array | None, *, biased: bool) -> Array:
+    """Return true times (K, N) of times of the station's clock if `biased`, else of true times."""
     times = np.atleast_1d(np.asarray(times_s, dtype=float))
     cases = state.t_s.size
     if times.ndim == 1:
         times = times[:, None]
     if times.ndim != 2 or times.shape[1] not in (1, cases) or not np.isfinite(times).all():
         raise InputError(f"times must be finite, (K,) or (K, {cases}), got {np.shape(times_s)}")
-    return np.broadcast_to(times, (times.shape[0], cases))
+    grid = np.broadcast_to(times, (times.shape[0], cases))
+    return grid + clock_s if biased and clock_s is not None else grid
 
 
 def _spread(state: OrbitState, grid: Array) -> tuple[Array, Array, Array, Site]:
     """Return the K·N columns of elements, intervals since them, times, and sites."""
-    elements = np.tile(state.elements, grid.shape[0])
+    elements, place, angle = state.elements, state.site.place, state.site.angle_rad
     since = (grid - state.t_s).ravel()
-    place = state.site.place
-    if place.shape[1] > 1:
-        place = np.tile(place, grid.shape[0])
-    return elements, since, grid.ravel(), Site(place, state.site.angle_rad)
+    if (times := grid.shape[0]) > 1:
+        elements = np.tile(elements, times)
+        place = np.tile(place, times) if place.shape[1] > 1 else place
+        angle = np.tile(angle, times) if np.ndim(angle) else angle
+    return elements, since, grid.ravel(), Site(place, angle)

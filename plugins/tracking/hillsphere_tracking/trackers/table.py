@@ -13,8 +13,10 @@ from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
 from hillsphere_tracking.trackers.specs import TableSpec
 from hillsphere_tracking.trackers.state import (
+    JointCases,
     OrbitState,
     field_of,
+    point_antenna,
     predict_angles,
     start,
     validate_measurement,
@@ -23,7 +25,7 @@ from hillsphere_tracking.trackers.state import (
 __all__ = ["Table"]
 
 
-class Table:
+class Table(JointCases):
     """Tracker that predicts from the nominal orbit alone and ignores all measurements.
 
     Parameters
@@ -54,6 +56,10 @@ class Table:
         """Count the measurement without using it."""
         _, azimuth, elevation = validate_measurement(state, t_s, az_rad, el_rad)
         return replace(state, count=state.count + np.isfinite(azimuth + elevation))
+
+    def point(self, state: OrbitState, times_s: Array) -> tuple[Array, Array]:
+        """Return azimuth and elevation (2, K, N) as `predict` does, with and without biases."""
+        return point_antenna(state, times_s, self._field, short_period=self.short_period)
 
     def predict(
         self, state: OrbitState, times_s: Array, biased: bool = True
