@@ -31,7 +31,14 @@ from hillsphere.symbolic.expressions import (
     variable,
 )
 
-__all__ = ["closed_system", "compile_step_map", "compiled_loop", "thrust_vectors", "velocity_rows"]
+__all__ = [
+    "closed_system",
+    "compile_step_map",
+    "compiled_loop",
+    "remember",
+    "thrust_vectors",
+    "velocity_rows",
+]
 
 EFFORT = "loop:effort"
 _T = TypeVar("_T")
@@ -43,8 +50,18 @@ which stay unique as long as the objects are referenced here. Weak references wo
 cleared, since a system refers to its plant."""
 
 
-def _remember(owners: tuple[object, ...], key: tuple[object, ...], make: Callable[[], _T]) -> _T:
-    """Return the cached result for these objects and key, or make it."""
+def remember(owners: tuple[object, ...], key: tuple[object, ...], make: Callable[[], _T]) -> _T:
+    """Return the cached result for these objects and key, or make it.
+
+    Parameters
+    ----------
+    owners : tuple
+        Objects, such as plant and law, that the result is made of; compared by identity.
+    key : tuple
+        What else it depends on.
+    make : callable
+        Makes the result.
+    """
     name = (*map(id, owners), *key)
     if name not in _KEPT:
         _KEPT[name] = owners, make()
@@ -80,7 +97,7 @@ def compile_step_map(
     def make() -> StepMap:
         return StepMap(system(plant, run_time=run_time, controls=controls), method, errors=True)
 
-    return _remember((plant,), (tuple(run_time), method, controls), make)
+    return remember((plant,), (tuple(run_time), method, controls), make)
 
 
 def compiled_loop(
@@ -96,7 +113,7 @@ def compiled_loop(
         closed, command = closed_system(plant, law, run_time)
         return StepMap(closed, method, errors=True), closed.function(*command)
 
-    return _remember((plant, same), (tuple(run_time), method), make)
+    return remember((plant, same), (tuple(run_time), method), make)
 
 
 def thrust_vectors(rows: int) -> int:
