@@ -55,6 +55,8 @@ class Settings:
         Whether the Δv at hand is limited.
     wall_limit_s : float or None
         Wall-clock time for a block.
+    to_last_sample : bool
+        Whether flights end with the last sample instead of one period after it.
     """
 
     watch: Watch
@@ -68,6 +70,7 @@ class Settings:
     tolerance: float | None
     budget: bool
     wall_limit_s: float | None
+    to_last_sample: bool
 
 
 @dataclass(frozen=True)
@@ -229,7 +232,9 @@ def fly_block(
             block.stop(block.flying, TIME_LIMIT, block.t)
         if block.over:
             break
-        block.leg(k, block.sample(k, record))
+        done = block.sample(k, record)
+        if k < last - s.to_last_sample:
+            block.leg(k, done)
     result = block.result()
     if record is not None:
         record(Moment(last, result.t, result.dv, result.x, result.cause == COMPLETED))
@@ -254,7 +259,8 @@ class _Block:
         self._doubtful = np.full(width, -1)
         self._firings, self._acted = np.zeros((2, width), dtype=np.int64)
         self._cause = np.full(width, COMPLETED)
-        self._end_t = part.t0 + part.samples * part.period
+        legs = np.maximum(part.samples - s.to_last_sample, 0)
+        self._end_t = part.t0 + legs * part.period
         self.flying: Flags = np.ones(width, dtype=bool)
         self._whole, self.over = True, False
         begin = Held(self.t, part.period, act.p, None, 1)
