@@ -183,7 +183,7 @@ def test_of_a_flight_that_ends_between_jumps_only_the_end_is_looked_at(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The parts of a period before the end of one flight, and after it, are proved together."""
-    settled = []
+    settled: list[Any] = []
     settle = Watch._settle
 
     def counted(self: Watch, *args: Any) -> Any:

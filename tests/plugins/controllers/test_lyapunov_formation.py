@@ -84,11 +84,14 @@ def test_rates_and_command_at_once_are_those_apart(monkeypatch: pytest.MonkeyPat
     assert rates == made.derivative(*told, time)
     assert command == made.control(*told, time)
     loop, _ = closed_system(of, made, ())
-    seen = []
+    seen: list[Any] = []
     disturbances = type(of).disturbances
-    monkeypatch.setattr(
-        type(of), "disturbances", lambda *args: seen.append(args) or disturbances(*args)
-    )
+
+    def counted(*args: Any) -> Any:
+        seen.append(args)
+        return disturbances(*args)
+
+    monkeypatch.setattr(type(of), "disturbances", counted)
     assert loop.bounded is not None
     y = [Bound.of(value) for value in (*START, *np.zeros(14))]
     p = [Bound.of(1.0).value for _ in loop.run_time]

@@ -228,7 +228,7 @@ def test_a_bound_is_each_flights_own() -> None:
 def test_bounds_of_several_sets_of_sensors_share_their_path(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    moved = []
+    moved: list[Any] = []
     transition = bounds.transition
 
     def counted(*args: Any) -> Any:
@@ -237,7 +237,7 @@ def test_bounds_of_several_sets_of_sensors_share_their_path(
 
     monkeypatch.setattr(bounds, "transition", counted)
     monkeypatch.setattr(bounds, "_PATHS", OrderedDict())
-    sigma = {}
+    sigma: dict[tuple[str, ...], Array] = {}
     for names in (SENSORS, SENSORS[:1], SENSORS):
         one = stage(names)
         plan = one._plan().plan
