@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hillsphere.engine.simulation.ends import Watch
 from hillsphere.engine.simulation.quick_look import QuickLook
+from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Integers
 from hillsphere.simulation import Cases, CommandSteps, Simulator
 from hillsphere.symbolic import Expr, Params, power
@@ -175,3 +177,45 @@ def test_what_is_known_of_a_place_is_not_known_of_another(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(QuickLook, "_of", anywhere)
     assert throw_after_a_calm_flight() == "completed"
+
+
+def test_of_a_flight_that_ends_between_jumps_only_the_end_is_looked_at(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The parts of a period before the end of one flight, and after it, are proved together."""
+    settled: list[Any] = []
+    settle = Watch._settle
+
+    def counted(self: Watch, *args: Any) -> Any:
+        settled.append(args)
+        return settle(self, *args)
+
+    monkeypatch.setattr(Watch, "_settle", counted)
+    count = 12
+    steps = [CommandSteps(np.full(count, 1.0 / count), np.full((count, 1, 1), GRAVITY))] * 3
+    loop = Simulator(Lift(), Push(0.0, period_s=PERIOD), reference=Feed(steps))
+    x0 = np.array([np.full(64, 500.0), np.full(64, 0.0)])
+    # at constant speed it meets the ceiling 4.5 s after the first sample, in the fifth part
+    x0[:, 0] = CEILING - 4.5 * 4.0, 4.0
+    flights = loop.fly(Cases(x0), 3)
+    assert flights.cause[0] == "escape"
+    assert flights.status[1:] == ("completed",) * 63
+    np.testing.assert_allclose(flights.time_s[0], 4.5, rtol=1e-9)
+    assert len(settled) <= 2
+
+
+def test_a_flight_to_its_last_sample_ends_there() -> None:
+    steps = [CommandSteps(np.ones(1), np.full((1, 1, 1), GRAVITY))] * 3
+    loop = Simulator(Lift(), Push(0.0, period_s=PERIOD), reference=Feed(steps))
+    # it would meet the ceiling in the period after the last sample
+    x0 = np.array([[CEILING - 2.5 * PERIOD * 2.0, 400.0], [2.0, 0.0]])
+    whole = loop.fly(Cases(x0), 3, history=True)
+    short = loop.fly(Cases(x0), 3, history=True, to_last_sample=True)
+    assert whole.status[0] != "completed"
+    assert short.status == ("completed", "completed")
+    np.testing.assert_array_equal(short.time_s, [2.0 * PERIOD, 2.0 * PERIOD])
+    assert whole.history is not None
+    assert short.history is not None
+    np.testing.assert_array_equal(short.history.x[:, :3], whole.history.x[:, :3])
+    with pytest.raises(InputError, match="same number of samples"):
+        loop.fly(Cases(x0), [2, 3], to_last_sample=True)

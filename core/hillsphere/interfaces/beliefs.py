@@ -123,6 +123,10 @@ class Belief:
             np.ascontiguousarray(x, dtype=float), np.asarray(root), np.asarray(t_s, dtype=float)
         )
 
+    def of_cases(self, cases: Integers) -> Belief:
+        """Return the beliefs of some cases, by their indices, which may occur repeatedly."""
+        return Belief(self.x.take(cases, axis=1), self.root[cases], self.t_s[cases])
+
     @property
     def covariance(self) -> Array:
         """Covariances (N, n, n)."""
@@ -139,7 +143,11 @@ class Belief:
 
         False for a case whose computation failed, a failure of the class ``numerics``.
         """
-        return np.asarray(np.isfinite(self.x).all(axis=0) & np.isfinite(self.root).all(axis=(1, 2)))
+        x, root = np.isfinite(self.x), np.isfinite(self.root)
+        # the common case at half the cost: a filter asks several times at each step
+        if x.all() and root.all():
+            return np.ones(len(self.t_s), dtype=bool)
+        return np.asarray(x.all(axis=0) & root.all(axis=(1, 2)))
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,15 @@ from hillsphere.base.errors import InputError
 from hillsphere.interfaces.quantities import Variable
 from hillsphere.symbolic.expressions import Expr
 
-__all__ = ["Actuator", "CommandSteps", "ContinuousLaw", "KnownPoles", "Navigation", "Reference"]
+__all__ = [
+    "Actuator",
+    "CommandSteps",
+    "ContinuousLaw",
+    "JointLaw",
+    "KnownPoles",
+    "Navigation",
+    "Reference",
+]
 
 
 class Navigation(Protocol):
@@ -170,6 +178,20 @@ class ContinuousLaw(Contract, Protocol):
         self, xc: tuple[Expr, ...], y: tuple[Expr, ...], ref: tuple[Expr, ...], t: Expr
     ) -> tuple[Expr, ...]:
         """Return the command u, one per control of the plant, SI."""
+        ...
+
+
+@runtime_checkable
+class JointLaw(ContinuousLaw, Contract, Protocol):
+    """A `ContinuousLaw` whose rates contain its command, and which gives both at once.
+
+    Bounds of its equations in interval arithmetic then evaluate the command once.
+    """
+
+    def rates_and_command(
+        self, xc: tuple[Expr, ...], y: tuple[Expr, ...], ref: tuple[Expr, ...], t: Expr
+    ) -> tuple[tuple[Expr, ...], tuple[Expr, ...]]:
+        """Return `derivative` and `control`."""
         ...
 
 

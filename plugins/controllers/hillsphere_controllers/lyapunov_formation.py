@@ -10,7 +10,7 @@ import numpy as np
 
 from hillsphere.base.contracts import Contract
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, ExternalInputs, Plant, Variable
+from hillsphere.interfaces import Array, ExternalInputs, Plant, TimedPlant, Variable
 from hillsphere.symbolic import Expr, Params, constant, exp, sum_of
 from hillsphere_controllers.formation_specs import LyapunovFormationSpec
 
@@ -112,19 +112,33 @@ class LyapunovFormation:
         self, xc: tuple[Expr, ...], y: tuple[Expr, ...], ref: tuple[Expr, ...], t: Expr
     ) -> tuple[Expr, ...]:
         """Return the rates of the estimate under the law's own command, and of time."""
-        here = self._estimate(xc, y)
-        u = self.control(xc, y, ref, t)
-        return (*self.plant.derivative(here, u, t, self._p), constant(1.0))
+        return self.rates_and_command(xc, y, ref, t)[0]
 
     def control(
         self, xc: tuple[Expr, ...], y: tuple[Expr, ...], ref: tuple[Expr, ...], t: Expr
     ) -> tuple[Expr, ...]:
         """Return the accelerations, m/s²."""
-        spec, here, since = self.spec, self._estimate(xc, y), xc[-1]
+        return self._command(self._estimate(xc, y), xc[-1], ref, t, self._p)
+
+    def rates_and_command(
+        self, xc: tuple[Expr, ...], y: tuple[Expr, ...], ref: tuple[Expr, ...], t: Expr
+    ) -> tuple[tuple[Expr, ...], tuple[Expr, ...]]:
+        """Return both at once; see `hillsphere.simulation.JointLaw`."""
+        here, p = self._estimate(xc, y), self._p
+        if isinstance(self.plant, TimedPlant):
+            # what depends on time alone is evaluated once for the command and the motion
+            p = {**p, **self.plant.time_terms(t, p)}
+        u = self._command(here, xc[-1], ref, t, p)
+        return (*self.plant.derivative(here, u, t, p), constant(1.0)), u
+
+    def _command(
+        self, here: tuple[Expr, ...], since: Expr, ref: tuple[Expr, ...], t: Expr, p: Params
+    ) -> tuple[Expr, ...]:
+        """Return the accelerations at an estimate, some time after the sample."""
+        spec = self.spec
         grown = 1.0 - exp(-t / spec.ramp_s) if spec.ramp_s else constant(1.0)
-        cancelled = self.plant.disturbances(here, t, self._p)
         accelerations = []
-        for i, acceleration in enumerate(cancelled):
+        for i, acceleration in enumerate(self.plant.disturbances(here, t, p)):
             place = 6 * (i // 3) + i % 3
             goal = ref[place] + since * ref[place + 3]
             back = spec.stiffness_1_s2 * (here[place] - goal)

@@ -210,13 +210,12 @@ def drop_failed(expected: WhitenedInnovation) -> tuple[WhitenedInnovation, Flags
     failed : ndarray of bool, shape (N,)
         Which cases have failed.
     """
+    parts = [np.isfinite(a) for a in (expected.residual, expected.linear, expected.bent)]
+    if all(part.all() for part in parts):
+        return expected, np.zeros(len(expected.residual), dtype=bool)
     finite: Flags = np.asarray(
-        np.isfinite(expected.residual).all(axis=1)
-        & np.isfinite(expected.linear).all(axis=(1, 2))
-        & np.isfinite(expected.bent).all(axis=(1, 2))
+        parts[0].all(axis=1) & parts[1].all(axis=(1, 2)) & parts[2].all(axis=(1, 2))
     )
-    if finite.all():
-        return expected, ~finite
     keep = finite[:, None, None]
     root = expected.root
     return WhitenedInnovation(

@@ -91,6 +91,7 @@ def cramer_rao(
     controls: Sequence[Array] | None = None,
     *,
     pooled: bool = False,
+    motion: Sequence[tuple[Array, Array]] | None = None,
 ) -> Bounds:
     """Return the bounds along true trajectories.
 
@@ -110,6 +111,9 @@ def cramer_rao(
     pooled : bool
         Whether HᵀH is averaged over the trajectories. For trajectories that lie apart the result is
         still a bound, but a lower one: some of them have better measurements than others.
+    motion : sequence of (ndarray, ndarray), optional
+        K − 1: transition matrices (N, n, n) and roots (N, n, r) of the process noise between the
+        times, if they are known already; by default they are those of the model.
 
     Returns
     -------
@@ -136,9 +140,12 @@ def cramer_rao(
     failed = np.zeros(len(now.t_s), dtype=bool)
     for k, (x, measured) in enumerate(zip(truth, measurements, strict=True)):
         if k:
-            control = np.zeros((0, x.shape[1])) if controls is None else controls[k - 1]
-            _, phi = transition(model, now, measured.t_s, control)
-            noise = noise_between(model, now, measured.t_s, control)
+            if motion is None:
+                control = np.zeros((0, x.shape[1])) if controls is None else controls[k - 1]
+                _, phi = transition(model, now, measured.t_s, control)
+                noise = noise_between(model, now, measured.t_s, control)
+            else:
+                phi, noise = motion[k - 1]
             now, held = (
                 # Φ J⁻¹ Φᵀ + Q by its rows
                 Belief(

@@ -24,11 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.estimation import Belief, MeasurementSet
-from hillsphere.interfaces import Array, EstimationModel
+from hillsphere.interfaces import Array, EstimationModel, Integers
 from hillsphere_estimators.convergence import freeze_converged, step_in_sigmas
 from hillsphere_estimators.differences import Layout
 from hillsphere_estimators.innovations import WhitenedInnovation, whiten
-from hillsphere_estimators.linearisation import predict_measurement, sensitivity
+from hillsphere_estimators.linearisation import sensitivity
 from hillsphere_estimators.roots import solve_root
 
 __all__ = [
@@ -135,12 +135,13 @@ def iterate_update(
         if iterations > 1 and long.any():
             before = _squares(prior, now.x, expected.residual)
 
-            def rises(x: Array, limit: Array = before) -> NDArray[np.bool_]:
-                z = predict_measurement(model, Belief(x, prior.root, prior.t_s), layout)
-                none = np.zeros((len(prior.t_s), 0, layout.rows))
-                off = whiten(layout, measurements, used, z, 0.0, none, none).residual
+            def rises(x: Array, own: Integers, limit: Array = before) -> NDArray[np.bool_]:
+                z = layout.fitting(model.observe(x, prior.t_s[own], own))
+                none = np.zeros((own.size, 0, layout.rows))
+                some = measurements.of_cases(own)
+                off = whiten(layout, some, used[:, own], z, 0.0, none, none).residual
                 # a sum that is not a number counts as a rise
-                return ~(_squares(prior, x, off) <= limit)
+                return ~(_squares(prior.of_cases(own), x, off) <= limit[own])
 
             there = halve_rising_steps(now, there, long, rises)
         now = freeze_converged(moving, there, now)
@@ -155,7 +156,7 @@ def halve_rising_steps(
     now: Belief,
     there: Belief,
     moving: NDArray[np.bool_],
-    rises: Callable[[Array], NDArray[np.bool_]],
+    rises: Callable[[Array, Integers], NDArray[np.bool_]],
 ) -> Belief:
     """Halve the steps of cases that would raise their sum of squares.
 
@@ -166,22 +167,23 @@ def halve_rising_steps(
     moving : ndarray of bool, shape (N,)
         Cases whose steps may be halved.
     rises : callable
-        States (n, N) → ndarray of bool (N,): where the sum of squares exceeds that of `now`.
+        States (n, K) of some cases and their indices (K,) → ndarray of bool (K,): where the sum of
+        squares exceeds that of `now`.
 
     Returns
     -------
     Belief
         `there` with shortened steps of the means; its covariance is unchanged.
     """
-    share = np.ones(len(now.t_s))
-    x = there.x
+    x, bad, share = there.x.copy(), np.flatnonzero(moving), 1.0
+    step = there.x - now.x
     for _ in range(MOST_HALVINGS):
-        bad = moving & rises(x)
-        if not bad.any():
+        bad = bad[rises(x.take(bad, axis=1), bad)]
+        if not bad.size:
             break
-        share = np.where(bad, 0.5 * share, share)
+        share *= 0.5
         # steps of full length keep the bits of `there`
-        x = np.where(share < 1.0, now.x + share * (there.x - now.x), there.x)
+        x[:, bad] = now.x[:, bad] + share * step[:, bad]
     return Belief(x, there.root, there.t_s)
 
 

@@ -12,7 +12,7 @@ from scipy.stats import chi2, norm
 
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
-from hillsphere.interfaces import Array
+from hillsphere.interfaces import Array, Integers
 from hillsphere_estimators.differences import Layout, layout_of
 from hillsphere_estimators.roots import unit
 
@@ -61,6 +61,13 @@ class WhitenedInnovation:
     bent: Array
     used: NDArray[np.bool_]
     root: Array | None = None
+
+    def of_cases(self, cases: Integers) -> WhitenedInnovation:
+        """Return the innovations of some cases, by their indices."""
+        root = None if self.root is None else self.root[cases]
+        return WhitenedInnovation(
+            self.residual[cases], self.linear[cases], self.bent[cases], self.used[:, cases], root
+        )
 
     def covariance(self) -> Array:
         """Return the covariance of the residual (N, m, m), with that of the noise, 1."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
-from hillsphere.interfaces import Array, EstimationModel, LinearisedModel
+from hillsphere.interfaces import Array, EstimationModel, Integers, LinearisedModel
 from hillsphere_estimators.differences import Layout
 from hillsphere_estimators.state_angles import state_angles, wrap_differences
 
@@ -120,7 +120,9 @@ def predict_measurement(model: EstimationModel, belief: Belief, layout: Layout) 
     return layout.fitting(model.observe(belief.x, belief.t_s, np.arange(len(belief.t_s))))
 
 
-def sensitivity(model: EstimationModel, belief: Belief, layout: Layout) -> tuple[Array, Array]:
+def sensitivity(
+    model: EstimationModel, belief: Belief, layout: Layout, case: Integers | None = None
+) -> tuple[Array, Array]:
     """Return the predicted measurements of the means, and their derivatives by the states.
 
     Parameters
@@ -131,6 +133,9 @@ def sensitivity(model: EstimationModel, belief: Belief, layout: Layout) -> tuple
         Belief of N cases of n states.
     layout : Layout
         Kinds of the m rows.
+    case : ndarray of int, shape (N,), optional
+        Numbers of the cases in the model, by default 0 to N − 1. With them derivatives are
+        differences: those of a `LinearisedModel` are of all cases in their order.
 
     Returns
     -------
@@ -139,16 +144,15 @@ def sensitivity(model: EstimationModel, belief: Belief, layout: Layout) -> tuple
     slopes : ndarray, shape (N, m, n)
         Derivatives H of their differences (`Layout.difference`) by the states.
     """
-    if isinstance(model, LinearisedModel):
+    if case is None and isinstance(model, LinearisedModel):
         z = predict_measurement(model, belief, layout)
         return z, layout.tangent(model.sensitivity(belief.x, belief.t_s), z)
     n, cases = belief.x.shape
     points, steps = _points(belief)
     each = points.shape[1]
+    case = np.arange(cases) if case is None else case
     z = layout.fitting(
-        model.observe(
-            points.reshape(n, -1), np.tile(belief.t_s, each), np.tile(np.arange(cases), each)
-        )
+        model.observe(points.reshape(n, -1), np.tile(belief.t_s, each), np.tile(case, each))
     ).reshape(-1, each, cases)
     return z[:, 0], _slopes(layout.difference(z[:, 1:], z[:, :1]), steps)
 

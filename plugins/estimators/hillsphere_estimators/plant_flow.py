@@ -18,7 +18,7 @@ from hillsphere.engine.dynamics.step_map import StepMap
 from hillsphere.engine.dynamics.system import System, system
 from hillsphere.engine.dynamics.tableaux import tableau
 from hillsphere.engine.dynamics.variational import Derivatives
-from hillsphere.engine.simulation.flow import closed_system
+from hillsphere.engine.simulation.flow import closed_system, remember
 from hillsphere.interfaces.loop import ContinuousLaw
 from hillsphere.interfaces.plant import Plant
 
@@ -64,12 +64,17 @@ class PlantFlow:
         InputError
             If the plant and the law do not fit.
         """
-        if self._law is None:
-            equations = system(self._plant, controls=True, apart=True)
-        else:
-            equations, _ = closed_system(self._plant, self._law, (), apart=True)
-        method = self._method
-        return _reuse_compiled(method, equations, lambda: StepMap(equations, method))
+        plant, law, method = self._plant, self._law, self._method
+
+        def make() -> StepMap:
+            if law is None:
+                equations = system(plant, controls=True, apart=True)
+            else:
+                equations, _ = closed_system(plant, law, (), apart=True)
+            return _reuse_compiled(method, equations, lambda: StepMap(equations, method))
+
+        # writing the equations takes longer than many flights: the same plant and law do it once
+        return remember((plant, law), ("filter", method), make)
 
     def end(self, x: Array, duration: Array, steps: int, p: Array, t0_s: Array) -> Array:
         """Return the states (n, K) after `steps` steps; see `StepMap.propagate`.
@@ -114,8 +119,12 @@ class PlantFlow:
     @cached_property
     def slopes(self) -> Derivatives:
         """Right-hand side and its derivatives, of the motion without controls."""
-        equations = system(self._plant)
-        return _reuse_compiled("slopes", equations, lambda: Derivatives(equations))
+
+        def make() -> Derivatives:
+            equations = system(self._plant)
+            return _reuse_compiled("slopes", equations, lambda: Derivatives(equations))
+
+        return remember((self._plant,), ("slopes",), make)
 
 
 def _reuse_compiled(what: str, equations: System, make: Callable[[], _T]) -> _T:

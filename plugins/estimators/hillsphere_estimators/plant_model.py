@@ -82,7 +82,7 @@ class PlantModel:
         if not (step_s > 0.0 and noise_step_s > 0.0):
             raise InputError(f"steps must be positive, got {step_s} and {noise_step_s} s")
         self.plant, self._suite, self.law = plant, suite, law
-        self.step_s, self.noise_step_s = step_s, noise_step_s
+        self.step_s, self.noise_step_s, self.method = step_s, noise_step_s, method
         self._noise = noise
         self._scene: Scene = {}
         self._n, self._p = len(plant.states), len(plant.controls)

@@ -188,7 +188,11 @@ def transform_motion(
 
 
 def transform_measurement(
-    rule: SigmaRule, model: EstimationModel, belief: Belief, layout: Layout
+    rule: SigmaRule,
+    model: EstimationModel,
+    belief: Belief,
+    layout: Layout,
+    case: Integers | None = None,
 ) -> Images:
     """Pass the sigma points of a belief through the measurement model.
 
@@ -203,6 +207,8 @@ def transform_measurement(
     layout : Layout
         Kinds of the m rows. Angles and directions enter as differences from the central point, so
         that they do not wrap.
+    case : ndarray of int, shape (N,), optional
+        Numbers of the cases in the model; by default 0 to N − 1.
 
     Returns
     -------
@@ -213,14 +219,13 @@ def transform_measurement(
     reach = rule.reach(n)
     points = sigma_points(belief, reach)
     each = 2 * n + 1
+    numbers = _case_of_points(each, cases) if case is None else np.tile(case, each)
     shown = layout.fitting(
-        model.observe(
-            points.reshape(n, -1), _repeat_cases(belief.t_s, each), _case_of_points(each, cases)
-        )
+        model.observe(points.reshape(n, -1), _repeat_cases(belief.t_s, each), numbers)
     ).reshape(-1, each, cases)
     off = layout.difference(shown[:, 1:], shown[:, :1])
     if layout.angles and state_angles(model, n):
-        _, slopes = sensitivity(model, belief, layout)
+        _, slopes = sensitivity(model, belief, layout, case)
         off = lift_differences(off, _predict_differences(slopes, belief, reach), layout.angles)
     return _form_images(rule, shown[:, 0], off, reach)
 

@@ -39,16 +39,16 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from typing import TypeAlias
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
-from hillsphere.interfaces import Array, EstimationModel
+from hillsphere.interfaces import Array, EstimationModel, Integers
 from hillsphere_estimators.casewise import CasewiseEstimator, drop_failed
-from hillsphere_estimators.convergence import freeze_converged, step_in_sigmas
+from hillsphere_estimators.convergence import step_in_sigmas
+from hillsphere_estimators.differences import Layout
 from hillsphere_estimators.gauss_newton import NEVER_HALVED_SIGMAS, halve_rising_steps
 from hillsphere_estimators.innovations import (
     WhitenedInnovation,
@@ -76,8 +76,6 @@ from hillsphere_estimators.sigma_points import (
 from hillsphere_estimators.specs import BatchedUnscentedSpec
 
 __all__ = ["BatchedUnscented", "belief_of_images", "linear_update"]
-
-InnovationAt: TypeAlias = Callable[[Belief, NDArray[np.bool_]], WhitenedInnovation]
 
 _POWER_GROWTH = 10.0
 """Largest factor from one power of the likelihood to the next. The curvature at a belief says
@@ -117,12 +115,7 @@ class BatchedUnscented(CasewiseEstimator):
         layout, used = usable_at(belief, measurements)
         free = update_mask(model, len(belief.x))
 
-        def expect(at: Belief, rows: NDArray[np.bool_]) -> WhitenedInnovation:
-            images = transform_measurement(self.rule, model, at, layout)
-            return whiten(
-                layout, measurements, rows, images.middle, images.shift, images.odd, images.even
-            )
-
+        expect = _Expectation(self.rule, model, layout, measurements)
         first, failed = drop_failed(expect(belief, used))
         prior, sorted_root = belief, sort_roots(belief.root, first.linear)
         if sorted_root is not None:
@@ -146,7 +139,7 @@ class BatchedUnscented(CasewiseEstimator):
         return after, first.innovation(measurements.sigma, nis), failed
 
     def _update_tempered(
-        self, belief: Belief, first: WhitenedInnovation, expect: InnovationAt
+        self, belief: Belief, first: WhitenedInnovation, expect: _Expectation
     ) -> Belief:
         """Apply the likelihood in powers that add up to 1, each with new sigma points.
 
@@ -159,24 +152,32 @@ class BatchedUnscented(CasewiseEstimator):
             Before the measurements.
         first : WhitenedInnovation
             The innovation at that belief, after the gate.
-        expect : callable
-            (belief, used rows) → innovation there.
+        expect : _Expectation
+            The innovations at other beliefs.
         """
-        after, left = belief, np.ones(len(belief.t_s))
+        result = _Results(belief)
+        now, used, expected = belief, first.used, first
+        left = np.ones(len(belief.t_s))
         last = np.full(left.shape, np.inf)
         for k in range(self.spec.powers):
-            expected = expect(after, first.used) if k else first
+            if k:
+                expected = expect(now, used)
             # largest variance that curvature adds to a row, in units of the noise's
             bend = np.sum(expected.bent**2, axis=1).max(axis=1, initial=0.0)
             power = np.minimum(np.minimum(1.0 / np.maximum(bend, 1.0), _POWER_GROWTH * last), left)
             # the powers have run out: the likelihood must be applied as a whole
             if k == self.spec.powers - 1:
                 power = left
-            after = freeze_converged(left > 0.0, linear_update(after, expected, power, None), after)
+            now = linear_update(now, expected, power, None)
             left, last = left - power, power
-            if not left.any():
-                break
-        return after
+            going = left > 0.0
+            if not going.all():
+                own = result.finish(now, going)
+                if not own.size:
+                    break
+                now, expect, used = now.of_cases(own), expect.of_cases(own), used[:, own]
+                left, last = left[own], last[own]
+        return result.belief
 
     def _update_iterated(
         self,
@@ -184,7 +185,7 @@ class BatchedUnscented(CasewiseEstimator):
         prior: Belief,
         after: Belief,
         first: WhitenedInnovation,
-        expect: InnovationAt,
+        expect: _Expectation,
     ) -> Belief:
         """Repeat the update with the measurements linearised about the posterior; see the module.
 
@@ -195,28 +196,116 @@ class BatchedUnscented(CasewiseEstimator):
             linear update.
         first : WhitenedInnovation
             The innovation at the prior, after the gate.
-        expect : callable
-            (belief, used rows) → innovation there.
+        expect : _Expectation
+            The innovations at other beliefs.
         """
-        moving = np.ones(len(belief.t_s), dtype=bool)
+        result, now = _Results(after), after
         far = np.zeros(len(belief.t_s))
         for _ in range(1, self.spec.iterations):
-            expected = expect(after, first.used)
-            there = linear_update(prior, _relinearise(after, prior, expected), 1.0, None)
-            far = step_in_sigmas(there, after)
+            expected = expect(now, first.used)
+            there = linear_update(prior, _relinearise(now, prior, expected), 1.0, None)
+            far = step_in_sigmas(there, now)
             # far may be NaN: compared so that it counts as long
-            long = moving & ~(far <= NEVER_HALVED_SIGMAS)
+            long = ~(far <= NEVER_HALVED_SIGMAS)
             if long.any():
-                rises = _rise_test(belief, after, expected, expect)
-                there = halve_rising_steps(after, there, long, rises)
-            after = freeze_converged(moving, there, after)
-            moving &= ~(far <= self.spec.tolerance_sigmas)
-            if not moving.any():
-                return after
-        leaping = moving & ~(far <= _DIVERGING_SIGMAS)
-        if leaping.any():
-            after = freeze_converged(leaping, self._update_tempered(prior, first, expect), after)
-        return after
+                rises = _rise_test(belief, now, expected, expect)
+                there = halve_rising_steps(now, there, long, rises)
+            now, moving = there, ~(far <= self.spec.tolerance_sigmas)
+            if not moving.all():
+                own = result.finish(now, moving)
+                if not own.size:
+                    return result.belief
+                now, far, expect = now.of_cases(own), far[own], expect.of_cases(own)
+                belief, prior, first = (one.of_cases(own) for one in (belief, prior, first))
+        leaping = ~(far <= _DIVERGING_SIGMAS)
+        own = result.finish(now, leaping)
+        if own.size:
+            prior, first = prior.of_cases(own), first.of_cases(own)
+            now = self._update_tempered(prior, first, expect.of_cases(own))
+            result.finish(now, np.zeros(own.size, dtype=bool))
+        return result.belief
+
+
+@dataclass(frozen=True)
+class _Expectation:
+    """Innovations of measurements at any belief.
+
+    Parameters
+    ----------
+    rule : SigmaRule
+        Parameters of the sigma points.
+    model : EstimationModel
+        Measurement model.
+    layout : Layout
+        Kinds of the m rows.
+    measurements : MeasurementSet
+        Values and standard deviations of the noise, of N cases.
+    case : ndarray of int, shape (N,), optional
+        Numbers of these cases in the model; by default 0 to N − 1.
+    """
+
+    rule: SigmaRule
+    model: EstimationModel
+    layout: Layout
+    measurements: MeasurementSet
+    case: Integers | None = None
+
+    def __call__(self, at: Belief, rows: NDArray[np.bool_]) -> WhitenedInnovation:
+        """Return the innovations at a belief, of rows (m, N)."""
+        images = transform_measurement(self.rule, self.model, at, self.layout, self.case)
+        return whiten(
+            self.layout, self.measurements, rows,
+            images.middle, images.shift, images.odd, images.even,
+        )  # fmt: skip
+
+    def of_cases(self, cases: Integers) -> _Expectation:
+        """Return those of some cases, by their indices."""
+        case = cases if self.case is None else self.case[cases]
+        return replace(self, measurements=self.measurements.of_cases(cases), case=case)
+
+
+class _Results:
+    """Beliefs of N cases that finish one after the other.
+
+    Only the cases that go on are computed further: one that needs forty iterations must not take
+    the others with it.
+
+    Parameters
+    ----------
+    belief : Belief
+        Before any case has finished; at its times.
+    """
+
+    def __init__(self, belief: Belief) -> None:
+        self._x, self._root, self._t_s = np.array(belief.x), np.array(belief.root), belief.t_s
+        self._going = np.arange(len(belief.t_s))
+
+    def finish(self, now: Belief, going: NDArray[np.bool_]) -> Integers:
+        """Take the results of the cases that do not go on.
+
+        Parameters
+        ----------
+        now : Belief
+            Of the cases that have not finished before.
+        going : ndarray of bool
+            Which of these go on.
+
+        Returns
+        -------
+        ndarray of int
+            Their indices among these.
+        """
+        done = np.flatnonzero(~going)
+        own = self._going[done]
+        self._x[:, own], self._root[own] = now.x[:, done], now.root[done]
+        left = np.flatnonzero(going)
+        self._going = self._going[left]
+        return left
+
+    @property
+    def belief(self) -> Belief:
+        """The beliefs of all cases."""
+        return Belief(self._x, self._root, self._t_s)
 
 
 def belief_of_images(images: Images, noise: Array, t_s: Array) -> Belief:
@@ -319,26 +408,28 @@ def _relinearise(at: Belief, prior: Belief, expected: WhitenedInnovation) -> Whi
 
 
 def _rise_test(
-    prior: Belief, at: Belief, expected: WhitenedInnovation, expect: InnovationAt
-) -> Callable[[Array], NDArray[np.bool_]]:
-    """Return the function from states (n, N) to where their sum of squares exceeds that of `at`.
+    prior: Belief, at: Belief, expected: WhitenedInnovation, expect: _Expectation
+) -> Callable[[Array, Integers], NDArray[np.bool_]]:
+    """Return the function from states to where the sum of squares exceeds that of `at`.
 
-    The sum is that of the module; the curvature Ω is held at the value of `expected`.
+    The sum is that of the module; the curvature Ω is held at the value of `expected`. The function
+    takes states (n, K) of some cases, and their indices (K,).
     """
     cases, _, m = expected.bent.shape
     noise = np.broadcast_to(unit(m), (cases, m, m))
     # a root of 1 + Ω
     spread = lower_root(np.concatenate([expected.bent, noise], axis=1))
 
-    def squares(x: Array, residual: Array) -> Array:
-        off = solve_root(prior.root, (x - prior.x).T[:, :, None])
-        missed = np.linalg.solve(spread, residual[:, :, None])
+    def squares(x: Array, residual: Array, own: Integers) -> Array:
+        off = solve_root(prior.root[own], (x - prior.x[:, own]).T[:, :, None])
+        missed = np.linalg.solve(spread[own], residual[:, :, None])
         return np.asarray(np.sum(off**2, axis=(1, 2)) + np.sum(missed**2, axis=(1, 2)))
 
-    now = squares(at.x, expected.residual)
+    now = squares(at.x, expected.residual, np.arange(cases))
 
-    def rises(x: Array) -> NDArray[np.bool_]:
-        residual = expect(Belief(x, at.root, at.t_s), expected.used).residual
-        return ~(squares(x, residual) <= now)
+    def rises(x: Array, own: Integers) -> NDArray[np.bool_]:
+        there = Belief(x, at.root[own], at.t_s[own])
+        residual = expect.of_cases(own)(there, expected.used[:, own]).residual
+        return ~(squares(x, residual, own) <= now[own])
 
     return rises

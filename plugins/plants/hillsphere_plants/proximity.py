@@ -232,7 +232,7 @@ class Proximity:
         They are the attraction as of a point mass, and radiation pressure: three expressions a
         spacecraft, like its controls.
         """
-        orbit = orbit_at(t, p)
+        orbit = orbit_known(p) or orbit_at(t, p)
         accelerations: list[Expr] = []
         for i in range(len(self.spacecraft)):
             r = x[6 * i : 6 * i + 3]

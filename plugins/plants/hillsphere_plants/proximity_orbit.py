@@ -88,7 +88,8 @@ def orbit_terms(orbit: OrbitPoint) -> dict[str, Expr]:
 def orbit_known(p: Params) -> OrbitPoint | None:
     """Return the point of which `orbit_terms` stand among the parameters, or None."""
     terms = [p.get(_ORBIT + name) for name in OrbitPoint._fields]
-    return None if None in terms else OrbitPoint(*(e for e in terms if e is not None))
+    known = [e for e in terms if e is not None]
+    return OrbitPoint(*known) if len(known) == len(terms) else None
 
 
 def body_turn(

@@ -10,6 +10,8 @@ from scipy.integrate import solve_ivp
 
 from hillsphere import create
 from hillsphere.dynamics import ArrayFunction, system
+from hillsphere.engine.dynamics.bounds import Bound
+from hillsphere.engine.simulation.flow import closed_system
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.simulation import Cases, simulate
@@ -70,6 +72,31 @@ def test_command_as_printed() -> None:
         ahead[i : i + 3] += 30.0 * REFERENCE[i + 3 : i + 6]
     want = [command(START[i : i + 6] + 1e-3, ahead[i : i + 6], 5.0) for i in (0, 6)]
     np.testing.assert_allclose(found, np.concatenate(want), rtol=1e-9)
+
+
+def test_rates_and_command_at_once_are_those_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And bounds of the closed loop evaluate the command, and the orbit of the law, once."""
+    of = plant()
+    made = law(of)
+    own = (*variables(*(v.name for v in made.states)),)
+    told = own, variables(*(f"y{i}" for i in range(12))), variables(*(f"r{i}" for i in range(12)))
+    rates, command = made.rates_and_command(*told, time)
+    assert rates == made.derivative(*told, time)
+    assert command == made.control(*told, time)
+    loop, _ = closed_system(of, made, ())
+    seen: list[Any] = []
+    disturbances = type(of).disturbances
+
+    def counted(*args: Any) -> Any:
+        seen.append(args)
+        return disturbances(*args)
+
+    monkeypatch.setattr(type(of), "disturbances", counted)
+    assert loop.bounded is not None
+    y = [Bound.of(value) for value in (*START, *np.zeros(14))]
+    p = [Bound.of(1.0).value for _ in loop.run_time]
+    loop.bounded.rates(Bound.of(5.0), y, p)
+    assert len(seen) == 1
 
 
 def test_loop_by_scipy() -> None:

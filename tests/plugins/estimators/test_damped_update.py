@@ -85,3 +85,36 @@ def test_few_iterations_from_a_wide_prior_are_consistent() -> None:
         errors = nees(belief, truth)
         assert errors.max() < 60.0
         assert low < errors.mean() < high
+
+
+class CountedArc(Arc):
+    """Counts the states of which it predicts the measurement."""
+
+    def __init__(self) -> None:
+        self.states = 0
+
+    def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
+        self.states += x.shape[1]
+        return np.arctan(x)
+
+
+@pytest.mark.parametrize("update", ["iterated", "tempered"])
+def test_a_case_that_takes_long_does_not_take_the_others_with_it(update: str) -> None:
+    """A batch predicts as many measurements as its cases do one by one."""
+    truth = np.array([[-3.0, 2.0, 2.1, 1.9, 2.0, 2.05, 1.95, 2.0]])
+    wide = np.where(truth < 0.0, 1.0, 0.01)[0]
+    spec = BatchedUnscentedSpec(update=update, iterations=100)
+    alone, batch = CountedArc(), CountedArc()
+
+    def update_cases(model: CountedArc, own: slice) -> Array:
+        count = truth[:, own].shape[1]
+        prior = Belief.of(
+            np.full((1, count), 2.0), (wide[own] ** 2)[:, None, None], np.zeros(count)
+        )
+        sets = measure(Arc(), truth[:, own], 1e-3)
+        return BatchedUnscented(spec).update(model, prior, sets)[0].x
+
+    together = update_cases(batch, slice(None))
+    single = [update_cases(alone, slice(k, k + 1)) for k in range(truth.size)]
+    np.testing.assert_allclose(together, np.concatenate(single, axis=1), rtol=1e-12)
+    assert batch.states == alone.states

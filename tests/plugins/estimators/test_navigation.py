@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -19,7 +20,9 @@ from hillsphere.plugins import validate
 from hillsphere.sensor_suite import SensorSuite
 from hillsphere.testing import RecordingContext
 from hillsphere_estimators.consistency import chi_square_band
+from hillsphere_estimators.navigation import bounds
 from hillsphere_estimators.navigation.metrics import moment, ratio_to_bound
+from hillsphere_estimators.navigation.parts import prior_of
 from hillsphere_estimators.navigation.presentation import judge_consistency
 from hillsphere_estimators.navigation.specs import NavigationSpec
 from hillsphere_estimators.navigation.stage import NavigationStage
@@ -220,6 +223,32 @@ def test_a_bound_is_each_flights_own() -> None:
     size = np.exp(random.normal(size=4000))
     ratio, spread = ratio_to_bound(size * random.normal(size=4000), size)
     assert abs(ratio - 1.0) < 4.0 * spread < 0.4
+
+
+def test_bounds_of_several_sets_of_sensors_share_their_path(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    moved: list[Any] = []
+    transition = bounds.transition
+
+    def counted(*args: Any) -> Any:
+        moved.append(args)
+        return transition(*args)
+
+    monkeypatch.setattr(bounds, "transition", counted)
+    monkeypatch.setattr(bounds, "_PATHS", OrderedDict())
+    sigma: dict[tuple[str, ...], Array] = {}
+    for names in (SENSORS, SENSORS[:1], SENSORS):
+        one = stage(names)
+        plan = one._plan().plan
+        x0 = np.repeat(plan.start[:, None], 2, axis=1)
+        x0[0, 1] += 1.0
+        begin = prior_of(plan.root, x0, np.zeros(2))
+        values = one._bound(plan, x0, begin)
+        np.testing.assert_array_equal(sigma.setdefault(names, values), values)
+    assert (sigma[SENSORS] <= sigma[SENSORS[:1]]).all()
+    # three intervals, whatever the number of sets
+    assert len(moved) == 3
 
 
 def test_who_does_not_see_the_asteroid_is_named_and_may_search() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from typing import Any
 
 import numpy as np
@@ -179,6 +180,7 @@ def test_equations_are_compiled_on_first_use_and_shared(monkeypatch: pytest.Monk
 
     monkeypatch.setattr("hillsphere_estimators.plant_flow.StepMap", counted)
     monkeypatch.setattr("hillsphere_estimators.plant_flow._COMPILED", {})
+    monkeypatch.setattr("hillsphere.engine.simulation.flow._KEPT", OrderedDict())
     one, other = PlantModel(PLANT, SUITE), PlantModel(plant(), SUITE)
     commanded = PlantModel(PLANT, SUITE, law=LAW)
     assert made == []

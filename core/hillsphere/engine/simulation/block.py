@@ -54,6 +54,8 @@ class Settings:
         Whether the Δv at hand is limited.
     wall_limit_s : float or None
         Wall-clock time for a block.
+    to_last_sample : bool
+        Whether flights end with the last sample instead of one period after it.
     """
 
     watch: Watch
@@ -67,6 +69,7 @@ class Settings:
     tolerance: float | None
     budget: bool
     wall_limit_s: float | None
+    to_last_sample: bool
 
 
 @dataclass(frozen=True)
@@ -224,7 +227,8 @@ def fly_block(
     """
     block = _Block(s, part, act, follow)
     begun, last, k = perf_counter(), int(part.samples.max(initial=0)), 0
-    ahead = Ahead(s.watch, record, part.count) if block.may_repeat else None
+    may_repeat = block.may_repeat and not s.to_last_sample
+    ahead = Ahead(s.watch, record, part.count) if may_repeat else None
     while True:
         if ahead is not None and (ahead.full or k == last or block.over):
             k = block.settle(ahead, k)
@@ -235,11 +239,13 @@ def fly_block(
         if s.wall_limit_s is not None and perf_counter() - begun > s.wall_limit_s:
             block.stop(block.flying, TIME_LIMIT, block.t)
             break
-        if ahead is None:
-            block.leg(k, block.sample(k, record))
-            k += 1
-        else:
+        if ahead is not None:
             k = block.fly_ahead(k, ahead)
+            continue
+        done = block.sample(k, record)
+        if k < last - s.to_last_sample:
+            block.leg(k, done)
+        k += 1
     result = block.result()
     if record is not None:
         record(Moment(last, result.t, result.dv, result.x, result.cause == COMPLETED))
@@ -264,7 +270,8 @@ class _Block:
         self._doubtful = np.full(width, -1)
         self._firings, self._acted = np.zeros((2, width), dtype=np.int64)
         self._cause = np.full(width, COMPLETED)
-        self._end_t = part.t0 + part.samples * part.period
+        legs = np.maximum(part.samples - s.to_last_sample, 0)
+        self._end_t = part.t0 + legs * part.period
         self.flying: Flags = np.ones(width, dtype=bool)
         self._whole, self.over = True, False
         begin = Held(self.t, part.period, act.p, None, 1)

@@ -152,6 +152,7 @@ class Simulator:
         limits: Sequence[Limit] = (),
         observer: Observer | None = None,
         advance: Callable[[int], None] | None = None,
+        to_last_sample: bool = False,
     ) -> Flights:
         """Simulate cases.
 
@@ -174,6 +175,9 @@ class Simulator:
         advance : callable, optional
             Called with the number of completed cases, as the result of `Context.track`; in between
             it is called with 0 from time to time.
+        to_last_sample : bool
+            Whether flights end with their last sample, of which only navigation and command are
+            wanted, instead of one period after it. All cases must then have as many samples.
 
         Returns
         -------
@@ -186,6 +190,8 @@ class Simulator:
             If a shape does not match.
         """
         batch = self._batch(cases, samples)
+        if to_last_sample and np.unique(batch.samples).size > 1:
+            raise InputError("flights to the last sample need the same number of samples")
         tell = advance or (lambda count: None)
         table = Table(len(batch), int(batch.samples.max(initial=0))) if history else None
         budget = bool(np.isfinite(batch.budget).any())
@@ -204,7 +210,7 @@ class Simulator:
                 follow = getattr(observer, "follower", None)
                 results.append(
                     fly_block(
-                        self._settings(watch, budget),
+                        self._settings(watch, budget, to_last_sample),
                         part,
                         self._act(block),
                         tell,
@@ -299,7 +305,7 @@ class Simulator:
             proof_of(system, watched, budget, len(self._run_time)),
         )
 
-    def _settings(self, watch: Watch, budget: bool) -> Settings:
+    def _settings(self, watch: Watch, budget: bool, to_last_sample: bool) -> Settings:
         return Settings(
             watch=watch,
             n=len(self.plant.states),
@@ -312,6 +318,7 @@ class Simulator:
             tolerance=self._tolerance,
             budget=budget,
             wall_limit_s=self._wall_limit_s,
+            to_last_sample=to_last_sample,
         )
 
     def _part(self, block: Batch, count: int, seed: int, stage: str) -> Part:

@@ -103,6 +103,8 @@ class Watch:
         self._known: tuple[Array, Array, Integers, Array] | None = None
         self._proof = proof
         self._pause = self._left = 0
+        # Parts of a flight in which no flight ends, by their parameters, and where they begin.
+        self._proved: dict[int, tuple[Array, Array]] = {}
 
     def unresolved(self, rows: Integers) -> Integers:
         """Return the causes that mark these rows as undecided."""
@@ -168,7 +170,11 @@ class Watch:
             values[j] = self.values(leg, leg.t + j * h, y[j])
         least = values.min(axis=0)
         doubtful = self._doubtful(least, leg.flying)
-        passed = not proof.proves or (look is not None and look.is_far_between(leg, y, values))
+        passed = (
+            not proof.proves
+            or self._was_proved(leg)
+            or (look is not None and look.is_far_between(leg, y, values))
+        )
         if sound and passed and (least[:, leg.flying] > 0.0).all():
             return End(end, t, None, doubtful, errors.sum(axis=0), nodes)
         nodes = np.ascontiguousarray(nodes)
@@ -232,6 +238,7 @@ class Watch:
             None without a proof; the parts must then be propagated one by one.
         """
         self._proof.ready(leg)
+        self._proved.clear()
         look = self._proof.look
         if look is None:
             return None
@@ -255,20 +262,30 @@ class Watch:
             if self._left:
                 self._left -= 1
                 return None
-            proved = self._is_proved(leg, parts, nodes)
-            self._pause = 0 if proved else min(2 * self._pause + 1, _PAUSE)
+            proved = self._prove_parts(leg, parts, nodes)
+            useful = 2 * sum(proved) >= len(parts)
+            self._pause = 0 if useful else min(2 * self._pause + 1, _PAUSE)
             self._left = self._pause
-            if not proved:
+            if not all(proved):
+                # One by one then, of which those that are proved need not be looked at again.
+                for part, begin, decided in zip(parts, begins, proved, strict=True):
+                    if decided:
+                        self._proved[id(part.p)] = part.p, begin
                 return None
         self._known = (end, t, leg.cases, after)
         return Sample(end, t, errors, nodes)
 
-    def _is_proved(self, leg: Leg, parts: Sequence[Held], nodes: Sequence[Array]) -> bool:
-        """Return whether the states at all ends of sub-steps prove that no flight ends in them."""
+    def _prove_parts(self, leg: Leg, parts: Sequence[Held], nodes: Sequence[Array]) -> list[bool]:
+        """Return of which parts the states at all ends of sub-steps prove that no flight ends.
+
+        A flight that has fallen below zero has ended: what was computed of it later does not count.
+        """
         flown: list[Nodes] = []
+        flying, proved = leg.flying, []
         for part, y in zip(parts, nodes, strict=True):
             here = replace(
                 leg, t=part.t, y=y[:, 0], period=part.period, p=part.p,
+                flying=flying, whole=bool(flying.all()),
                 # The remaining Δv never increases: its value at the end decides (`_has_left`).
                 left=None if leg.left is None else np.full(len(leg.t), np.inf),
                 rate=None if leg.rate is None else np.zeros(len(leg.t)),
@@ -277,22 +294,32 @@ class Watch:
             many = here.taken(np.tile(np.arange(lanes), count))
             flat = np.ascontiguousarray(y).reshape(len(y), -1)
             values = self.values(many, part.times.ravel(), flat).reshape(-1, count, lanes)
-            if not (values[:, :, leg.flying] > 0.0).all():
-                return False
+            proved.append(bool((values[:, :, flying] > 0.0).all()))
             flown.append(Nodes(here, part.period / part.steps, y, values))
-        for one, index in zip(flown, self._proof.of_legs(flown), strict=True):
+            flying = flying & ~(values[:, 1:] < 0.0).any(axis=(0, 1))
+        if not any(proved):
+            return proved
+        for i, (one, index) in enumerate(zip(flown, self._proof.of_legs(flown), strict=True)):
+            if not proved[i]:
+                continue
             g = one.values
             certain = self._certain(g[:, :-1], g[:, 1:], one.y, index, one.h)
-            wanted = leg.flying & ~certain.all(axis=0)
+            wanted = one.leg.flying & ~certain.all(axis=0)
             if not wanted.any():
                 continue
             y = np.ascontiguousarray(one.y)
             searched = self._searched(
                 _Flown(one.leg, one.h, y, g, np.zeros(0)), np.flatnonzero(wanted), certain, index
             )
-            if (np.isfinite(searched.begin) | np.isfinite(searched.open_at)).any():
-                return False
-        return True
+            proved[i] = not (np.isfinite(searched.begin) | np.isfinite(searched.open_at)).any()
+        return proved
+
+    def _was_proved(self, leg: Leg) -> bool:
+        """Return whether a joint proof holds for this leg: of its part, from the same states."""
+        part, begin = self._proved.pop(id(leg.p), (None, None))
+        if part is None or begin is None:
+            return False
+        return bool(np.array_equal(leg.y[:, leg.flying], begin[:, leg.flying]))
 
     def _flow(self, part: Held, y: Array) -> tuple[Array, Array, Array]:
         """Propagate states y (rows, B) over a part.

@@ -36,6 +36,7 @@ __all__ = [
     "compile_step_map",
     "compiled_events",
     "compiled_loop",
+    "remember",
     "thrust_vectors",
     "velocity_rows",
 ]
@@ -50,8 +51,18 @@ which stay unique as long as the objects are referenced here. Weak references wo
 cleared, since a system refers to its plant."""
 
 
-def _remember(owners: tuple[object, ...], key: tuple[object, ...], make: Callable[[], _T]) -> _T:
-    """Return the cached result for these objects and key, or make it."""
+def remember(owners: tuple[object, ...], key: tuple[object, ...], make: Callable[[], _T]) -> _T:
+    """Return the cached result for these objects and key, or make it.
+
+    Parameters
+    ----------
+    owners : tuple
+        Objects, such as plant and law, that the result is made of; compared by identity.
+    key : tuple
+        What else it depends on.
+    make : callable
+        Makes the result.
+    """
     name = (*map(id, owners), *key)
     if name not in _KEPT:
         _KEPT[name] = owners, make()
@@ -87,7 +98,7 @@ def compile_step_map(
     def make() -> StepMap:
         return StepMap(system(plant, run_time=run_time, controls=controls), method, errors=True)
 
-    return _remember((plant,), (tuple(run_time), method, controls), make)
+    return remember((plant,), (tuple(run_time), method, controls), make)
 
 
 def compiled_loop(
@@ -103,14 +114,14 @@ def compiled_loop(
         closed, command = closed_system(plant, law, run_time)
         return StepMap(closed, method, errors=True), closed.function(*command)
 
-    return _remember((plant, same), (tuple(run_time), method), make)
+    return remember((plant, same), (tuple(run_time), method), make)
 
 
 def compiled_events(equations: System) -> ArrayFunction | None:
     """Return the events of a system in their order as one function, cached; None without any."""
     if not equations.events:
         return None
-    return _remember((equations,), (), lambda: equations.function(*equations.events.values()))
+    return remember((equations,), (), lambda: equations.function(*equations.events.values()))
 
 
 def thrust_vectors(rows: int) -> int:

@@ -14,7 +14,7 @@ from hillsphere.engine.dynamics.enclosures import LinearRows
 from hillsphere.engine.dynamics.intervals import Interval
 from hillsphere.engine.dynamics.system import PlantBounds
 from hillsphere.engine.simulation.command_bounds import AffineLaw
-from hillsphere.interfaces.loop import ContinuousLaw
+from hillsphere.interfaces.loop import ContinuousLaw, JointLaw
 from hillsphere.symbolic.expressions import norm
 
 __all__ = ["LawBounds", "WithoutEffort", "law_matrix"]
@@ -59,12 +59,16 @@ class LawBounds:
         ref, seen = rows[begin : begin + q], rows[begin + q : begin + 2 * q]
         sees = tuple(seen if law.measurement == "held" else y[:n])
         told = (tuple(own), sees, tuple(ref), t)
-        command = [Bound.of(c) + f for c, f in zip(law.control(*told), feed, strict=True)]
+        if isinstance(law, JointLaw):
+            changes, own_command = law.rates_and_command(*told)
+        else:
+            changes, own_command = law.derivative(*told), law.control(*told)
+        command = [Bound.of(c) + f for c, f in zip(own_command, feed, strict=True)]
         done = [
             _sum([g * c for g, c in zip(gain[i * count : (i + 1) * count], command, strict=True)])
             for i in range(count)
         ]
-        inner = [Bound.of(rate) for rate in law.derivative(*told)]
+        inner = [Bound.of(change) for change in changes]
         size = count // self.vectors if count else 0
         effort = [norm(done[i : i + size]) for i in range(0, count, size or 1)]
         return [*self.plant.rates(t, y, p, done), *inner, _sum([Bound.of(part) for part in effort])]

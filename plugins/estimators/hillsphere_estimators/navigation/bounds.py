@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +13,43 @@ from numpy.typing import NDArray
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel, Integers, Scene
 from hillsphere_estimators.cramer_rao import cramer_rao
+from hillsphere_estimators.linearisation import noise_between, transition
 from hillsphere_estimators.plant_model import PlantModel
 
 __all__ = ["bound_along_plan"]
+
+
+_MOST_BYTES = 128 << 20
+"""Memory for paths that are kept, 128 MB. A block of 64 flights of two spacecraft takes 4 MB for a
+day with a measurement every hour and 21 MB with one every ten minutes."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Path:
+    """Undisturbed flights of N cases.
+
+    Parameters
+    ----------
+    owners : tuple
+        Plant and law: while they are referenced here their ids are not used again.
+    x : list of ndarray, shape (n, N)
+        True states at the K times.
+    motion : list of (ndarray, ndarray)
+        Transition matrices and roots of the noise between them, see `cramer_rao`.
+    """
+
+    owners: tuple[object, ...]
+    x: list[Array]
+    motion: list[tuple[Array, Array]]
+
+    @property
+    def bytes(self) -> int:
+        """Memory of the arrays."""
+        return sum(x.nbytes for x in self.x) + sum(a.nbytes + b.nbytes for a, b in self.motion)
+
+
+_PATHS: OrderedDict[tuple[object, ...], _Path] = OrderedDict()
+"""Paths in the order of their last use."""
 
 
 @dataclass(frozen=True)
@@ -84,16 +120,13 @@ def bound_along_plan(
     sequence of Belief
         One for each time, of N cases; the covariances are the bounds.
     """
-    x, cases = starts, starts.shape[1]
-    every = np.arange(cases)
-    path: list[Array] = []
-    controls: list[Array] = []
+    cases = starts.shape[1]
+    plan = _path_along_plan(model, starts, prior, times_s, goal, control)
     sets: list[MeasurementSet] = []
     scenes: dict[float, Scene] = {}
-    for k, time in enumerate(times_s.tolist()):
+    every = np.arange(cases)
+    for time, x in zip(times_s.tolist(), plan.x, strict=True):
         t = np.full(cases, time)
-        if k:
-            x = model.advance(x, np.full(cases, times_s[k - 1]), t, controls[-1], every)
         around = scene(t, x)
         scenes[time] = around
         values = model.within(around).observe(x, t, every)
@@ -102,7 +135,45 @@ def bound_along_plan(
         sets.append(
             MeasurementSet.of(t, np.where(there, values, np.nan), sigma, model.suite.blocks)
         )
-        path.append(x)
-        controls.append(control(x, np.repeat(goal[:, k : k + 1], cases, axis=1)))
     timed: EstimationModel = _ModelInScenes(model, scenes)
-    return cramer_rao(timed, path, prior, sets, controls[:-1])
+    return cramer_rao(timed, plan.x, prior, sets, motion=plan.motion)
+
+
+def _path_along_plan(
+    model: PlantModel,
+    starts: Array,
+    prior: Array,
+    times_s: Array,
+    goal: Array,
+    control: Callable[[Array, Array], Array],
+) -> _Path:
+    """Return the undisturbed flights, computed once for all sets of sensors.
+
+    Flights of the same cases of the same plant and law are the same whatever is measured on them.
+    """
+    key = (
+        id(model.plant), id(model.law), model.method, model.step_s, model.noise_step_s,
+        *(sha256(np.ascontiguousarray(a)).digest() for a in (starts, prior, times_s, goal)),
+    )  # fmt: skip
+    kept = _PATHS.get(key)
+    if kept is not None:
+        _PATHS.move_to_end(key)
+        return kept
+    # Differences with steps of the first belief: they do not depend on what is measured, and
+    # rounding of the states, which small steps of a late belief magnify, matters least.
+    cases = starts.shape[1]
+    steps = Belief.of(starts, prior, np.full(cases, times_s[0])).root
+    x, path, motion = starts, [starts], []
+    for k in range(len(times_s) - 1):
+        t0, t1 = np.full(cases, times_s[k]), np.full(cases, times_s[k + 1])
+        told = control(x, np.repeat(goal[:, k : k + 1], cases, axis=1))
+        now = Belief(x, steps, t0)
+        # the image of the mean is the next state of the path
+        x, phi = transition(model, now, t1, told)
+        motion.append((phi, noise_between(model, now, t1, told)))
+        path.append(x)
+    made = _Path((model.plant, model.law), path, motion)
+    _PATHS[key] = made
+    while sum(one.bytes for one in _PATHS.values()) > _MOST_BYTES:
+        _PATHS.popitem(last=False)
+    return made

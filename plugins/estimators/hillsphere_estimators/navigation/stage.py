@@ -355,6 +355,8 @@ class NavigationStage(FlyingStage[_Planned, Record]):
             seed=batch.seed,
             stage=batch.stream,
             history=True,
+            # what follows the last measurement concerns nobody
+            to_last_sample=True,
         )  # fmt: skip
         assert flights.history is not None
         x = flights.history.x[:, : self._count]

@@ -14,7 +14,7 @@ from hillsphere.base.seeds import draws
 from hillsphere.estimation import MeasurementSet
 from hillsphere.interfaces import Array, Integers, Plant, Scene, Variable
 from hillsphere.sensor_suite import SensorSuite
-from hillsphere.simulation import CommandSteps, ContinuousLaw
+from hillsphere.simulation import CommandSteps, ContinuousLaw, JointLaw
 from hillsphere.symbolic import Expr
 
 __all__ = ["FaultySensors", "NoControl", "PerturbedReference", "ResampledLaw"]
@@ -55,6 +55,15 @@ class ResampledLaw:
     ) -> tuple[Expr, ...]:
         """Return the command."""
         return self.equations.control(xc, y, ref, t)
+
+    def rates_and_command(
+        self, xc: tuple[Expr, ...], y: tuple[Expr, ...], ref: tuple[Expr, ...], t: Expr
+    ) -> tuple[tuple[Expr, ...], tuple[Expr, ...]]:
+        """Return both; see `hillsphere.simulation.JointLaw`."""
+        law = self.equations
+        if isinstance(law, JointLaw):
+            return law.rates_and_command(xc, y, ref, t)
+        return law.derivative(xc, y, ref, t), law.control(xc, y, ref, t)
 
 
 @dataclass(frozen=True)
