@@ -71,8 +71,8 @@ class Polyhedron(MeshBody):
     With ``relative_error``, clusters of faces are replaced by series wherever these are proven to
     be accurate enough (`hillsphere_gravity.polyhedron_tree`), inside the body too; near faces are
     summed as before. The acceleration is the exact derivative of the potential but where a point
-    passes from one set of clusters to another: there both jump, by twice the bound at most. No moments
-    are needed from afar.
+    passes from one set of clusters to another: there both jump, by twice the bound at most. From
+    afar no moments are needed.
 
     References
     ----------

@@ -10,7 +10,7 @@ import numpy as np
 from hillsphere.interfaces import Array, Integers
 from hillsphere.model.shapes.mesh import Mesh
 
-__all__ = ["OpenParts", "PolyhedronSums", "Sums"]
+__all__ = ["OpenPart", "OpenParts", "PolyhedronSums", "Sums"]
 
 _FACES = 512
 """Most faces of a part of the mesh: with the edges its arrays stay in the processor's cache."""
@@ -155,7 +155,7 @@ class OpenPart:
     def rows(self, r: Array) -> Array:
         """Return their sums at points r (3, N), m, as rows of `Sums`."""
         total = np.empty((_ROWS, r.shape[1]))
-        width = max(1, _PAIRS // len(self.part.normals))
+        width = max(8, _PAIRS // len(self.part.normals) // 8 * 8)
         for first in range(0, r.shape[1], width):
             some = np.ascontiguousarray(r[:, first : first + width])
             distances = _distances(self.vertices, some)

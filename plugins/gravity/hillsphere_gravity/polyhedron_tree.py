@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from math import ceil, log10
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array, Integers
 from hillsphere.model.shapes.mesh import Mesh
@@ -22,7 +24,7 @@ from hillsphere_gravity.solid_harmonics import (
 )
 from hillsphere_gravity.surface_clusters import make_clusters
 
-__all__ = ["PolyhedronTree"]
+__all__ = ["Choice", "Pairs", "PolyhedronTree"]
 
 _DEGREE_AT_ONE, _DEGREE_PER_DIGIT = 4.0, 1.8
 """Degree of the series: 15 for an error of 1e-6, 26 for 1e-12. Higher degrees serve from nearer on,
@@ -34,6 +36,8 @@ _POINTS = 4096
 """Points whose clusters are chosen at once: some 100 MB for them and the terms of their series."""
 _PAIRS = 128
 """Pairs of a cluster and a point whose harmonics are computed at once, to stay in the cache."""
+_LANES = 8
+"""Columns of which the products of BLAS are computed alike wherever they stand (AVX-512)."""
 _REMEMBERED = 4096
 """Most points whose clusters are kept, as of `PolyhedronSums`."""
 _POTENTIAL, _PULL, _GRADIENT = slice(0, 2), slice(1, 8), slice(8, 14)
@@ -95,7 +99,7 @@ class PolyhedronTree:
                 self._last = last
         return last
 
-    def choose(self, r: Array) -> _Choice:
+    def choose(self, r: Array) -> Choice:
         """Return which clusters serve for points r (3, N), m."""
         clusters = self._clusters
         place = r / self.unit
@@ -118,37 +122,38 @@ class PolyhedronTree:
             near.append((cluster[is_leaf], point[is_leaf]))
             cluster = children[~is_leaf].T.ravel()
             point = np.tile(point[~is_leaf], 2)
-        return _Choice(*_by_cluster(far), *_by_cluster(near))
+        return Choice(Pairs.of(far), Pairs.of(near))
 
-    def series(self, choice: _Choice, r: Array, rows: slice) -> tuple[Array, Array]:
+    def series(self, choice: Choice, r: Array, rows: slice) -> tuple[Array, Array]:
         """Return rows (·, P) of the series of P pairs, and the vectors (3, P) from their centres.
 
         The unit of length is that of the clusters.
         """
-        cluster, point = choice.far, choice.far_points
-        starts = np.flatnonzero(np.diff(cluster, prepend=-1))
+        cluster, point, starts = choice.far.cluster, choice.far.point, choice.far.starts()
         self._make(cluster[starts])
         rho = (r / self.unit).take(point, axis=1)
         rho -= self._clusters.centres.take(cluster, axis=1)
         harmonics = irregular_harmonics(self.degree + 1)
         values = np.empty((rows.stop - rows.start, point.size))
-        bounds = np.union1d(starts, np.arange(0, point.size, _PAIRS))
+        bounds = np.union1d(np.append(starts, point.size), np.arange(0, point.size, _PAIRS))
         terms = np.empty((3, 0))
-        for begin, end in zip(bounds.tolist(), [*bounds[1:].tolist(), point.size], strict=True):
+        for begin, end in pairwise(bounds.tolist()):
             block = begin - begin % _PAIRS
             if begin == block:
                 terms = harmonics(rho[:, block : block + _PAIRS])
             here = terms[:, begin - block : end - block]
-            np.matmul(self._rows[cluster[begin], rows], here, out=values[:, begin:end])
+            values[:, begin:end] = self._rows[cluster[begin], rows] @ here
         return values, rho
 
-    def near(self, choice: _Choice, r: Array) -> Array:
+    def near(self, choice: Choice, r: Array) -> Array:
         """Return the rows (11, N) of `Sums` of all near faces."""
         total = np.zeros((11, r.shape[1]))
-        starts = np.flatnonzero(np.diff(choice.near, prepend=-1)).tolist()
-        for begin, end in zip(starts, [*starts[1:], choice.near.size], strict=True):
-            some = choice.near_points[begin:end]
-            total[:, some] += self._part(int(choice.near[begin])).rows(r[:, some])
+        near = choice.near
+        for begin, end in pairwise([*near.starts().tolist(), near.point.size]):
+            some = near.point[begin:end]
+            rows = self._part(int(near.cluster[begin])).rows(r[:, some])
+            count = end - begin - int(near.is_extra[end - _LANES : end].sum())
+            total[:, some[:count]] += rows[:, :count]
         return total
 
     def _part(self, cluster: int) -> OpenPart:
@@ -203,13 +208,43 @@ class PolyhedronTree:
 
 
 @dataclass(frozen=True)
-class _Choice:
-    """Pairs of a cluster and a point, by cluster: series, and leaves whose faces are summed."""
+class Pairs:
+    """Pairs of a cluster and a point, those of each cluster beside each other.
 
-    far: Integers
-    far_points: Integers
-    near: Integers
-    near_points: Integers
+    Their number is a multiple of eight for each cluster, by repetition of the last: BLAS adds in
+    another order for columns beyond that, and the bits of a point would depend on its neighbours.
+    """
+
+    cluster: Integers
+    point: Integers
+    is_extra: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, pairs: list[tuple[Integers, Integers]]) -> Pairs:
+        """Return pairs in order."""
+        cluster = np.concatenate([one for one, _ in pairs])
+        order = np.argsort(cluster, kind="stable")
+        cluster = cluster[order]
+        point = np.concatenate([other for _, other in pairs])[order]
+        starts = np.flatnonzero(np.diff(cluster, prepend=-1))
+        counts = np.diff(starts, append=cluster.size)
+        widths = -(-counts // _LANES) * _LANES
+        place = np.arange(widths.sum()) - np.repeat(np.cumsum(widths) - widths, widths)
+        counted = np.repeat(counts, widths)
+        some = np.repeat(starts, widths) + np.minimum(place, counted - 1)
+        return cls(cluster[some], point[some], place >= counted)
+
+    def starts(self) -> Integers:
+        """Return where another cluster begins."""
+        return np.flatnonzero(np.diff(self.cluster, prepend=-1))
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Pairs whose series serves, and pairs of a leaf and a point whose faces are summed."""
+
+    far: Pairs
+    near: Pairs
 
 
 class _Field:
@@ -221,7 +256,7 @@ class _Field:
         self._blocks = [slice(k, k + _POINTS) for k in range(0, r.shape[1], _POINTS)]
 
     @cached_property
-    def _choices(self) -> list[_Choice]:
+    def _choices(self) -> list[Choice]:
         return [self._tree.choose(self.r[:, some]) for some in self._blocks]
 
     @cached_property
@@ -268,17 +303,11 @@ class _Field:
         return np.asarray(np.einsum("iiN->N", self.gradient()))
 
 
-def _by_cluster(pairs: list[tuple[Integers, Integers]]) -> tuple[Integers, Integers]:
-    """Return the pairs of a cluster and a point in the order of the clusters."""
-    cluster = np.concatenate([one for one, _ in pairs])
-    point = np.concatenate([other for _, other in pairs])
-    order = np.argsort(cluster.astype(np.uint32), kind="stable")
-    return cluster[order], point[order]
-
-
-def _sum_up(values: Array, choice: _Choice, points: int) -> Array:
+def _sum_up(values: Array, choice: Choice, points: int) -> Array:
     """Return the sums (·, N) over the pairs of each point, of values (·, P)."""
-    return np.array([np.bincount(choice.far_points, row, minlength=points) for row in values])
+    pairs = choice.far
+    values[:, pairs.is_extra] = 0.0
+    return np.array([np.bincount(pairs.point, row, minlength=points) for row in values])
 
 
 def _rows_of(moments: Array, is_closed: Array) -> Array:

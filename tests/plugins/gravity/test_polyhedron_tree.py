@@ -15,7 +15,7 @@ from hillsphere.interfaces import Array, ArrayGravityModel
 from hillsphere.model.shapes.mesh import Mesh
 from hillsphere.model.shapes.sphere import icosphere
 from hillsphere_gravity.polyhedron_sums import OpenParts, PolyhedronSums
-from hillsphere_gravity.polyhedron_tree import PolyhedronTree, _Choice
+from hillsphere_gravity.polyhedron_tree import Choice, Pairs, PolyhedronTree
 from hillsphere_gravity.quadrupole import Quadrupole
 from hillsphere_gravity.solid_harmonics import (
     differentiate_irregular,
@@ -29,7 +29,7 @@ QUANTITIES = ("potential", "acceleration", "gradient")
 
 
 def rough_mesh(subdivisions: int) -> Mesh:
-    """An ellipsoid of 13 × 11 × 9 km with waves of 4 %, roughness of 0.4 % and a dent."""
+    """Return an ellipsoid of 13 × 11 × 9 km with waves of 4 %, roughness of 0.4 % and a dent."""
     directions, faces = icosphere(subdivisions)
     rng = np.random.default_rng(1)
     radii = 1.0 + 0.004 * rng.normal(size=len(directions))
@@ -64,18 +64,20 @@ def errors(mesh: Mesh, field: Any, exact: Any, r: Array) -> dict[str, float]:
 def test_harmonics_and_their_slopes() -> None:
     """The generating function of solid harmonics, and its derivative, the field of a mass point."""
     rng = np.random.default_rng(3)
-    y, rho = 0.2 * rng.normal(size=(3, 1)), rng.normal(size=(3, 40))
+    y, rho = 0.03 * rng.normal(size=(3, 1)), rng.normal(size=(3, 40))
     rho *= 4.0 / np.linalg.norm(rho, axis=0)
-    moments = unpack(regular_harmonics(30)(y)[:, 0])
-    rows = np.array([pack(moments), *pack(differentiate_irregular(moments))[:, : 31**2]][:1])
+    moments = unpack(regular_harmonics(15)(y)[:, 0])
     way = y - rho
     distance = np.linalg.norm(way, axis=0)
-    np.testing.assert_allclose(rows @ irregular_harmonics(30)(rho), [1.0 / distance], rtol=1e-14)
-    slopes = pack(differentiate_irregular(moments)) @ irregular_harmonics(31)(rho)
+    series = pack(moments) @ irregular_harmonics(15)(rho)
+    np.testing.assert_allclose(series, 1.0 / distance, rtol=1e-14)
+    slopes = pack(differentiate_irregular(moments)) @ irregular_harmonics(16)(rho)
     np.testing.assert_allclose(slopes, way / distance**3, rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("relative_error", [1e-2, 1e-6, 1e-12])
+@pytest.mark.parametrize(
+    "relative_error", [1e-2, 1e-6, pytest.param(1e-12, marks=pytest.mark.slow)]
+)
 def test_error_is_below_its_bound(relative_error: float) -> None:
     """From inside the body and the surface itself to a hundred radii."""
     mesh = rough_mesh(3)
@@ -86,9 +88,7 @@ def test_error_is_below_its_bound(relative_error: float) -> None:
         rounding = 3e-13 * max(1.0, high) ** 2
         for error in errors(mesh, tree(r), direct(r), r).values():
             assert error <= relative_error + rounding
-        if low == 3.0:
-            clusters = tree.choose(r)
-            assert clusters.far.size < 0.5 * clusters.far.size + 60 * r.shape[1]
+    assert tree.choose(r).far.point.size < 10 * r.shape[1], "clusters are taken from afar"
 
 
 def test_no_cluster_errs_by_more_than_its_share() -> None:
@@ -97,7 +97,7 @@ def test_no_cluster_errs_by_more_than_its_share() -> None:
     tree, parts = PolyhedronTree(mesh, relative_error), OpenParts(mesh)
     clusters = tree._clusters
     rng = np.random.default_rng(8)
-    ways = rng.normal(size=(3, 60))
+    ways = rng.normal(size=(3, 64))
     ways /= np.linalg.norm(ways, axis=0)
     areas = mesh.doubled_areas / mesh.doubled_areas.sum()
     largest = 0.0
@@ -105,8 +105,8 @@ def test_no_cluster_errs_by_more_than_its_share() -> None:
         faces = clusters.order[clusters.first[k] : clusters.last[k]]
         centre, distance = clusters.centres[:, k, None], clusters.distances[k]
         r = mesh.largest_radius_m * (centre + distance * ways)
-        point = np.arange(60)
-        alone = _Choice(np.full(60, k), point, point[:0], point[:0])
+        point = np.arange(64)
+        alone = Choice(Pairs.of([(np.full(64, k), point)]), Pairs.of([(point[:0], point[:0])]))
         rows, rho = tree.series(alone, r, slice(0, 8))
         square = np.sum(rho * rho, axis=0)
         exact = parts.part(faces).rows(r)
@@ -130,7 +130,7 @@ def test_far_away_no_digits_are_lost() -> None:
     """At 1e4 radii the second moments of the body leave an error of 1e-12."""
     mesh = rough_mesh(2)
     r = places(mesh, 20, 1e4, 2e4)
-    tree, far = PolyhedronTree(mesh, 1e-12)(r), GravityField(Quadrupole(mesh))
+    tree, far = PolyhedronTree(mesh, 1e-6)(r), GravityField(Quadrupole(mesh))
     for quantity in QUANTITIES:
         exact = getattr(far, quantity)(r)
         size = np.abs(exact).max()
@@ -153,8 +153,8 @@ def test_acceleration_is_the_slope_of_the_same_potential() -> None:
         for k in (-2, -1, 1, 2):
             there = tree.choose(r + k * step)
             for point in range(r.shape[1]):
-                one, other = (np.sort(c.far[c.far_points == point]) for c in (here, there))
-                same[point] &= np.array_equal(one, other)
+                one, other = (c.far.cluster[c.far.point == point] for c in (here, there))
+                same[point] &= np.array_equal(np.unique(one), np.unique(other))
     assert same.sum() >= 20
     off = np.linalg.norm(by_differences - pull, axis=0) / scale
     assert off[same].max() < 3e-9
@@ -177,10 +177,12 @@ def test_work_along_a_closed_path_is_less_than_the_error() -> None:
         assert abs(work) <= most * mesh.volume_m3 / radius**2 * 2.0 * np.pi * radius
 
 
+@pytest.mark.slow
 def test_jacobi_constant_of_a_flight() -> None:
     """In the frame of a turning body, from 1.3 to 3 radii, three flights at once."""
-    shape = create("shape", "polyhedron", vertices=rough_mesh(2).vertices / 1e3,
-                   faces=rough_mesh(2).faces + 1, length_unit="km")  # fmt: skip
+    mesh = rough_mesh(2)
+    vertices, faces = mesh.vertices.tolist(), (mesh.faces + 1).tolist()
+    shape = create("shape", "polyhedron", vertices=vertices, faces=faces, length_unit="m")
     model = create("gravity", "polyhedron", shape=shape, density_kg_m3=1900.0, relative_error=1e-12)
     field, rate = GravityField(model), 2e-4
     r = np.array([[18e3, 0.0, 0.0], [0.0, 20e3, 4e3], [0.0, -15e3, 15e3]]).T
@@ -206,7 +208,8 @@ def test_jacobi_constant_of_a_flight() -> None:
 
 
 def test_bits_do_not_depend_on_the_other_points() -> None:
-    tree, r = PolyhedronTree(rough_mesh(2), 1e-6), places(rough_mesh(2), 130, 0.9, 4.0)
+    mesh = rough_mesh(2)
+    tree, r = PolyhedronTree(mesh, 1e-6), places(mesh, 130, 0.9, 4.0)
     whole = tree(r)
     for some in (slice(0, 1), slice(5, 22), slice(64, 128)):
         part = tree(np.ascontiguousarray(r[:, some]))
