@@ -33,7 +33,7 @@ about its least, where the degree is about 2 ln(1/e) for clusters of a surface."
 _LEAST_LEAF = 16
 """Faces of a cluster that is not divided, at least."""
 _POINTS = 16_384
-"""Points whose clusters are chosen at once: 100 to 200 MB for them and the terms of their series."""
+"""Points whose clusters are chosen at once: 100 to 200 MB for them and what their series give."""
 _PAIRS = 128
 """Pairs of a cluster and a point whose harmonics are computed at once, to stay in the cache."""
 _LANES = 8
