@@ -107,7 +107,9 @@ class Polyhedron(MeshBody):
         """Return an upper bound of |∇U|, m/s², see `hillsphere_gravity.ellipsoid`."""
         gm = p[self._parameter.name] * (self._per_unit * self.mesh.volume_m3)
         radius = (0.75 * self.mesh.volume_m3 / np.pi) ** (1.0 / 3.0)
-        return homogeneous_bound(distance, gm, float(radius), self.mesh.largest_radius_m)
+        bound = homogeneous_bound(distance, gm, float(radius), self.mesh.largest_radius_m)
+        # GM/s², of which a part may be added, is below each of the two bounds
+        return bound if self.relative_error is None else bound * (1.0 + self.relative_error)
 
     def potential_array(self, r: Array, p: Array) -> Array:
         """Return +U, m²/s², shape (N,), at r (3, N), m, with parameters p (1, N)."""

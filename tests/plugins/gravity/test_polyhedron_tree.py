@@ -9,11 +9,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hillsphere import create
+from hillsphere.dynamics import ArrayFunction
 from hillsphere.errors import InputError
 from hillsphere.gravity import GravityField
 from hillsphere.interfaces import Array, ArrayGravityModel
 from hillsphere.model.shapes.mesh import Mesh
 from hillsphere.model.shapes.sphere import icosphere
+from hillsphere.symbolic import variable
 from hillsphere_gravity.polyhedron_sums import OpenParts, PolyhedronSums
 from hillsphere_gravity.polyhedron_tree import Choice, Pairs, PolyhedronTree
 from hillsphere_gravity.quadrupole import Quadrupole
@@ -235,6 +237,10 @@ def test_the_option_of_a_mission() -> None:
     assert np.abs(model.laplacian_array(r, p)).max() < 1e-6 * strength
     np.testing.assert_allclose(model.laplacian_array(0.5 * r / 3.0, p), -4 * np.pi * strength)
     assert "1.0e-06" in model.describe()[-1]
+    distance = variable("distance")
+    bounds = [m.acceleration_bound(distance, {"density": 1900.0}) for m in (model, exact)]
+    most, usual = ArrayFunction(bounds, [distance])([[1e3, 1.5e4, 5e4]])
+    np.testing.assert_allclose(most / usual, 1.0 + 1e-6, rtol=1e-14)
     for wrong in (0.0, -1e-6, 1e-13, 0.1, float("nan"), "fine"):
         with pytest.raises(InputError, match="relative_error"):
             create("gravity", "polyhedron", **keys, relative_error=wrong)
