@@ -60,8 +60,9 @@ class PolyhedronTree:
         H_2 = -\sum_{n,m} \frac{I_n^m(\rho)}{2(2n-1)}\int_C n\cdot\nabla\overline{R_n^m}\,dS
 
     with the harmonics of `hillsphere_gravity.solid_harmonics`, because
-    :math:`h\,/|y-\rho| = n\cdot\nabla_y|y-\rho|`. The integrals over faces are exact to rounding,
-    by Gauss's rule. Of the whole surface, which is closed, H₂ vanishes.
+    :math:`h\,/|y-\rho| = n\cdot\nabla_y|y-\rho|`. The integrals over faces are computed by
+    Gauss's rule, whose error is part of the bound. Of the whole surface, which is closed, H₂
+    vanishes.
 
     The acceleration is the exact derivative of this potential, and of that of the near faces. The
     gradient is the sum of :math:`-n\nabla\Phi_f`, made symmetric, of series of the single layers,
