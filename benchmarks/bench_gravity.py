@@ -167,18 +167,20 @@ def random_rows(degree: int) -> list[dict[str, Any]]:
     return rows
 
 
-def paired(ours: Callable[[], object], theirs: Callable[[], object]) -> tuple[float, float, float]:
-    """Return CPU times of both, s, and the median ratio of theirs to ours, of seven pairs."""
+def paired(
+    ours: Callable[[], object], theirs: Callable[[], object], units: tuple[int, int]
+) -> tuple[float, float, float]:
+    """Return CPU times for each unit of work of both, ns, and the ratio: medians of seven pairs."""
     rows = []
     for _ in range(7):
         marks = [process_time()]
         for function in (ours, theirs):
             function()
             marks.append(process_time())
-        rows.append(np.diff(marks))
+        rows.append(np.diff(marks) / units * 1e9)
     own, other = np.array(rows).T
     ratios = other / own
-    print(f"    ratios {ratios.min():.3g} to {ratios.max():.3g}")
+    print(f"    ratios of seven pairs: {ratios.min():.3g} to {ratios.max():.3g}")
     return float(np.median(own)), float(np.median(other)), float(np.median(ratios))
 
 
@@ -198,14 +200,15 @@ def in_clusters() -> dict[str, float]:
         off = np.linalg.norm(tree(few).acceleration() - exact, axis=0) / scale
         if not off.max() <= error + 1e-12:
             raise ArithmeticError(f"{name}: errs by {off.max():g}")
-        own, other, _ = paired(
+        own, _, ratio = paired(
             lambda tree=tree: tree(fresh(turned)).acceleration(),  # type: ignore[misc]
             lambda: direct(fresh(few)).acceleration(),
+            (many.shape[1], few.shape[1]),
         )
         found |= {
-            f"{name}_us_per_point": own / 1e4 * 1e6,
-            f"{name}_faster_than_all_faces": other / 128 / (own / 1e4),
-            f"{name}_set_up_s": first - own,
+            f"{name}_us_per_point": own * 1e-3,
+            f"{name}_faster_than_all_faces": ratio,
+            f"{name}_set_up_s": first - own * many.shape[1] * 1e-9,
             f"{name}_error": float(off.max()),
         }
     return found
@@ -252,12 +255,15 @@ def polyhedra() -> dict[str, float]:
         # its constant of gravitation is compared too, and its sign is that of the acceleration
         if not np.abs(theirs - exact).max() <= 1e-9 * np.abs(exact).max():
             raise ArithmeticError(f"{name}: polyhedral-gravity differs")
-        own, other, _ = paired(ours, lambda body=body, places=places: body(places, parallel=False))  # type: ignore[misc]
-        mine, peers = own / calls / points / faces * 1e9, other / few / faces * 1e9
+        own, other, ratio = paired(
+            ours,
+            lambda body=body, places=places: body(places, parallel=False),  # type: ignore[misc]
+            (calls * points * faces, few * faces),
+        )
         found |= {
-            f"{name}_ns_per_face": mine,
-            f"{name}_polyhedral_gravity_ns_per_face": peers,
-            f"{name}_faster_than_polyhedral_gravity": peers / mine,
+            f"{name}_ns_per_face": own,
+            f"{name}_polyhedral_gravity_ns_per_face": other,
+            f"{name}_faster_than_polyhedral_gravity": ratio,
         }
     return found
 
@@ -303,15 +309,15 @@ def pyshtools_series() -> dict[str, float]:
         if not off <= 1e-12:
             raise ArithmeticError(f"degree {degree}: pyshtools differs by {off:g}")
         repeats = max(1, 400 // degree)
-        own, other, _ = paired(
+        own, other, ratio = paired(
             lambda field=field, k=repeats: [field.acceleration(r) for _ in range(k)],  # type: ignore[misc]
             theirs,
+            (repeats * r.shape[1], 200),
         )
-        mine, peer = own / repeats / 2000 * 1e9, other / 200 * 1e9
         found |= {
-            f"harmonics_{degree}_scattered_ns_per_point": mine,
-            f"harmonics_{degree}_pyshtools_ns_per_point": peer,
-            f"harmonics_{degree}_faster_than_pyshtools": peer / mine,
+            f"harmonics_{degree}_scattered_ns_per_point": own,
+            f"harmonics_{degree}_pyshtools_ns_per_point": other,
+            f"harmonics_{degree}_faster_than_pyshtools": ratio,
             f"harmonics_{degree}_difference_from_pyshtools": float(off),
         }
     return found
