@@ -15,6 +15,7 @@ from hillsphere.model.shapes.mesh import Mesh
 from hillsphere_gravity.mesh_harmonics import gauss_on_triangle
 from hillsphere_gravity.polyhedron_sums import OpenPart, OpenParts, Sums
 from hillsphere_gravity.solid_harmonics import (
+    Complex,
     differentiate_irregular,
     differentiate_regular,
     irregular_harmonics,
@@ -311,7 +312,7 @@ def _sum_up(values: Array, choice: Choice, points: int) -> Array:
     return np.array([np.bincount(pairs.point, row, minlength=points) for row in values])
 
 
-def _rows_of(moments: Array, is_closed: Array) -> Array:
+def _rows_of(moments: Complex, is_closed: NDArray[np.bool_]) -> Array:
     """Return the rows (C, 14, (p + 2)²) of clusters from their moments (C, 7, p + 1, p + 1)."""
     layers, weighted, heights = moments[:, :3], moments[:, 3:6], moments[:, 6]
     n = np.arange(moments.shape[-1])[:, None]

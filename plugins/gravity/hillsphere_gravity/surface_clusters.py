@@ -220,4 +220,4 @@ def _count_nodes(half_sides: Array, ratios: Array, degree: int, allowed: Array) 
     with np.errstate(divide="ignore", invalid="ignore"):
         needed = np.log(128.0 / 15.0 * total / (1.0 - z**-2.0) / allowed[:, None])
         count = np.ceil(needed / (2.0 * np.log(z))).min(axis=1)
-    return np.clip(np.nan_to_num(count, nan=exact), 1, exact).astype(int)
+    return np.asarray(np.clip(np.nan_to_num(count, nan=exact), 1, exact).astype(np.int64))
