@@ -113,6 +113,8 @@ def draw(path: str, faces: dict[str, np.ndarray], degrees: dict[str, np.ndarray]
     left.set_xlabel("faces")
     left.set_title("Polyhedron, 1.1 to 3 radii")
     right.set_xlabel("degree")
+    right.set_xticks(DEGREES, [str(degree) for degree in DEGREES])
+    right.minorticks_off()
     right.set_title("Harmonic series")
     for axes in (left, right):
         axes.set_ylabel("CPU time for each point (µs)")
