@@ -9,7 +9,8 @@ A benchmark is a module ``bench_*.py`` beside this file with a function ``figure
 a mapping from figure name to number. The limits stand in ``limits.toml``: ``at_least`` for a ratio
 against what a user would otherwise pick, ``at_most`` for a time. Ratios are taken within one run,
 so they hold on a noisy or slower machine; the limits on absolute times are generous. A limit with
-``long = true`` is one on what only ``--long`` measures.
+``long = true`` is one on what only ``--long`` measures, one with ``peer = "package"`` one beside a
+package that need not be installed.
 
 How many faults the tests of a module notice is measured by another script, ``mutation.py``, with
 its table ``mutation.toml``.
@@ -22,7 +23,7 @@ import os
 import sys
 import tomllib
 from collections.abc import Mapping
-from importlib.util import module_from_spec, spec_from_file_location
+from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -76,11 +77,15 @@ def main() -> int:
             fault = verdict(value, limit)
             failures += fault is not None
             bound = ", ".join(
-                f"{k.replace('_', ' ')} {v:g}" for k, v in limit.items() if k != "long"
+                f"{k.replace('_', ' ')} {v:g}" for k, v in limit.items() if k.startswith("at_")
             )
             mark = f"  FAILED: {fault}" if fault else (f"  ({bound})" if bound else "")
             print(f"  {name:<52} {value:>12.4g}{mark}")
-        wanted = {k for k, v in limits.get(topic, {}).items() if options.long or not v.get("long")}
+        wanted = {
+            k
+            for k, v in limits.get(topic, {}).items()
+            if (options.long or not v.get("long")) and ("peer" not in v or find_spec(v["peer"]))
+        }
         for name in sorted(wanted - set(found)):
             failures += 1
             print(f"  {name:<52} {'missing':>12}  FAILED: it has a limit but was not measured")

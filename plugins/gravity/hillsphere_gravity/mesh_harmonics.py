@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from math import sqrt
 
 import numpy as np
@@ -13,7 +14,14 @@ from hillsphere.formats.coefficients import Coefficient
 from hillsphere.interfaces import Array
 from hillsphere.model.shapes.mesh import Mesh
 
-__all__ = ["HIGHEST_DEGREE", "MeshSeries", "mesh_coefficients", "mesh_series"]
+__all__ = [
+    "HIGHEST_DEGREE",
+    "MeshSeries",
+    "count_points",
+    "gauss_on_triangle",
+    "mesh_coefficients",
+    "mesh_series",
+]
 
 _POINTS = 8192
 """Points at which the functions are evaluated at once: their arrays stay in the cache."""
@@ -159,7 +167,7 @@ def mesh_coefficients(mesh: Mesh, degree: int) -> Array:
     radius = mesh.largest_radius_m
     a, b, c = mesh.corners / radius
     longest = max(float(np.linalg.norm(s, axis=0).max()) for s in (b - a, c - b, a - c))
-    u, v, weights = _gauss_on_triangle(_points_for(degree, 0.5 * longest))
+    u, v, weights = gauss_on_triangle(count_points(degree, 0.5 * longest))
     shares = mesh.heights * mesh.doubled_areas / (6.0 * mesh.volume_m3)
     sums = np.zeros((degree + 1, degree + 1), dtype=complex)
     step = max(1, _POINTS // len(u))
@@ -200,7 +208,8 @@ def _weighted_sums(x: Array, weights: Array, degree: int) -> Array:
     return sums
 
 
-def _gauss_on_triangle(k: int) -> tuple[Array, Array, Array]:
+@cache
+def gauss_on_triangle(k: int) -> tuple[Array, Array, Array]:
     """Return k² places u, v in the unit triangle and weights of sum one, of degree 2k − 1.
 
     Gauss's rule on the square with one side collapsed to a corner, whose Jacobian 1 − u is the
@@ -214,7 +223,7 @@ def _gauss_on_triangle(k: int) -> tuple[Array, Array, Array]:
     return u, v, weights / weights.sum()
 
 
-def _points_for(degree: int, half_side: float) -> int:
+def count_points(degree: int, half_side: float) -> int:
     r"""Return how many points in each direction give the mean over a face to rounding.
 
     Exact are (degree + 2)/2. Along a side of half the length h, radii of the body, the function is

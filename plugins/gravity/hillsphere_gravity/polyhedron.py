@@ -16,6 +16,7 @@ from hillsphere.symbolic import Expr, Params
 from hillsphere_gravity.ellipsoid import homogeneous_bound
 from hillsphere_gravity.mesh_body import MeshBody
 from hillsphere_gravity.polyhedron_sums import PolyhedronSums
+from hillsphere_gravity.polyhedron_tree import PolyhedronTree
 from hillsphere_gravity.quadrupole import Quadrupole
 from hillsphere_gravity.specs import PolyhedronSpec
 
@@ -67,6 +68,12 @@ class Polyhedron(MeshBody):
     the square of the distance in radii: from 1000 radii on, where it is good to 1e-8, mass, centre
     and second moments of the body serve instead. On an edge the gradient is infinite.
 
+    With ``relative_error``, clusters of faces are replaced by series wherever these are proven to
+    be accurate enough (`hillsphere_gravity.polyhedron_tree`), inside the body too; near faces are
+    summed as before. The acceleration is the exact derivative of the potential but where a point
+    passes from one set of clusters to another: there both jump, by twice the bound at most. From
+    afar no moments are needed.
+
     References
     ----------
     .. [1] R. A. Werner, D. J. Scheeres (1997), Exterior gravitation of a polyhedron derived and
@@ -90,6 +97,7 @@ class Polyhedron(MeshBody):
             self._parameter = Parameter("gm", self.gm_m3_s2, "m3/s2", positive=True)
             self._per_unit = 1.0 / self.mesh.volume_m3
         self.gm_m3_s2 = self._per_unit * self._parameter.value * self.mesh.volume_m3
+        self.relative_error = spec.relative_error
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return ``density`` or ``gm``."""
@@ -99,7 +107,9 @@ class Polyhedron(MeshBody):
         """Return an upper bound of |∇U|, m/s², see `hillsphere_gravity.ellipsoid`."""
         gm = p[self._parameter.name] * (self._per_unit * self.mesh.volume_m3)
         radius = (0.75 * self.mesh.volume_m3 / np.pi) ** (1.0 / 3.0)
-        return homogeneous_bound(distance, gm, float(radius), self.mesh.largest_radius_m)
+        bound = homogeneous_bound(distance, gm, float(radius), self.mesh.largest_radius_m)
+        # GM/s², of which a part may be added, is below each of the two bounds
+        return bound if self.relative_error is None else bound * (1.0 + self.relative_error)
 
     def potential_array(self, r: Array, p: Array) -> Array:
         """Return +U, m²/s², shape (N,), at r (3, N), m, with parameters p (1, N)."""
@@ -124,8 +134,20 @@ class Polyhedron(MeshBody):
         """Return Gρ (N,), 1/s²."""
         return np.asarray(self._per_unit * p[0])
 
+    def describe(self) -> tuple[str, ...]:
+        """Return GM and density in words, and the error that is allowed."""
+        if self.relative_error is None:
+            return super().describe()
+        return (
+            *super().describe(),
+            f"clusters of faces as series, with errors of at most {self.relative_error:.1e} of "
+            "GM/s, GM/s² and GM/s³ (s: distance, at least that of the farthest vertex)",
+        )
+
     def _away(self, r: Array) -> NDArray[np.bool_]:
         """Return which of the points (N,) are so far that moments replace the sums."""
+        if self.relative_error is not None:
+            return np.zeros(r.shape[1], dtype=np.bool_)
         return np.asarray(np.sum(r * r, axis=0) > (_FAR * self.largest_radius_m) ** 2)
 
     def _at(self, r: Array, quantity: str, rows: int) -> Array:
@@ -142,7 +164,9 @@ class Polyhedron(MeshBody):
         return values
 
     @cached_property
-    def _sums(self) -> PolyhedronSums:
+    def _sums(self) -> PolyhedronSums | PolyhedronTree:
+        if self.relative_error is not None:
+            return PolyhedronTree(self.mesh, self.relative_error)
         return PolyhedronSums(self.mesh)
 
     @cached_property

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from hillsphere.interfaces import Array, Integers
 from hillsphere.model.shapes.mesh import Mesh
 
-__all__ = ["PolyhedronSums"]
+__all__ = ["OpenPart", "OpenParts", "PolyhedronSums", "Sums"]
 
 _FACES = 512
 """Most faces of a part of the mesh: with the edges its arrays stay in the processor's cache."""
@@ -66,9 +67,9 @@ class PolyhedronSums:
         self._vertices = np.ascontiguousarray(mesh.vertices.T)
         self._parts = _parts(mesh)
         self._width = max(1, _PAIRS // min(len(mesh.faces), _FACES))
-        self._last = _Sums(np.empty((3, 0)), np.empty((_ROWS, 0)))
+        self._last = Sums(np.empty((3, 0)), np.empty((_ROWS, 0)))
 
-    def __call__(self, r: Array) -> _Sums:
+    def __call__(self, r: Array) -> Sums:
         """Return the sums at points r (3, N), m.
 
         Those of the last points are kept: a flight with variations asks for acceleration and
@@ -76,7 +77,7 @@ class PolyhedronSums:
         """
         last = self._last
         if not np.array_equal(last.r, r):
-            last = _Sums(r.copy(), self._compute(r))
+            last = Sums(r.copy(), self._compute(r))
             if r.shape[1] <= _REMEMBERED:
                 self._last = last
         return last
@@ -89,13 +90,7 @@ class PolyhedronSums:
         return rows
 
     def _block(self, r: Array) -> Array:
-        # In place where it can be: new arrays would take as long as the arithmetic.
-        along = self._vertices[:, :, None] - r[:, None, :]
-        along *= along
-        distances = along[0]
-        distances += along[1]
-        distances += along[2]
-        np.sqrt(distances, out=distances)
+        distances = _distances(self._vertices, r)
         total = np.zeros((_ROWS, r.shape[1]))
         for part in self._parts:
             total += part.of_edges @ _half_logarithms(part, distances)
@@ -103,8 +98,86 @@ class PolyhedronSums:
         return total
 
 
+class OpenParts:
+    r"""Sums over some of a mesh's faces.
+
+    A face contributes :math:`\tfrac12 h\,\Phi` to the potential for Gρ = 1, with its height h over
+    the point and the potential Φ of a single layer on it. By
+
+    .. math::
+
+        \Phi = \sum_e n_e\cdot r_e\,L_e - h\,\omega, \quad \nabla\Phi = -\sum_e n_e L_e + n\,\omega,
+
+    these are the sums of `PolyhedronSums` with half of each edge's dyad, that of n and the normal
+    n_e of the edge in the plane of this face; and Gr − A is the exact derivative of this potential
+    too, as E is symmetric there. The second derivative is not G but where all faces are summed.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        F faces.
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        self._mesh = mesh
+        self._ends, self._owners, self._lengths, middle, dyads = _half_edges(mesh)
+        self._halves = [2.0 * _matrix(half, middle) for half in dyads]
+        self._faces = _of_faces(mesh)
+        # each face owns three sides
+        self._sides = np.argsort(self._owners.ravel(), kind="stable").reshape(-1, 3) // 2
+
+    def part(self, faces: Integers) -> OpenPart:
+        """Return the part of these faces (M,)."""
+        corners = self._mesh.faces[faces]
+        vertices = np.unique(corners)
+        edges = np.unique(self._sides[faces])
+        mine = np.isin(self._owners[edges], faces)
+        of_edges = sum(
+            half[:, edges] * is_mine for half, is_mine in zip(self._halves, mine.T, strict=True)
+        )
+        ends = np.searchsorted(vertices, self._ends[edges]).T
+        part = Part(
+            (np.ascontiguousarray(ends[0]), np.ascontiguousarray(ends[1])),
+            self._lengths[edges, None],
+            np.ascontiguousarray(of_edges),
+            *self._faces.take(faces, np.searchsorted(vertices, corners)),
+        )
+        return OpenPart(np.ascontiguousarray(self._mesh.vertices[vertices].T), part)
+
+
 @dataclass(frozen=True)
-class _Sums:
+class OpenPart:
+    """Some faces of a mesh, with the vertices (3, V) that they need."""
+
+    vertices: Array
+    part: Part
+
+    def rows(self, r: Array) -> Array:
+        """Return their sums at points r (3, N), m, as rows of `Sums`."""
+        total = np.empty((_ROWS, r.shape[1]))
+        width = max(8, _PAIRS // len(self.part.normals) // 8 * 8)
+        for first in range(0, r.shape[1], width):
+            some = np.ascontiguousarray(r[:, first : first + width])
+            distances = _distances(self.vertices, some)
+            block = self.part.of_edges @ _half_logarithms(self.part, distances)
+            block += self.part.of_faces @ _half_angles(self.part, distances, some)
+            total[:, first : first + width] = block
+        return total
+
+
+def _distances(vertices: Array, r: Array) -> Array:
+    """Return the distances (V, N) of points r (3, N) from vertices (3, V)."""
+    # In place where it can be: new arrays would take as long as the arithmetic.
+    along = vertices[:, :, None] - r[:, None, :]
+    along *= along
+    distances: Array = along[0]
+    distances += along[1]
+    distances += along[2]
+    return np.sqrt(distances, out=distances)
+
+
+@dataclass(frozen=True)
+class Sums:
     """Sums at points; quantities for Gρ = 1."""
 
     r: Array
@@ -137,7 +210,7 @@ class _Sums:
 
 
 @dataclass(frozen=True)
-class _Part:
+class Part:
     """Some faces of a mesh and as many of its edges as are theirs, in columns."""
 
     ends: tuple[Integers, Integers]
@@ -150,7 +223,41 @@ class _Part:
     of_faces: Array
 
 
-def _parts(mesh: Mesh) -> tuple[_Part, ...]:
+@dataclass(frozen=True)
+class _Faces:
+    """What the solid angles of faces need, in the order of the fields of `Part`."""
+
+    squares: list[Array]
+    normals: Array
+    heights: Array
+    matrix: Array
+
+    def take(self, some: slice | Integers, corners: Integers) -> tuple[Any, ...]:
+        """Return the fields of `Part` from `corners` on, for some of the faces."""
+        c1, c2, c3 = (np.ascontiguousarray(i) for i in corners.T)
+        q1, q2, q3 = (q[some, None] for q in self.squares)
+        return (
+            (c1, c2, c3),
+            (q1, q2, q3),
+            np.ascontiguousarray(self.normals[:, some].T),
+            self.heights[some, None],
+            np.ascontiguousarray(self.matrix[:, some]),
+        )
+
+
+def _of_faces(mesh: Mesh) -> _Faces:
+    # of a face the point is the foot of the origin's perpendicular, h n: n n·h n = h n
+    dyads = _dyads(mesh.normals, mesh.normals)
+    matrix = -2.0 * _matrix(dyads, mesh.heights * mesh.normals)
+    a, b, c = mesh.corners
+    squares = [np.sum(s * s, axis=0) for s in (c - b, a - c, b - a)]
+    # four areas times the height: the numerator, see `PolyhedronSums`
+    scale = 2.0 * mesh.doubled_areas
+    return _Faces(squares, scale * mesh.normals, scale * mesh.heights, matrix)
+
+
+def _half_edges(mesh: Mesh) -> tuple[Integers, Integers, Array, Array, tuple[Array, Array]]:
+    """Return edges and owners, lengths, middles (3, E), and the dyads of both owners (3, 3, E)."""
     ends, owners = mesh.edges
     first, second = mesh.vertices[ends.T]
     side = second - first
@@ -159,31 +266,27 @@ def _parts(mesh: Mesh) -> tuple[_Part, ...]:
     way = (side / lengths[:, None]).T
     # Each face runs anticlockwise: way × normal points out of it, for the second face back.
     one, other = mesh.normals[:, owners[:, 0]], mesh.normals[:, owners[:, 1]]
-    edges = _dyads(one, np.cross(way, one, axis=0)) + _dyads(other, np.cross(-way, other, axis=0))
-    of_edges = 2.0 * _matrix(edges, middle)
-    # of a face the point is the foot of the origin's perpendicular, h n: n n·h n = h n
-    faces = _dyads(mesh.normals, mesh.normals)
-    of_faces = -2.0 * _matrix(faces, mesh.heights * mesh.normals)
-    a, b, c = mesh.corners
-    squares = [np.sum(s * s, axis=0) for s in (c - b, a - c, b - a)]
-    # four areas times the height: the numerator, see `PolyhedronSums`
-    scale = 2.0 * mesh.doubled_areas
+    dyads = (
+        _dyads(one, np.cross(way, one, axis=0)),
+        _dyads(other, np.cross(-way, other, axis=0)),
+    )
+    return ends, owners, lengths, middle, dyads
+
+
+def _parts(mesh: Mesh) -> tuple[Part, ...]:
+    ends, owners, lengths, middle, (one, other) = _half_edges(mesh)
+    of_edges = 2.0 * _matrix(one + other, middle)
+    of_faces = _of_faces(mesh)
     parts = []
     for start in range(0, len(mesh.faces), _FACES):
         here = slice(start, start + _FACES)
         mine = (owners[:, 0] >= start) & (owners[:, 0] < start + _FACES)
-        c1, c2, c3 = (np.ascontiguousarray(i) for i in mesh.faces[here].T)
-        q1, q2, q3 = (q[here, None] for q in squares)
         parts.append(
-            _Part(
+            Part(
                 (np.ascontiguousarray(ends[mine, 0]), np.ascontiguousarray(ends[mine, 1])),
                 lengths[mine, None],
                 np.ascontiguousarray(of_edges[:, mine]),
-                (c1, c2, c3),
-                (q1, q2, q3),
-                np.ascontiguousarray((scale * mesh.normals)[:, here].T),
-                (scale * mesh.heights)[here, None],
-                np.ascontiguousarray(of_faces[:, here]),
+                *of_faces.take(here, mesh.faces[here]),
             )
         )
     return tuple(parts)
@@ -206,7 +309,7 @@ def _dyads(a: Array, b: Array) -> Array:
     return np.asarray(0.5 * (product + product.swapaxes(0, 1)))
 
 
-def _half_logarithms(part: _Part, distances: Array) -> Array:
+def _half_logarithms(part: Part, distances: Array) -> Array:
     """Return ½ ln((a+b+e)/(a+b−e)) = artanh(e/(a+b)) of the edges (E, N) of a part."""
     first, second = part.ends
     ratio = distances.take(first, axis=0)
@@ -216,7 +319,7 @@ def _half_logarithms(part: _Part, distances: Array) -> Array:
     return np.arctanh(ratio, out=ratio)
 
 
-def _half_angles(part: _Part, distances: Array, r: Array) -> Array:
+def _half_angles(part: Part, distances: Array, r: Array) -> Array:
     """Return half the signed solid angles (F, N) of the faces of a part."""
     d1, d2, d3 = (distances.take(i, axis=0) for i in part.corners)
     denominator = d1 + d2

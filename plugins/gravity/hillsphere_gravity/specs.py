@@ -152,6 +152,17 @@ class PolyhedronSpec(HomogeneousShapeSpec):
     examples = (
         {"shape": "polyhedron", "density_g_cm3": 1.9},
         {"shape": "ellipsoid", "subdivisions": 2, "gm_km3_s2": 7.0875e-4},
+        {"shape": "polyhedron", "density_g_cm3": 1.9, "relative_error": 1e-6},
+    )
+
+    relative_error: float | None = option(
+        "bound of the error, of GM/s, GM/s² and GM/s³ for potential, acceleration and gradient (s: "
+        "distance from the origin, or of the farthest vertex if that is more), with which distant "
+        "clusters of faces are replaced by series: 1e-6 for maps, 1e-12 for flights. For meshes of "
+        "thousands of faces; left out: all faces are summed",
+        default=None,
+        ge=1e-12,
+        le=1e-2,
     )
 
 
