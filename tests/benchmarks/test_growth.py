@@ -15,7 +15,7 @@ def test_the_exponent_is_of_the_upper_sizes() -> None:
 
 
 def test_every_size_has_its_problems() -> None:
-    called = []
+    called: list[tuple[int, int]] = []
     curve = measure("c", (2, 3), 2, lambda size, seed: lambda: called.append((size, seed)))
     assert called[0] == (2, 0)  # what all need is loaded then
     assert called[1:] == [(size, seed) for size in (2, 3) for seed in range(7)]

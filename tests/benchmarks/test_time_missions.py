@@ -76,7 +76,7 @@ def test_a_run_that_fails_has_no_time(script: ModuleType, tree: Path) -> None:
 
 def measured(script: ModuleType, monkeypatch: pytest.MonkeyPatch, *words: str) -> list[Any]:
     """Run the script with measurements that take 7 s; return what it measured."""
-    calls = []
+    calls: list[Any] = []
 
     def measure(*what: Any, **how: Any) -> dict[str, float]:
         calls.append((*what[1:], how["figures"]))
