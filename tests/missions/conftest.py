@@ -277,8 +277,6 @@ def other_orbits(tmp_path_factory: pytest.TempPathFactory) -> Run:
         "phobos-qso",
         "--no-cache",
         "--set",
-        'drop=["stage.family_point_mass", "claim.*"]',
-        "--set",
         "stage.family.x_amplitudes_km=[40.0]",
         "--set",
         f"stage.bifurcations.vertical={vertical}",

@@ -17,22 +17,16 @@ from hillsphere_estimators.navigation.metrics import ratio_to_bound
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from tests.missions.conftest import Run
 
 CASES = ("case_1", "case_2", "case_3", "case_4")
-SHORTER = (
-    "--set", "stage.case.duration_h=3",  # until errors are reported
-    "--set", "stage.beginning=false", "--set", "stage.begun=false",
-)  # fmt: skip
-"""Settings that leave out what no test looks at but that of the page."""
 
 
 @pytest.fixture(scope="module")
 def fast(tmp_path_factory: pytest.TempPathFactory, mission_run: Callable[..., Run]) -> Run:
     out = tmp_path_factory.mktemp("missions") / "formation"
-    return mission_run(out, "apophis-formation", "--profile", "fast", "--no-cache", *SHORTER)
+    return mission_run(out, "apophis-formation", "--profile", "fast", "--no-cache")
 
 
 def test_all_flights_come_to_their_end(fast: Run) -> None:
@@ -178,6 +172,5 @@ def test_the_lightest_set_of_the_trade_is_as_precise_as_required(fast: Run) -> N
 
 
 @pytest.mark.slow
-def test_its_page_works_in_a_browser(tmp_path: Path, mission_run: Callable[..., Run]) -> None:
-    run = mission_run(tmp_path / "run", "apophis-formation", "--profile", "fast", "--no-cache")
-    check_page(run.directory)
+def test_its_page_works_in_a_browser(fast: Run) -> None:
+    check_page(fast.directory)
