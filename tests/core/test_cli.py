@@ -298,9 +298,22 @@ def test_measured_times_are_those_of_packaged_missions_and_their_profiles() -> N
     from hillsphere.mission import load_mission
 
     measured = json.loads((missions_directory() / "times.json").read_text("utf-8"))
-    for name, times in measured["cpu_s"].items():
-        assert set(times) <= {"", *load_mission(name).profiles}
-        assert all(seconds > 0 for seconds in times.values())
+    for row in measured["runs"]:
+        assert row["profile"] in {"", *load_mission(row["mission"]).profiles}
+        assert row["version"] in {"before", "now"}
+        assert row["cpu_s"] > 0
+
+
+def test_missions_shows_this_versions_time_with_figures(hillsphere: Runner) -> None:
+    from hillsphere.base.paths import missions_directory
+
+    measured = json.loads((missions_directory() / "times.json").read_text("utf-8"))
+    shown = {m["name"]: m["cpu_s"] for m in json.loads(hillsphere("missions", "--json").stdout)}
+    ours = [row for row in measured["runs"] if row["version"] == "now" and row["figures"]]
+    assert ours
+    assert len(ours) < len(measured["runs"])  # others are listed, and not shown
+    for row in ours:
+        assert shown[row["mission"]][row["profile"]] == row["cpu_s"]
 
 
 def test_schema_is_json_schema_with_the_plugins_in_it(hillsphere: Runner, mission: Path) -> None:

@@ -105,8 +105,7 @@ def test_component_with_a_broken_spec_is_named() -> None:
 
 def test_examples_and_packaged_missions_are_accepted() -> None:
     registry = default_registry()
-    schema = mission_schema(registry)
-    jsonschema.Draft202012Validator.check_schema(schema)
+    schema = mission_schema(registry)  # the tests of the command check that it is one
     assert "x-broken" not in schema
     for record in registry:
         component = record.component

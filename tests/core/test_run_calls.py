@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -64,12 +65,13 @@ def test_a_mission_is_made_of_tables() -> None:
         hs.Mission.from_dict({**DEIMOS, "stage": {"family": None}})
 
 
-def test_results_are_shown_and_opened_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    mission = hs.Mission.from_dict(DEIMOS)
-    result = hs.run(mission, set={"stage.family.x_amplitudes_km": [40]}, out="out")
+def test_results_are_shown_and_opened_again(waves: hs.Mission) -> None:
+    tables = tomllib.loads(Path("waves.toml").read_text("utf-8"))
+    tables["stage"]["few"] = {
+        "type": "sweep", "repeat": "wave", "over": {"stage.wave.height": np.array([0, 1])},
+    }  # fmt: skip
+    mission = hs.Mission.from_dict(tables)
+    result = hs.run(mission, set={"stage.few.over.'stage.wave.height'": [0, 2]}, out="out")
     assert result.ok
     assert repr(result).startswith("<RunResult 'out': ")
     name, table = next(iter(result.tables.items()))

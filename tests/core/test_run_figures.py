@@ -22,6 +22,10 @@ from hillsphere.cli.endings import run
 from hillsphere.errors import StageError
 from hillsphere.plugins import default_registry
 from hillsphere.runs.run_figures import draw_figures
+from hillsphere.show.charts import Chart
+from hillsphere.show.drawing import Drawing, draw
+from hillsphere.show.plotly_renderer import plotly_figure
+from hillsphere.show.presentation import AnyFigure
 
 SWEEP = """
 [stage.{name}]
@@ -125,6 +129,32 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
     default_registry.cache_clear()
 
 
+@pytest.fixture(scope="module")
+def pictures_drawn() -> dict[tuple[str, bool], Drawing]:
+    """Pictures by what they show and whether they are PNG too."""
+    return {}
+
+
+@pytest.fixture
+def drawn_once(
+    pictures_drawn: dict[tuple[str, bool], Drawing], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Draw each figure once for all tests that ask which pictures there are, not how they look.
+
+    A figure with other data is another one.
+    """
+
+    def draw_once(figure: AnyFigure, *, png: bool) -> Drawing:
+        assert isinstance(figure, Chart)
+        key = json.dumps(plotly_figure(figure)), png
+        if key not in pictures_drawn:
+            pictures_drawn[key] = draw(figure, png=png)
+        return pictures_drawn[key]
+
+    for module in ("pipeline", "run_figures"):
+        monkeypatch.setattr(f"hillsphere.runs.{module}.draw", draw_once)
+
+
 @pytest.fixture
 def place(ran: Place, tmp_path: Path) -> Place:
     """Place of a test's own, with a copy of the finished run."""
@@ -150,6 +180,7 @@ def test_a_finished_run_draws_the_files_of_a_run_that_was_asked(ran: Place, plac
     assert set(place.files()) == set(before) | pictures(FEW + MORE)
 
 
+@pytest.mark.usefixtures("drawn_once")
 @pytest.mark.parametrize(
     ("name", "drawn"),
     [("sweep_lines", FEW[:1]), (MORE[0], MORE[:1]), ("few", FEW), ("more-waves", MORE)],
@@ -197,6 +228,7 @@ def test_a_changed_mission_is_refused(place: Place) -> None:
     assert set(place.pictures()) == FIRST
 
 
+@pytest.mark.usefixtures("drawn_once")
 def test_a_damaged_product_is_refused(place: Place) -> None:
     (place.path / "out/more-waves.npz").write_bytes(b"something else")
     code, out, err = place("figures", "out", "more-waves", *AGAIN)
@@ -207,6 +239,7 @@ def test_a_damaged_product_is_refused(place: Place) -> None:
     assert place("figures", "out", "sweep_lines", *AGAIN)[0] == 0
 
 
+@pytest.mark.usefixtures("drawn_once")
 def test_a_run_that_is_not_finished_is_to_be_resumed(ran: Place, place: Place) -> None:
     path = place.path / "out/manifest.json"
     manifest = json.loads(path.read_text("utf-8"))
@@ -219,6 +252,7 @@ def test_a_run_that_is_not_finished_is_to_be_resumed(ran: Place, place: Place) -
     assert place.pictures() == ran.pictures("asked")
 
 
+@pytest.mark.usefixtures("drawn_once")
 def test_a_finished_run_is_resumed_for_its_figures(ran: Place, place: Place) -> None:
     before = place.files()
     code, out, err = place("resume", "out", "--figures", *AGAIN)
@@ -228,6 +262,7 @@ def test_a_finished_run_is_resumed_for_its_figures(ran: Place, place: Place) -> 
     assert before.items() <= place.files().items()
 
 
+@pytest.mark.usefixtures("drawn_once")
 def test_a_resumed_run_remembers_what_it_was_asked_for(ran: Place, tmp_path: Path) -> None:
     place = Place(tmp_path)
     shutil.copytree(ran.path / "asked", tmp_path / "out")
@@ -239,6 +274,7 @@ def test_a_resumed_run_remembers_what_it_was_asked_for(ran: Place, tmp_path: Pat
     assert place.pictures() == ran.pictures("asked")
 
 
+@pytest.mark.usefixtures("drawn_once")
 def test_an_interrupted_drawing_leaves_whole_files(ran: Place, place: Place) -> None:
     def at_a_terminal() -> None:
         for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -281,6 +317,7 @@ def test_a_full_disk_leaves_no_half_file(
     assert place("figures", "out", "sweep_lines", *AGAIN)[0] == 0
 
 
+@pytest.mark.usefixtures("drawn_once")
 def test_what_a_killed_drawing_left_is_removed(place: Place) -> None:
     part = place.path / "out/figures/.sweep_lines.png.0123abcd.part"
     part.write_bytes(b"\x89PN")

@@ -47,7 +47,10 @@ def imports_of(path: Path, known: dict[str, Path]) -> set[str]:
     return found
 
 
-def import_graph(known: dict[str, Path]) -> dict[str, set[str]]:
+@cache
+def import_graph() -> dict[str, set[str]]:
+    """Return the modules that each module imports."""
+    known = modules()
     return {name: imports_of(path, known) - {name} for name, path in known.items()}
 
 
@@ -89,7 +92,7 @@ def test_rooms_of_the_core() -> None:
 
 
 def test_no_import_circle() -> None:
-    assert circles(import_graph(modules())) == [], (
+    assert circles(import_graph()) == [], (
         "these modules import each other, directly or through others: move what they share to a "
         "module below both, usually a type to `interfaces` or `base`"
     )
@@ -102,7 +105,7 @@ def test_a_circle_is_seen() -> None:
 def test_plugins_import_only_the_core_and_themselves() -> None:
     wrong = [
         f"{name} imports {target}"
-        for name, targets in import_graph(modules()).items()
+        for name, targets in import_graph().items()
         for target in targets
         if target.partition(".")[0] not in ("hillsphere", name.partition(".")[0])
     ]
@@ -164,7 +167,7 @@ def named_in_core() -> set[str]:
 
 
 def test_core_modules_are_used_by_the_run_path_or_two_plugins() -> None:
-    graph = import_graph(modules())
+    graph = import_graph()
     assert unused_by_two(graph, named_in_core()) == [], (
         "move each of these core modules to the one plugin that uses it, or delete it"
     )
@@ -344,11 +347,11 @@ def test_presentation_is_at_most_a_third_of_a_plugin() -> None:
 # --- figures
 
 
-def drawing_imports(text: str) -> list[str]:
+def drawing_imports(tree: ast.Module) -> list[str]:
     """Return the drawing libraries that a module imports."""
     names = [
         alias.name if isinstance(node, ast.Import) else str(node.module)
-        for node in ast.walk(ast.parse(text))
+        for node in ast.walk(tree)
         if isinstance(node, ast.Import | ast.ImportFrom)
         for alias in node.names
     ]
@@ -359,11 +362,11 @@ def test_no_plugin_draws() -> None:
     found = {
         str(path.relative_to(ROOT)): names
         for path in (ROOT / "plugins").rglob("*.py")
-        if (names := drawing_imports(path.read_text("utf-8")))
+        if (names := drawing_imports(tree_of(path)))
     }
     assert found == {}, "declare these figures as data, `hillsphere.presentation.Chart`"
 
 
 def test_an_import_for_drawing_is_seen() -> None:
     text = "def draw():\n    from matplotlib.ticker import LogLocator\n    import plotly\n"
-    assert drawing_imports(text) == ["matplotlib.ticker", "plotly"]
+    assert drawing_imports(ast.parse(text)) == ["matplotlib.ticker", "plotly"]

@@ -114,17 +114,17 @@ def faults_of(done: Ended) -> list[str]:
 def test_mutants_are_refused_in_plain_words_and_run_within_limits(
     scratch: Path, registry: Registry
 ) -> None:
-    sound = validated(range(600), scratch, registry)
-    shares = zip(CHEAP, (6, 3, 2), strict=True)
+    sound = validated(range(200), scratch, registry)
+    shares = zip(CHEAP, (3, 1, 2), strict=True)
     some = [made for base, n in shares for made in [m for m in sound if m.base == base][:n]]
-    assert len(some) == 11
+    assert len(some) == 6
     ends: Counter[int] = Counter()
     with CommandLines(scratch) as commands:
         for made in some:
             done, wrong = run(commands, made)
             assert not wrong, (made.number, made.base, made.changes, wrong)
             ends[done.code] += 1
-    assert ends[0] >= 3
+    assert ends[0] >= 2
     assert ends[130] >= 1
 
 

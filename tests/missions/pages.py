@@ -37,13 +37,34 @@ def find_browser() -> str:
 
 
 @contextmanager
-def open_page(
-    directory: Path, width: int = 1280, scheme: Any = "light", scripts: bool = True
-) -> Iterator[tuple[Any, list[str]]]:
-    """Yield the page of a run, and what it asked for or complained about."""
+def open_browser() -> Iterator[Any]:
+    """Yield the system's browser."""
     executable = find_browser()
     from playwright.sync_api import sync_playwright
 
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=executable, args=list(ARGUMENTS))
+        yield browser
+        browser.close()
+
+
+@contextmanager
+def open_page(
+    directory: Path, width: int = 1280, scheme: Any = "light", scripts: bool = True
+) -> Iterator[tuple[Any, list[str]]]:
+    """Yield the page of a run, and what it asked for or complained about; starts a browser."""
+    with (
+        open_browser() as browser,
+        open_page_in(browser, directory, width, scheme, scripts) as both,
+    ):
+        yield both
+
+
+@contextmanager
+def open_page_in(
+    browser: Any, directory: Path, width: int = 1280, scheme: Any = "light", scripts: bool = True
+) -> Iterator[tuple[Any, list[str]]]:
+    """Yield the page of a run, without memory of other pages, as `open_page` does."""
     url = (directory / "report.html").resolve().as_uri()
     told: list[str] = []
 
@@ -51,22 +72,18 @@ def open_page(
         if request.url.split("#")[0] != url and not request.url.startswith(("data:", "blob:")):
             told.append(f"request {request.url[:100]}")
 
-    with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=executable, args=list(ARGUMENTS))
-        context = browser.new_context(
-            viewport={"width": width, "height": 900}, color_scheme=scheme,
-            java_script_enabled=scripts,
-        )  # fmt: skip
-        page = context.new_page()
-        page.on("request", note_request)
-        page.on("pageerror", lambda error: told.append(f"error {error}"))
-        page.on(
-            "console",
-            lambda m: told.append(f"console {m.text[:200]}") if m.type == "error" else None,
-        )
-        page.goto(url)
-        yield page, told
-        browser.close()
+    context = browser.new_context(
+        viewport={"width": width, "height": 900}, color_scheme=scheme, java_script_enabled=scripts
+    )
+    page = context.new_page()
+    page.on("request", note_request)
+    page.on("pageerror", lambda error: told.append(f"error {error}"))
+    page.on(
+        "console", lambda m: told.append(f"console {m.text[:200]}") if m.type == "error" else None
+    )
+    page.goto(url)
+    yield page, told
+    context.close()
 
 
 _IDENTIFIER = re.compile(r"\w_\w|[A-Za-z]\w*\.[A-Za-z]")
@@ -107,23 +124,29 @@ def check_words(directory: Path) -> None:
 def check_page(directory: Path) -> None:
     """Fail unless the page of a run works at every width, in both schemes, and is accessible."""
     check_words(directory)
-    for width in WIDTHS:
-        with open_page(directory, width, "dark" if width == 1600 else "light") as (page, told):
+    with open_browser() as browser:
+        for width in WIDTHS:
+            _check_width(browser, directory, width)
+        with open_page_in(browser, directory, scripts=False) as (page, _):
+            assert page.locator("h1").is_visible()
+            page.locator(".picture").first.wait_for(state="visible")
+        _check_print(browser, directory)
+
+
+def _check_width(browser: Any, directory: Path, width: int) -> None:
+    scheme = "dark" if width == 1600 else "light"
+    with open_page_in(browser, directory, width, scheme) as (page, told):
+        _wait_for_plots(page)
+        page.evaluate("document.querySelectorAll('details').forEach(d => d.open = true)")
+        size = page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
+        assert size[0] <= size[1], f"at {width} px the page is {size[0]} px wide"
+        if width == 1280:
             _wait_for_plots(page)
-            page.evaluate("document.querySelectorAll('details').forEach(d => d.open = true)")
-            size = page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
-            assert size[0] <= size[1], f"at {width} px the page is {size[0]} px wide"
-            if width == 1280:
-                _wait_for_plots(page)
-                _check_tables(page)
-                _check_scenes(page)
-            if width > 390:  # one in each scheme
-                _check_accessibility(page)
-            assert told == []
-    with open_page(directory, scripts=False) as (page, _):
-        assert page.locator("h1").is_visible()
-        page.locator(".picture").first.wait_for(state="visible")
-    _check_print(directory)
+            _check_tables(page)
+            _check_scenes(page)
+        if width > 390:  # one in each scheme
+            _check_accessibility(page)
+        assert told == []
 
 
 def _wait_for_plots(page: Any) -> None:
@@ -169,9 +192,9 @@ def _check_accessibility(page: Any) -> None:
     )
 
 
-def _check_print(directory: Path) -> None:
+def _check_print(browser: Any, directory: Path) -> None:
     """Fail if the page, as it opens, needs more than fifteen sheets."""
-    with open_page(directory) as (page, _):
+    with open_page_in(browser, directory) as (page, _):
         _wait_for_plots(page)
         pdf = page.pdf(format="A4")
     assert pdf.count(b"/Type /Page\n") + pdf.count(b"/Type /Page ") <= 15

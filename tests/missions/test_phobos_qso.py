@@ -12,6 +12,7 @@ References
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 from tests.missions.pages import check_page
 
 import hillsphere
+from hillsphere.base.paths import missions_directory
 from hillsphere.dynamics import StepMap, Taylor, system
 from hillsphere.products import Bifurcations, PeriodicOrbits, load_product
 
@@ -466,6 +468,19 @@ curve_members = 41
     assert orbits.x0[4] / orbits.length_m * orbits.time_s == pytest.approx(
         [-8.398301051334], rel=1e-12
     )
+
+
+def test_a_run_confirms_the_record(phobos_qso: Run) -> None:
+    """Which ``hillsphere papers`` shows; here, as the run is one of these tests."""
+    text = (missions_directory() / "record.json").read_text("utf-8")
+    record = json.loads(text)["phobos-qso"]
+    for key in ("requirements", "claims"):
+        ours = {row["name"]: (row["state"], row["got"]) for row in phobos_qso.summary[key]}
+        recorded = {row["name"]: (row["state"], row["got"]) for row in record[key]}
+        assert {name: state for name, (state, _) in ours.items()} == {
+            name: state for name, (state, _) in recorded.items()
+        }
+        assert ours["table_1"] == recorded["table_1"] if key == "claims" else True
 
 
 def test_its_page_works_in_a_browser(phobos_qso: Run) -> None:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.missions.conftest import Run
 
 from hillsphere.base.paths import missions_directory
 from hillsphere.cli.endings import run as command
@@ -27,16 +26,6 @@ def test_recorded_claims_are_those_of_the_mission(name: str) -> None:
         assert {row["name"]: row["text"] for row in RECORD[name][key]} == stated, (
             "run the whole mission again and record it: benchmarks/record_claims.py"
         )
-
-
-def test_a_run_confirms_the_record(phobos_qso: Run) -> None:
-    for key in ("requirements", "claims"):
-        ours = {row["name"]: (row["state"], row["got"]) for row in phobos_qso.summary[key]}
-        recorded = {row["name"]: (row["state"], row["got"]) for row in RECORD["phobos-qso"][key]}
-        assert {name: state for name, (state, _) in ours.items()} == {
-            name: state for name, (state, _) in recorded.items()
-        }
-        assert ours["table_1"] == recorded["table_1"] if key == "claims" else True
 
 
 def test_pages_say_what_the_record_says(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -173,7 +173,7 @@ class CompiledStep:
     def _bind(self, h: Array, p: Array) -> Advance:
         function, terms, moving = self._function, self._terms, self.needs_time
         cases, after = len(h), self.rows + len(p)
-        width = _padded(cases, self._lanes)
+        width = _pad_lanes(cases, self._lanes)
         # the unused lanes hold ones, of which nothing is read
         inputs = np.ones((function.nvars, width))
         states, clock, held = (
@@ -277,7 +277,7 @@ def _compose(
     return step
 
 
-def _padded(cases: int, together: int) -> int:
+def _pad_lanes(cases: int, together: int) -> int:
     """Return the number of lanes to evaluate: one, or a multiple of those evaluated together.
 
     Four lanes take one and a half times as long as a lane alone, eight twice. Their functions
