@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,11 +14,12 @@ from hillsphere.errors import InputError, Interrupted
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
+from hillsphere_controllers.dk import search
 from hillsphere_controllers.dk.absorption import absorb_scalings, factors
 from hillsphere_controllers.dk.multipliers import Multiplier
 from hillsphere_controllers.dk.results import DkDesign, DkIteration
 from hillsphere_controllers.dk.synthesis import dk_synthesis
-from hillsphere_controllers.full_order.hinf import hinf_synthesis
+from hillsphere_controllers.full_order.hinf import HinfDesign, hinf_synthesis
 from hillsphere_controllers.mu.blocks import BlockStructure, full, repeated_real
 from hillsphere_controllers.mu.robustness import robust_stability
 from hillsphere_controllers.mu.upper_bound import upper_bounds
@@ -100,9 +102,19 @@ def assert_sound(design: DkDesign, structure: BlockStructure, omega: Array) -> N
         assert step.accepted == (not step.refusal)
 
 
-def test_a_lag_with_uncertain_input_gets_nearly_flat_mu() -> None:
+def test_a_lag_with_uncertain_input_gets_nearly_flat_mu(monkeypatch: pytest.MonkeyPatch) -> None:
     """D–K gains on H∞ synthesis without scalings, and the bounds meet."""
+    syntheses: list[LtiSystem] = []
+
+    def counted(*args: Any, **options: Any) -> HinfDesign:
+        syntheses.append(args[0])
+        return hinf_synthesis(*args, **options)
+
+    monkeypatch.setattr(search, "hinf_synthesis", counted)
     design = dk_synthesis(LAG, 1, 1, PAIR, reduction=0.02)
+    assert any(step.kind == "joint" for step in design.iterations)
+    # 17 + 15 constant scalings are tried, then each step makes one controller
+    assert len(syntheses) <= 17 + 15 + 1 + len(design.iterations)
     assert_sound(design, PAIR, np.logspace(-4, 3, 60))
     plain = robust_stability(hinf_synthesis(LAG, 1, 1).closed_loop, PAIR)
     assert design.robustness.upper < 0.9 * plain.upper

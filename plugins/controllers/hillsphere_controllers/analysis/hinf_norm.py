@@ -28,15 +28,16 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import zgetrf, zgetri
+from scipy.linalg.lapack import dgeev, zgetrf, zgetri
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.analysis.frequency import Response, largest_gains
+from hillsphere_controllers.analysis.frequency import Response, largest_gains, squared_gains
 from hillsphere_controllers.systems.balancing import balance_states
 from hillsphere_controllers.systems.bilinear import continuous
 
@@ -48,7 +49,7 @@ __all__ = [
 _MOST_LEVELS = 40
 """Levels at most. The level rises quadratically to the norm: fewer than ten are needed, and the
 limit ends cycles by rounding."""
-_GRID = 40
+_SHARES = np.linspace(0.0, 1.0, 40)
 """Frequencies of the first look, evenly spaced in their logarithm; besides those of the poles."""
 _NEAR = 1e-2
 """An eigenvalue this near the imaginary axis, relative to its size, is looked at."""
@@ -57,6 +58,22 @@ _CLOSE, _MOST_CLOSE = 1e-3, 20
 matrices are badly conditioned, rounding may change the order."""
 _FLAT = 1e-11
 """Relative rise of the gain below which a peak is not searched more finely."""
+_ROUNDS = 8
+"""Rounds of narrowing about a peak at most; three or four suffice."""
+_NARROWED, _NEAREST = 0.1, 1e-9
+"""Distance of the next points from the vertex: a share of the vertex's last move, and no less than
+this share of the frequency, at which rounding hides differences of the gain."""
+_SLOW = 1e-8
+"""Frequencies below this share of the slowest pole's count as zero: the gain, an even function of
+frequency, differs by rounding alone."""
+_EVEN = 16.0
+"""Norms of rows and columns within this factor need no balancing: it costs one digit of sixteen at
+most, and LAPACK balances each matrix whose eigenvalues it computes."""
+_SURE = 1e-8
+"""Distance of the poles from the axis, relative to the largest, above which stability is sure:
+the square root of rounding, by which a double eigenvalue moves."""
+_BESIDE = 1e-3
+"""Relative distance from the best peak within which a gain below the level belongs to it."""
 _NOISE, _FLAT_TOP, _NARROWER = 2e-10, 10.0, 5
 """Above this noise of the gains the peak is looked for once more: in the system as given, within so
 many times the noise's root, relative, in so many rounds."""
@@ -126,11 +143,9 @@ def hinf_norm(system: LtiSystem, tolerance: float = 1e-9) -> HinfNorm:
     """
     if not 1e-14 <= tolerance < 1.0:
         raise InputError(f"tolerance must be from 1e-14 to 1, got {tolerance}")
-    poles = system.poles
-    size = poles.real if system.dt_s is None else np.abs(poles) - 1.0
-    if not size.max(initial=-np.inf) < 0.0:
-        return HinfNorm(np.inf, np.nan, np.inf)
     if system.dt_s is not None:
+        if not system.is_stable:
+            return HinfNorm(np.inf, np.nan, np.inf)
         made, _ = balance_states(system)
         norm = hinf_norm(continuous(made), tolerance)
         frequency = 2.0 / system.dt_s * float(np.arctan(0.5 * system.dt_s * norm.frequency_rad_s))
@@ -139,19 +154,23 @@ def hinf_norm(system: LtiSystem, tolerance: float = 1e-9) -> HinfNorm:
         # the image was rounded as well
         high, error = _gain_with_rounding(made, frequency)
         return HinfNorm(norm.value, frequency, max(norm.upper, high), max(norm.error, error))
-    direct = float(largest_gains(system.d[None].astype(complex))[0])
     if system.order == 0 or 0 in system.shape:
+        direct = float(largest_gains(system.d[None].astype(complex))[0])
         return HinfNorm(direct, 0.0, direct)
-    search = _Search(system, poles)
+    search = _Search(system)
+    if not search.is_stable:
+        return HinfNorm(np.inf, np.nan, np.inf)
+    search.begin()
     if search.value == np.inf:  # rounding has put a pole on the axis: nothing is told
         return HinfNorm(np.inf, search.frequency, np.inf, np.inf)
-    if search.value > direct:
+    direct = float(largest_gains(system.d[None].astype(complex))[0]) if system.d.any() else 0.0
+    if search.value > direct or direct == 0.0:
         return search.climb(tolerance)
     # The peak is at infinity, where R is singular: s → ω²/s puts it at zero.
     scale = float(np.exp(np.mean(np.log(np.abs(search.response.poles)))))
-    matrices = invert_frequency(system.a, system.b, system.c, system.d, scale)
-    inverse = LtiSystem(*matrices)
-    norm = _Search(inverse, inverse.poles).climb(tolerance)
+    search = _Search(LtiSystem(*invert_frequency(system.a, system.b, system.c, system.d, scale)))
+    search.begin()
+    norm = search.climb(tolerance)
     frequency = np.inf if norm.frequency_rad_s == 0.0 else scale**2 / norm.frequency_rad_s
     return HinfNorm(norm.value, float(frequency), norm.upper, norm.error)
 
@@ -159,75 +178,111 @@ def hinf_norm(system: LtiSystem, tolerance: float = 1e-9) -> HinfNorm:
 class _Search:
     """Search for the largest gain of a stable system of order ≥ 1: the best so far, and where."""
 
-    def __init__(self, system: LtiSystem, poles: NDArray[np.complex128]) -> None:
+    def __init__(self, system: LtiSystem) -> None:
         self.given = system
-        self.system, _ = balance_states(system)
-        a, b, c, d = self.system.a, self.system.b, self.system.c, self.system.d
-        self.response = Response(a, b, c, d, modes=True)
+        self.system, _ = balance_states(system, _EVEN)
+        even = self.system
+        self.response = Response(even.a, even.b, even.c, even.d, modes=True)
+        self.poles = self.response.poles if even is system else system.poles
+        """Of the system as given: rounding may have moved slow poles of badly scaled ones."""
+        if not self.poles.real.max() < -_SURE * np.abs(self.poles).max():
+            self.poles = system.poles  # by which a system's stability is judged everywhere
+        self.is_stable = bool(self.poles.real.max() < 0.0)
         self.value, self.frequency = -1.0, 0.0
         self.noise = 0.0
         """Largest relative difference of gains by the Schur form and by the system as given."""
-        size = np.abs(self.response.poles)
-        # rounding may have moved slow poles of badly scaled systems
-        given = _new_poles(poles, self.response.poles)
+
+    def begin(self) -> None:
+        """Look at frequencies of the poles, and between and beside them."""
+        poles = self.response.poles
+        if self.poles is not poles:
+            poles = np.concatenate([poles, _new_poles(self.poles, poles)])
+        poles = poles[poles.imag >= 0.0]
+        size = np.abs(poles)
         low, high = np.log10(size.min()) - 1.0, np.log10(size.max()) + 1.0
-        first = np.concatenate(
-            [
-                [0.0],
-                size,
-                np.abs(self.response.poles.imag),
-                np.abs(given),
-                np.abs(given.imag),
-                np.sqrt(np.maximum(size**2 - 2.0 * self.response.poles.real**2, 0.0)),
-                np.logspace(low, high, _GRID),
-            ]
-        )
-        self.look(first)
+        resonant = np.sqrt(np.maximum(size**2 - 2.0 * poles.real**2, 0.0))
+        grid = 10.0 ** (low + (high - low) * _SHARES)
+        self.look(np.concatenate([[0.0], size, poles.imag, resonant, grid]))
 
     def look(self, omega: Array) -> None:
         """Take the gains at frequencies into account, and refine the best."""
-        points = np.unique(np.concatenate([omega, [self.frequency]]))
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            responses = self.response(1j * points)
-        lost = ~np.isfinite(responses).all(axis=(1, 2))
+        points = np.concatenate([omega, [self.frequency, 2.0 * omega.max() + 1e-300]])
+        points.sort()
+        points = points[np.concatenate([[True], points[1:] > points[:-1]])]
+        squares = self._squares(points)
+        lost = ~np.isfinite(squares)
         if lost.any():  # a pole on the axis but for rounding
             self.value, self.frequency = np.inf, float(points[np.argmax(lost)])
             return
-        gains = largest_gains(responses)
-        inner = np.flatnonzero(
-            (gains >= np.append(gains[1:], -1.0)) & (gains >= np.insert(gains[:-1], 0, -1.0))
-        )
+        around = np.concatenate([squares[1:2], squares, [-1.0]])
+        inner = np.flatnonzero((squares >= around[:-2]) & (squares >= around[2:]))
         # the four highest local maxima within 10 % of the largest are refined together
-        inner = inner[np.argsort(gains[inner])[-4:]]
-        inner = inner[gains[inner] >= 0.9 * gains.max()]
-        at = points[inner]
-        left = points[np.maximum(inner - 1, 0)]
-        right = np.append(points, 2.0 * points[-1] + 1e-300)[inner + 1]
-        # each round divides the intervals beside a maximum by six
-        share = np.linspace(0.0, 1.0, 7)[1:-1, None]
-        highest = gains[inner]
-        for _ in range(5):
-            near = np.concatenate([at[None], left + share * (at - left), at + share * (right - at)])
-            near.sort(axis=0)
-            high = largest_gains(self.response(1j * near.ravel())).reshape(near.shape)
-            best = np.argmax(high, axis=0)
-            column = np.arange(at.size)
-            left = near[np.maximum(best - 1, 0), column]
-            right = near[np.minimum(best + 1, len(near) - 1), column]
-            at = near[best, column]
-            if (high[best, column] <= (1.0 + _FLAT) * highest).all():
+        largest = float(squares.max())
+        if inner.size > 1:
+            inner = inner[np.argsort(squares[inner])[-4:]]
+            inner = inner[squares[inner] >= 0.81 * largest]
+        at, high = self._refine(points, squares, inner)
+        self._take(at, high)
+        if self.noise > _NOISE or not self.response.by_modes:
+            # the last word has the system as it was given, not its scaled Schur form
+            near = squares >= (1.0 - _CLOSE) ** 2 * largest
+            near[inner] = True
+            self._take(points[near][:_MOST_CLOSE], squares[near][:_MOST_CLOSE])
+
+    def _squares(self, omega: Array) -> Array:
+        """Return squared gains (K,), not finite at a pole."""
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            responses = self.response(1j * omega)
+            squares = squared_gains(responses) if np.isfinite(responses).all() else None
+            if squares is not None and np.isfinite(squares).all():
+                return squares
+        finite = np.isfinite(responses).all(axis=(1, 2))
+        gains = np.full(omega.size, np.inf)
+        gains[finite] = largest_gains(responses[finite])
+        with np.errstate(over="ignore"):
+            return np.asarray(gains**2)
+
+    def _refine(self, points: Array, squares: Array, inner: Array) -> tuple[Array, Array]:
+        """Return local maxima nearer to their peaks, and the squares of their gains.
+
+        Beside a resonance 1/gain² is nearly a parabola of the frequency, whose vertex is computed
+        from three points; three much nearer to it follow.
+        """
+        at, high = points[inner], squares[inner]
+        # the gain is an even function of frequency
+        before, after = np.maximum(inner - 1, 0), np.minimum(inner + 1, points.size - 1)
+        left, right = points[before], points[after]
+        left[inner == 0] = -right[inner == 0]
+        low = squares[before]
+        low[inner == 0] = squares[after][inner == 0]
+        values = np.array([low, high, squares[after]])
+        places = np.array([left, at, right])
+        for _ in range(_ROUNDS):
+            vertex, rise = _vertices(places, values)
+            vertex = np.where(at > 0.0, vertex, 0.0)  # zero frequency is an extremum itself
+            if not ((rise > _FLAT) & (at > 0.0)).any():
                 break
-            highest = high[best, column]
-        # the last word has the system as it was given, not its scaled Schur form
-        close = points[gains >= (1.0 - _CLOSE) * gains.max()][:_MOST_CLOSE]
-        tried = np.unique(np.concatenate([at, points[inner], close]))
-        exact = largest_gains(self.given.response(tried))
-        best_one = int(np.argmax(exact))
-        rough = largest_gains(self.response(1j * tried))
-        away = np.abs(rough - exact)[exact >= (1.0 - _CLOSE) * exact[best_one]]
-        self.noise = max(self.noise, float(away.max()) / max(float(exact[best_one]), 1e-300))
-        if exact[best_one] > self.value:
-            self.value, self.frequency = float(exact[best_one]), float(tried[best_one])
+            step = np.maximum(_NARROWED * np.abs(vertex - at), _NEAREST * np.abs(at))
+            places = np.array([vertex - step, vertex, vertex + step])
+            values = self._squares(places.ravel()).reshape(places.shape)
+            best = np.argmax(values, axis=0)
+            column = np.arange(at.size)
+            reached = values[best, column]
+            higher = reached > high
+            at = np.where(higher, np.abs(places[best, column]), at)
+            high = np.maximum(reached, high)
+        return at, high
+
+    def _take(self, omega: Array, squares: Array) -> None:
+        """Compute gains once more from the system as given, and keep the best."""
+        slowest = float(np.abs(self.response.poles).min())
+        omega = np.where(omega < _SLOW * slowest, 0.0, omega)
+        exact = _exact_gains(self.given, omega)
+        best = int(np.argmax(exact))
+        away = np.abs(np.sqrt(squares) - exact)[exact >= (1.0 - _CLOSE) * exact[best]]
+        self.noise = max(self.noise, float(away.max()) / max(float(exact[best]), 1e-300))
+        if exact[best] > self.value:
+            self.value, self.frequency = float(exact[best]), float(omega[best])
 
     def look_beside(self, noise: float) -> None:
         """Look for a higher gain beside the peak in the system as given, not in its Schur form."""
@@ -251,10 +306,11 @@ class _Search:
             # the gain between the crossings is higher
             level = self.value * (1.0 + tolerance)
             values = hamiltonian_eigenvalues(self.system, level)
-            near = np.abs(values.real) <= _NEAR * np.abs(values)
-            omega = np.unique(np.abs(values[near].imag))
-            if omega.size:
-                self.look(np.concatenate([omega, 0.5 * (omega[1:] + omega[:-1])]))
+            near = (values.imag >= 0.0) & (np.abs(values.real) <= _NEAR * np.abs(values))
+            omega = np.sort(values.imag[near])
+            omega = np.concatenate([omega, 0.5 * (omega[1:] + omega[:-1])])
+            if omega.size and self._may_be_above(omega, level):
+                self.look(omega)
                 if self.value == np.inf:
                     return HinfNorm(np.inf, self.frequency, np.inf, np.inf)
             if self.value > level:
@@ -268,16 +324,54 @@ class _Search:
                 return self._bound_with_rounding(level)
         return self._bound_with_rounding(np.inf)
 
+    def _may_be_above(self, omega: Array, level: float) -> bool:
+        """Return whether the gain is above a level, or nearly so anywhere but at the best peak."""
+        if self.noise > _NOISE:
+            return True
+        squares = self._squares(omega)
+        limit = np.where(
+            np.abs(omega - self.frequency) <= _BESIDE * self.frequency,
+            level**2, ((1.0 - _CLOSE) * level) ** 2,
+        )  # fmt: skip
+        return not bool((squares <= limit).all())
+
     def _bound_with_rounding(self, level: float) -> HinfNorm:
         # another frequency may have a lower gain that is less sure
-        others = np.unique(np.append(np.abs(self.response.poles), 0.0))
-        others = others[others != self.frequency]
-        gains = largest_gains(self.response(1j * others))
-        few = others[np.argsort(-gains)[:_ROUNDED]]
+        sizes = {0.0, *np.abs(self.response.poles).tolist()} - {self.frequency}
+        few = np.array(sorted(sizes))
+        if few.size > _ROUNDED:
+            few = few[np.argsort(-self._squares(few))[:_ROUNDED]]
         high, errors = _gains_with_rounding(self.given, np.append(self.frequency, few))
         error = float(errors[0])
         upper = max(level * (1.0 + max(error, self.noise)), float(high.max()))
         return HinfNorm(self.value, self.frequency, upper, error)
+
+
+def _vertices(places: Array, squares: Array) -> tuple[Array, Array]:
+    """Return where parabolas (K,) through three values of 1/gain², (3, K), are least.
+
+    And by how much gain² is higher there, relatively; where there is no such vertex near by, the
+    middle frequency is returned.
+    """
+    left, at, right = places
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        before, _, after = squares[1] / squares
+        rise, fall = (after - 1.0) / (right - at), (1.0 - before) / (at - left)
+        bend = (rise - fall) / (right - left)
+        vertex = 0.5 * (left + at - fall / bend)
+        # a little beside them, if the middle value is not the largest
+        inside = (bend > 0.0) & (np.abs(vertex - at) <= 2.0 * (right - left))
+        risen = np.where(inside, bend * (vertex - at) ** 2, 0.0)
+    return np.where(inside, vertex, at), risen
+
+
+def _exact_gains(system: LtiSystem, omega: Array) -> Array:
+    """Return the gains (K,) of a system in continuous time, as its response has them."""
+    away = (1j * omega)[:, None, None] * np.eye(system.order) - system.a
+    try:
+        return largest_gains(system.d + system.c @ np.linalg.solve(away, system.b + 0j))
+    except np.linalg.LinAlgError:  # the response says what is wrong
+        return largest_gains(system.response(omega))
 
 
 def _new_poles(
@@ -300,48 +394,53 @@ def _gains_with_rounding(system: LtiSystem, omega: Array) -> tuple[Array, Array]
     Both are infinite where rounding may make s I − A singular.
     """
     s = 1j * omega if system.dt_s is None else np.exp(1j * omega * system.dt_s)
-    n, unit = system.order, np.eye(system.order)
+    n = system.order
+    unit, below, above = _triangles(n)
     away = s[:, None, None] * unit - system.a
-    high, error = np.full(omega.size, np.inf), np.full(omega.size, np.inf)
     factors, inverse = np.empty_like(away), np.empty_like(away)
-    order = np.tile(np.arange(n), (omega.size, 1))
-    sure = np.ones(omega.size, dtype=bool)
+    order = []
     for i, one in enumerate(away):
         factors[i], swaps, singular = zgetrf(one)
-        sure[i] = not singular
         if singular:
-            continue
-        inverse[i], _ = zgetri(factors[i], swaps)
-        row = order[i]
+            inverse[i] = np.nan
+        else:
+            inverse[i], _ = zgetri(factors[i], swaps)
+        row = list(range(n))
         for k, other in reversed(list(enumerate(swaps.tolist()))):
-            if other != k:
-                row[k], row[other] = row[other], row[k]
-    places = np.flatnonzero(sure)
-    factors, inverse, order = factors[places], inverse[places], order[places]
-    size, below = np.abs(factors), np.tri(n, k=-1)
-    # |L| |U| of the backward error bound, rows in their original order
-    changed = (size * below + unit) @ (size * (1.0 - below))
-    changed = np.take_along_axis(changed, order[:, :, None], axis=1)
-    into, out = inverse @ system.b, system.c @ inverse
-    gains = largest_gains((out @ system.b + system.d).astype(complex))
+            row[k], row[other] = row[other], row[k]
+        order.append(row)
+    size = np.abs(factors)
     with np.errstate(all="ignore"):
-        changed *= n * _EPS
+        # |L| |U| of the backward error bound, rows in their original order
+        changed = (size * below + unit) @ (size * above)
+        changed = changed[np.arange(omega.size)[:, None], order] * (n * _EPS)
         if system.dt_s is not None:  # exp(jω dt) is rounded itself
             changed += _EPS * unit
         part = np.abs(inverse) @ changed
-    for i, place in enumerate(places.tolist()):
-        # (I − R E)⁻¹ R B with |E| no larger than `changed`
-        if not np.isfinite(part[i]).all():
-            continue
-        # the Neumann series of (I − R E)⁻¹ must converge, else rounding may make the matrix
-        # singular
-        norm = part[i].sum(axis=0).max()
-        if norm >= 0.5 and np.abs(np.linalg.eigvals(part[i])).max() >= 0.5:
-            continue
-        moved = np.abs(out[i]) @ changed[i] @ np.linalg.solve(unit - part[i], np.abs(into[i]))
-        away_by, gain = float(np.linalg.norm(moved)), float(gains[i])
-        high[place], error[place] = gain + away_by, away_by / gain if gain > 0.0 else 0.0
+        norm = part.sum(axis=1).max(axis=1)
+    # the Neumann series of (I − R E)⁻¹, |E| no larger than `changed`, must converge, else rounding
+    # may make the matrix singular
+    sure = norm < 0.5
+    for i in np.flatnonzero(~sure & np.isfinite(norm)):
+        sure[i] = np.abs(np.linalg.eigvals(part[i])).max() < 0.5
+    high, error = np.full((2, omega.size), np.inf)
+    if not sure.all():
+        inverse, changed, part = inverse[sure], changed[sure], part[sure]
+    into, out = inverse @ system.b, system.c @ inverse
+    # (I − R E)⁻¹ R B
+    moved = np.abs(out) @ changed @ np.linalg.solve(unit - part, np.abs(into))
+    away_by = np.sqrt(np.sum(moved * moved, axis=(1, 2)))
+    gains = largest_gains((out @ system.b + system.d).astype(complex))
+    high[sure] = gains + away_by
+    error[sure] = away_by / np.where(gains > 0.0, gains, np.inf)
     return high, error
+
+
+@lru_cache(maxsize=32)
+def _triangles(n: int) -> tuple[Array, Array, Array]:
+    """Return the unit matrix, and ones below the diagonal, and on and above it."""
+    below = np.tri(n, k=-1)
+    return np.eye(n), below, 1.0 - below
 
 
 def hamiltonian_eigenvalues(system: LtiSystem, level: float) -> NDArray[np.complex128]:
@@ -360,7 +459,11 @@ def hamiltonian_eigenvalues(system: LtiSystem, level: float) -> NDArray[np.compl
         Complex eigenvalues; an imaginary one is a frequency where a singular value equals the
         level.
     """
-    return hamiltonians_eigenvalues(system.a, system.b, system.c, system.d, np.array(level))
+    made = _hamiltonians(system.a, system.b, system.c, system.d, np.array(level))
+    real, imaginary, _, _, failed = dgeev(made, compute_vl=0, compute_vr=0)
+    if failed:
+        raise np.linalg.LinAlgError("the eigenvalues of a Hamiltonian matrix did not converge")
+    return np.asarray(real + 1j * imaginary)
 
 
 def hamiltonians_eigenvalues(
@@ -380,6 +483,10 @@ def hamiltonians_eigenvalues(
     ndarray, shape (..., 2n)
         Complex eigenvalues.
     """
+    return np.asarray(np.linalg.eigvals(_hamiltonians(a, b, c, d, level)), dtype=complex)
+
+
+def _hamiltonians(a: Array, b: Array, c: Array, d: Array, level: Array) -> Array:
     # of the system divided by the level: R = I − DᵀD stays of order one
     root = np.sqrt(level)[..., None, None]
     b, c = b / root, c / root
@@ -398,7 +505,7 @@ def hamiltonians_eigenvalues(
         made[..., :n, n:] = b @ b.swapaxes(-1, -2)
         made[..., n:, :n] = -c.swapaxes(-1, -2) @ c
     made[..., n:, n:] = -made[..., :n, :n].swapaxes(-1, -2)
-    return np.asarray(np.linalg.eigvals(made), dtype=complex)
+    return made
 
 
 def invert_frequency(

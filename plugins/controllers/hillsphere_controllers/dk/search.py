@@ -29,7 +29,7 @@ from hillsphere_controllers.dk.joint import descend_jointly
 from hillsphere_controllers.dk.multipliers import Multiplier
 from hillsphere_controllers.dk.results import DkIteration, Kind
 from hillsphere_controllers.errors import SynthesisFailedError
-from hillsphere_controllers.full_order.hinf import hinf_synthesis
+from hillsphere_controllers.full_order.hinf import hinf_synthesis, least_gamma
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.certified import CertifiedPeak, certified_peak
 from hillsphere_controllers.systems.algebra import lower_lft
@@ -166,7 +166,7 @@ class Search:
             )
             self._store_step()
             return
-        scalings = constant_scalings(self.structure, lambda x: self._gamma(x, 1.0, _ROUGH))
+        scalings = constant_scalings(self.structure, lambda x: self._gamma(x, 1.0))
         first, gamma = self._synthesise(scalings, 1.0)
         self._judge("start", first, scalings, gamma)
         self._store_step()
@@ -226,9 +226,17 @@ class Search:
 
     def _joint(self, start: Sequence[Multiplier], beta: float, steps: int) -> None:
         """Move scalings and controller together."""
+        near: tuple[float, float] | None = None
 
         def gamma(multipliers: Sequence[Multiplier]) -> float:
-            return self._gamma(multipliers, beta, _SMOOTH)
+            nonlocal near
+            if self._given is not None:
+                return self._gamma(multipliers, beta)
+            near = least_gamma(
+                self._absorb(multipliers, beta), *self.channels, tolerance=_SMOOTH,
+                regularisation=self._regularisation, near=near,
+            )  # fmt: skip
+            return near[0]
 
         self._step("joint", tuple(descend_jointly(gamma, start, self._omega, steps)), beta)
 
@@ -275,13 +283,13 @@ class Search:
     def _absorb(self, multipliers: Sequence[Multiplier], beta: float) -> LtiSystem:
         return absorb_scalings(self.plant, [factors(one, beta) for one in multipliers], beta)
 
-    def _gamma(self, multipliers: Sequence[Multiplier], beta: float, tolerance: float) -> float:
-        """Return the γ that the K-step reaches with scalings."""
+    def _gamma(self, multipliers: Sequence[Multiplier], beta: float) -> float:
+        """Return the γ that the K-step reaches with scalings, accurate enough to compare them."""
         scaled = self._absorb(multipliers, beta)
         if self._given is not None:
             return hinf_norm(lower_lft(scaled, self._given(scaled)), 1e-6).value
         return hinf_synthesis(
-            scaled, *self.channels, tolerance=tolerance, back_off=self._back_off,
+            scaled, *self.channels, tolerance=_ROUGH, back_off=self._back_off,
             regularisation=self._regularisation,
         ).solvable  # fmt: skip
 

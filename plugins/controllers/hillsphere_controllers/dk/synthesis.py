@@ -80,7 +80,8 @@ def dk_synthesis(
         Of one block's D, and of its G.
     joint_steps : int
         Quasi-Newton steps of each joint move of scalings and controller; zero for none. Each costs
-        as many K-steps as the scalings have parameters.
+        as many searches of γ as the scalings have parameters, each of a few Riccati equations,
+        or as many calls of `k_step`.
     target : float
         It ends once µ is certified to be below.
     gap : float

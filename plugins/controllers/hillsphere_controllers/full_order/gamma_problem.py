@@ -36,6 +36,11 @@ _FLOORS = (1e-15, 1e-10, 1e-6, 1e-2)
 """Floors of the eigenvalues of X in the error bound: a low floor is sharp for a well conditioned X,
 a high one alone proves anything for a nearly singular X. Each proof that succeeds is valid."""
 _EPS = float(np.finfo(float).eps)
+_EQUAL = 1e-12
+"""ρ(X Y) that is nearer to γ², relatively, counts as equal: rounding of its eigenvalues."""
+
+_Matrices = tuple[Array, Array, Array]
+_Side = tuple[Array, Array, Array, Array, Array]
 
 
 class GammaProblem:
@@ -123,32 +128,20 @@ class GammaProblem:
         If γ is too small by more than the errors of X and Y, `proved` is raised. Without checks X
         and Y are returned as found; the closed loop of their controller must then be checked.
         """
-        r, rt = self._weights(gamma)
-        sides = (
-            (self._a, np.hstack([self._b1, self._b2]), self._c1,
-             np.hstack([self._d11, self._d12]), r),
-            (self._a.T, np.vstack([self._c1, self._c2]).T, self._b1.T,
-             np.vstack([self._d11, self._d21]).T, rt),
-        )  # fmt: skip
         solutions = []
-        for side in sides:
+        for side in self._sides(gamma):
             posed = _equation(*side)
             if posed is None:
                 return None
             matrices, rounding = posed
-            if self.by_pencil:
-                x = solution_by_pencil(_normalise_inputs(*side), matrices, checked=checked)
-            else:
-                x = stabilising_solution(*matrices, checked=checked)
+            x = self._side_solution(side, matrices, checked=checked)
             if x is None:
                 if checked and gamma > self.proved:
                     at = axis_frequencies(*matrices)
                     bound = response_bound(self.plant, self._k, self._q, at)
                     self.proved = max(self.proved, bound)
                 return None
-            least = float(np.linalg.eigvalsh(x)[0]) if len(x) else 0.0
-            # X ≥ 0 is the second condition of Glover and Doyle (1988)
-            if checked and least < -1e-9 * max(float(np.abs(x).max(initial=0.0)), 1e-300):
+            if checked and _is_negative(x):
                 if gamma > self.proved and any(
                     solution_error(matrices, rounding, x, floor)[0] < 1.0 for floor in _FLOORS
                 ):
@@ -161,7 +154,7 @@ class GammaProblem:
         g2 = gamma * gamma
         # ρ(X Y) < γ² is the third
         largest = _radius(x, y)
-        if largest < g2 * (1.0 - 1e-12):
+        if largest < g2 * (1.0 - _EQUAL):
             return x, y
         if gamma > self.proved:
             errors = [[solution_error(*one, floor) for floor in _FLOORS] for one in solutions]
@@ -173,6 +166,36 @@ class GammaProblem:
                         self.proved = gamma
                         break
         return None
+
+    def slack(self, gamma: float) -> float | None:
+        """Return γ²/ρ(X Y) − 1, positive just if γ is solvable; None without X ≥ 0 and Y ≥ 0.
+
+        It rises with γ: X and Y fall. Nothing is proved by it.
+        """
+        solutions = []
+        for side in self._sides(gamma):
+            posed = _equation(*side)
+            x = None if posed is None else self._side_solution(side, posed[0], checked=True)
+            if x is None or _is_negative(x):
+                return None
+            solutions.append(x)
+        largest = _radius(*solutions)
+        return gamma * gamma * (1.0 - _EQUAL) / largest - 1.0 if largest > 0.0 else np.inf
+
+    def _sides(self, gamma: float) -> tuple[_Side, _Side]:
+        """Return A, B, C, D and R of the equations of X and of Y."""
+        r, rt = self._weights(gamma)
+        return (
+            (self._a, np.hstack([self._b1, self._b2]), self._c1,
+             np.hstack([self._d11, self._d12]), r),
+            (self._a.T, np.vstack([self._c1, self._c2]).T, self._b1.T,
+             np.vstack([self._d11, self._d21]).T, rt),
+        )  # fmt: skip
+
+    def _side_solution(self, side: _Side, matrices: _Matrices, *, checked: bool) -> Array | None:
+        if self.by_pencil:
+            return solution_by_pencil(_normalise_inputs(*side), matrices, checked=checked)
+        return stabilising_solution(*matrices, checked=checked)
 
     def _weights(self, gamma: float) -> tuple[Array, Array]:
         p1, m1 = self._d11.shape
@@ -254,7 +277,10 @@ def _radius(one: Array, other: Array) -> float:
     return float(np.abs(np.linalg.eigvals(one @ other)).max(initial=0.0))
 
 
-_Matrices = tuple[Array, Array, Array]
+def _is_negative(x: Array) -> bool:
+    """Return whether X ≥ 0, the second condition of Glover and Doyle (1988), is violated."""
+    least = float(np.linalg.eigvalsh(x)[0]) if len(x) else 0.0
+    return least < -1e-9 * max(float(np.abs(x).max(initial=0.0)), 1e-300)
 
 
 def _normalise_inputs(

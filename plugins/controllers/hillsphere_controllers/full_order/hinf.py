@@ -35,6 +35,7 @@ from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import HinfNorm, hinf_norm
 from hillsphere_controllers.errors import SingularProblemError, SynthesisFailedError
 from hillsphere_controllers.full_order.gamma_problem import GammaProblem
+from hillsphere_controllers.full_order.gamma_search import bisect_gamma, close_in, follow_gamma
 from hillsphere_controllers.full_order.modes import describe_weakest_mode, is_surely_stable
 from hillsphere_controllers.full_order.regularisation import Regularisation
 from hillsphere_controllers.full_order.regularised_search import rank_norm, search_regularised
@@ -45,7 +46,7 @@ from hillsphere_controllers.systems.algebra import lower_lft
 from hillsphere_controllers.systems.balancing import balance_states
 from hillsphere_controllers.systems.bilinear import continuous, discrete
 
-__all__ = ["HinfDesign", "hinf_synthesis"]
+__all__ = ["HinfDesign", "hinf_synthesis", "least_gamma"]
 
 _BACK_OFFS = (1.0, 1.5, 3.0, 10.0, 30.0)
 """Multiples of the back-off that are tried until the closed loop has the norm it should. Near the
@@ -68,6 +69,11 @@ _WORTH = 0.999
 _SHARES = (0.98, 0.9, 0.5)
 """Shares of the best γ at which a controller is tried before a scan, which takes up to 96
 attempts."""
+_SLOPE = 5.0
+"""Slope of the slack over ln γ with which a search begins: it is two where X and Y hardly change
+with γ, more where they do; a wrong one costs one step of the secant method."""
+_CLOSE = 1e-2
+"""Relative width of the bracket of γ in which the secant method begins."""
 _STEPS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.2, 0.4)
 """Relative steps below the bisection's lower end at which a proof of the lower bound is tried. Just
 below it X or Y is nearly infinite, and its rounding error exceeds what the proof needs."""
@@ -192,6 +198,62 @@ def hinf_synthesis(
     return replace(made, controller=units.restore(made.controller))
 
 
+def least_gamma(
+    plant: LtiSystem,
+    controls: int,
+    measurements: int,
+    *,
+    tolerance: float = 1e-6,
+    regularisation: float = 0.0,
+    near: tuple[float, float] | None = None,
+) -> tuple[float, float]:
+    """Return the least γ at which the Riccati equations are solvable, without a controller.
+
+    Parameters
+    ----------
+    plant, controls, measurements
+        As of `hinf_synthesis`; in continuous time.
+    tolerance : float
+        Relative accuracy of γ.
+    regularisation : float
+        As of `hinf_synthesis`, given.
+    near : tuple of float, optional
+        What was returned for a plant nearly the same: the search begins there.
+
+    Returns
+    -------
+    gamma : float
+        The least γ.
+    slope : float
+        Slope of the slack γ²/ρ(X Y) − 1 over ln γ there.
+
+    Raises
+    ------
+    NotStabilisableError, SingularProblemError, SynthesisFailedError
+        As of `hinf_synthesis`.
+    """
+    units = Units.of(plant, controls, measurements)
+    problem = _pose(units.scale(plant), units, regularisation)
+    if near is not None and (found := follow_gamma(problem, *near, tolerance)) is not None:
+        return found
+    low, high = problem.bracket()
+    if high is None:
+        raise SynthesisFailedError("the Riccati equations were solved for no γ")
+    low, high = close_in(problem, low, high, _CLOSE)
+    found = follow_gamma(problem, high, _SLOPE, tolerance)
+    return found or (close_in(problem, low, high, tolerance)[1], _SLOPE)
+
+
+def _pose(plant: LtiSystem, units: Units, regularisation: float) -> GammaProblem:
+    """Return the problem of a plant in these units, with a given regularisation or none."""
+    if regularisation:
+        k, q = units.controls.size, units.measurements.size
+        added = Regularisation.even(regularisation, k, q, plant.order)
+        plant = units.scale_added(added).add_to(plant)
+    # the Riccati equations are solved for the balanced states; the controller is the same
+    return GammaProblem(balance_states(plant)[0], units.controls.size, units.measurements.size)
+
+
 def _solve_given(
     plant: LtiSystem,
     units: Units,
@@ -203,14 +265,13 @@ def _solve_given(
     """Return the design with a given regularisation or none; the plant is in these units."""
     k, q = units.controls.size, units.measurements.size
     if not regularisation:
-        problem = GammaProblem(balance_states(plant)[0], k, q)
+        problem = _pose(plant, units, 0.0)
         made = _search_gamma(plant, problem, tolerance, back_off, slicot)
         return _attach_lower_bound(made, problem.proved)
     added = Regularisation.even(regularisation, k, q, plant.order)
-    # the Riccati equations are solved for the balanced states; the controller is the same
-    posed = balance_states(units.scale_added(added).add_to(plant))[0]
     try:
-        made = _search_gamma(plant, GammaProblem(posed, k, q), tolerance, back_off, slicot)
+        problem = _pose(plant, units, regularisation)
+        made = _search_gamma(plant, problem, tolerance, back_off, slicot)
     except SingularProblemError as error:
         what, _, _ = str(error).partition(";")
         raise SingularProblemError(
@@ -312,15 +373,7 @@ def _search_gamma(
     if slicot:
         guess = hinf_guess(problem.plant, *problem.channels, high, 0.1 * tolerance)
         low, high = _bracket_guess(problem, guess, low, high, tolerance)
-    while high > low * (1.0 + tolerance):
-        # bisection in ln γ
-        middle = np.sqrt(low * high) if low > 0.0 else 0.1 * high
-        if middle <= 1e-12 * problem.size:
-            break
-        if problem.solve(middle) is None:
-            low = middle
-        else:
-            high = middle
+    low, high = bisect_gamma(problem, low, high, tolerance)
     # where X or Y is nearly infinite, a proof may be had a little below
     for step in _STEPS:
         if problem.proved < low * (1.0 - step):

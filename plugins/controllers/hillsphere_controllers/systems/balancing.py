@@ -24,7 +24,7 @@ _LARGEST = 1e150
 (1e±308)."""
 
 
-def balance_states(system: LtiSystem) -> tuple[LtiSystem, Array]:
+def balance_states(system: LtiSystem, tolerated: float = 2.0) -> tuple[LtiSystem, Array]:
     """Scale the states by powers of two.
 
     Row and column of each state in [[A, B], [C, 0]], the diagonal left out, come to have about the
@@ -34,6 +34,9 @@ def balance_states(system: LtiSystem) -> tuple[LtiSystem, Array]:
     ----------
     system : LtiSystem
         Of order n.
+    tolerated : float
+        Nothing is scaled if no norm of a row is larger or smaller than that of its column by this
+        factor, from two on.
 
     Returns
     -------
@@ -53,18 +56,22 @@ def balance_states(system: LtiSystem) -> tuple[LtiSystem, Array]:
        eigenvectors, Numerische Mathematik 13, 293-304.
     """
     n = system.order
-    a = np.abs(system.a)
-    for name, matrix in (("A", a), ("B", system.b), ("C", system.c)):
+    for name, matrix in (("A", system.a), ("B", system.b), ("C", system.c)):
         size = float(np.abs(matrix).max(initial=0.0))
         if size > _LARGEST or 0.0 < size < 1.0 / _LARGEST:
             raise InputError(
                 f"{name} has the size {size:.3g}, whose square is no number: scale inputs, outputs "
                 "and time"
             )
-    np.fill_diagonal(a, 0.0)
+    a2, scale = system.a * system.a, np.ones(n)
+    a2.flat[:: n + 1] = 0.0
     # squares of the norms that B and C add to rows and columns
     b2, c2 = np.sum(system.b**2, axis=1), np.sum(system.c**2, axis=0)
-    a2, scale = a * a, np.ones(n)
+    rows, columns = a2.sum(axis=1) + b2, a2.sum(axis=0) + c2
+    # of norms within a factor of two the nearest power of two is one
+    ratio = tolerated**2
+    if ((rows < ratio * columns) & (columns < ratio * rows)).all():
+        return system, scale
     for _ in range(_SWEEPS):
         if not _uneven(a2.sum(axis=1) + b2, a2.sum(axis=0) + c2).any():
             break
