@@ -216,7 +216,8 @@ class BatchedUnscented(CasewiseEstimator):
                 if not own.size:
                     return result.belief
                 now, far, expect = now.of_cases(own), far[own], expect.of_cases(own)
-                belief, prior, first = (one.of_cases(own) for one in (belief, prior, first))
+                belief, prior = belief.of_cases(own), prior.of_cases(own)
+                first = first.of_cases(own)
         leaping = ~(far <= _DIVERGING_SIGMAS)
         own = result.finish(now, leaping)
         if own.size:

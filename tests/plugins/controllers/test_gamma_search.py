@@ -12,7 +12,6 @@ from numpy.testing import assert_allclose
 from tests.plugins.controllers.test_hinf_synthesis import random_plant, scalar_plant
 
 from hillsphere_controllers.errors import SynthesisFailedError
-from hillsphere_controllers.full_order import hinf
 from hillsphere_controllers.full_order.gamma_problem import GammaProblem
 from hillsphere_controllers.full_order.gamma_search import bisect_gamma, close_in, follow_gamma
 from hillsphere_controllers.full_order.hinf import hinf_synthesis, least_gamma
@@ -135,6 +134,6 @@ def test_a_synthesis_solves_few_riccati_equations(monkeypatch: pytest.MonkeyPatc
 
 
 def test_no_gamma_at_all_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hinf.GammaProblem, "bracket", lambda self: (0.0, None))
+    monkeypatch.setattr(GammaProblem, "bracket", lambda self: (0.0, None))
     with pytest.raises(SynthesisFailedError, match="for no γ"):
         least_gamma(scalar_plant(1.0), 1, 1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pytest
 from tests.plugins.estimators.estimation_models import Bearing, Pair, pair_flight, run_filter
@@ -99,7 +101,9 @@ class CountedArc(Arc):
 
 
 @pytest.mark.parametrize("update", ["iterated", "tempered"])
-def test_a_case_that_takes_long_does_not_take_the_others_with_it(update: str) -> None:
+def test_a_case_that_takes_long_does_not_take_the_others_with_it(
+    update: Literal["iterated", "tempered"],
+) -> None:
     """A batch predicts as many measurements as its cases do one by one."""
     truth = np.array([[-3.0, 2.0, 2.1, 1.9, 2.0, 2.05, 1.95, 2.0]])
     wide = np.where(truth < 0.0, 1.0, 0.01)[0]

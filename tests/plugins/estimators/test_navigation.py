@@ -229,7 +229,7 @@ def test_bounds_of_several_sets_of_sensors_share_their_path(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     moved: list[Any] = []
-    transition = bounds.transition
+    from hillsphere_estimators.linearisation import transition
 
     def counted(*args: Any) -> Any:
         moved.append(args)

@@ -224,9 +224,10 @@ def test_bits_do_not_depend_on_the_other_points() -> None:
 def test_the_option_of_a_mission() -> None:
     shape = create("shape", "ellipsoid", axes_m=(13e3, 11e3, 9e3))
     keys: dict[str, Any] = {"shape": shape, "subdivisions": 3, "density_kg_m3": 1900.0}
-    exact = create("gravity", "polyhedron", **keys)
-    model = create("gravity", "polyhedron", **keys, relative_error=1e-6)
-    assert isinstance(model, ArrayGravityModel)
+    exact: Any = create("gravity", "polyhedron", **keys)
+    model: Any = create("gravity", "polyhedron", **keys, relative_error=1e-6)
+    as_created: object = model
+    assert isinstance(as_created, ArrayGravityModel)
     r = places(model.mesh, 60, 1.1, 3.0)
     p = np.full((1, 60), 1900.0)
     assert not np.array_equal(model.acceleration_array(r, p), exact.acceleration_array(r, p))

@@ -172,7 +172,7 @@ def test_a_tracker_of_the_plain_interface_follows_alike(scene: Any) -> None:
 
 def test_joined_states_are_updated_as_each_alone(scene: Any) -> None:
     made, passes, elements = scene
-    tracker = create("tracker", "least_squares")
+    tracker: Any = create("tracker", "least_squares")
     states = [
         tracker.initial(
             nominal, p.truth.t_s[:1], p.record.stations, made.orbit.epoch, p.truth.orientation

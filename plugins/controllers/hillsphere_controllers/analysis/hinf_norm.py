@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dgeev, zgetrf, zgetri
 
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
+from hillsphere.interfaces import Array, Integers
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.frequency import Response, largest_gains, squared_gains
 from hillsphere_controllers.systems.balancing import balance_states
@@ -232,7 +232,7 @@ class _Search:
     def _squares(self, omega: Array) -> Array:
         """Return squared gains (K,), not finite at a pole."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            responses = self.response(1j * omega)
+            responses = self.response(np.asarray(1j * omega, dtype=complex))
             squares = squared_gains(responses) if np.isfinite(responses).all() else None
             if squares is not None and np.isfinite(squares).all():
                 return squares
@@ -242,7 +242,7 @@ class _Search:
         with np.errstate(over="ignore"):
             return np.asarray(gains**2)
 
-    def _refine(self, points: Array, squares: Array, inner: Array) -> tuple[Array, Array]:
+    def _refine(self, points: Array, squares: Array, inner: Integers) -> tuple[Array, Array]:
         """Return local maxima nearer to their peaks, and the squares of their gains.
 
         Beside a resonance 1/gain² is nearly a parabola of the frequency, whose vertex is computed
@@ -369,7 +369,8 @@ def _exact_gains(system: LtiSystem, omega: Array) -> Array:
     """Return the gains (K,) of a system in continuous time, as its response has them."""
     away = (1j * omega)[:, None, None] * np.eye(system.order) - system.a
     try:
-        return largest_gains(system.d + system.c @ np.linalg.solve(away, system.b + 0j))
+        there = np.linalg.solve(away, system.b.astype(np.complex128))
+        return largest_gains(np.asarray(system.d + system.c @ there, dtype=np.complex128))
     except np.linalg.LinAlgError:  # the response says what is wrong
         return largest_gains(system.response(omega))
 
@@ -421,7 +422,7 @@ def _gains_with_rounding(system: LtiSystem, omega: Array) -> tuple[Array, Array]
     # the Neumann series of (I − R E)⁻¹, |E| no larger than `changed`, must converge, else rounding
     # may make the matrix singular
     sure = norm < 0.5
-    for i in np.flatnonzero(~sure & np.isfinite(norm)):
+    for i in np.flatnonzero(~sure & np.isfinite(norm)).tolist():
         sure[i] = np.abs(np.linalg.eigvals(part[i])).max() < 0.5
     high, error = np.full((2, omega.size), np.inf)
     if not sure.all():

@@ -149,12 +149,12 @@ def _path_along_plan(
 ) -> _Path:
     """Return the undisturbed flights, computed once for all sets of sensors.
 
-    Flights of the same cases of the same plant and law are the same whatever is measured on them.
+    Flights of the same cases of the same plant and law are the same whatever is measured on them;
+    the noise of the model and `control` are those of its plant and law, as in the navigation.
     """
-    key = (
-        id(model.plant), id(model.law), model.method, model.step_s, model.noise_step_s,
-        *(sha256(np.ascontiguousarray(a)).digest() for a in (starts, prior, times_s, goal)),
-    )  # fmt: skip
+    given = [sha256(a.tobytes()).digest() for a in (starts, prior, times_s, goal)]
+    how = (model.method, model.step_s, model.noise_step_s)
+    key = (id(model.plant), id(model.law), *how, *given)
     kept = _PATHS.get(key)
     if kept is not None:
         _PATHS.move_to_end(key)
