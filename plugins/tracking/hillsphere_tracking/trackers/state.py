@@ -8,6 +8,7 @@ from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
+from hillsphere.base.contracts import Contract
 from hillsphere.base.geodetic import Station
 from hillsphere.base.orientation import EarthOrientation
 from hillsphere.errors import InputError
@@ -64,7 +65,7 @@ S = TypeVar("S", bound=OrbitState)
 
 
 @runtime_checkable
-class JointTracker(Tracker[Any], Protocol):
+class JointTracker(Tracker[Any], Contract, Protocol):
     """A tracker whose cases may be of different passes; campaigns then call it far less often.
 
     What overrides `predict` must override `point` too.
