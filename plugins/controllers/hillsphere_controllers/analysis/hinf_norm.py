@@ -459,6 +459,11 @@ def hamiltonian_eigenvalues(system: LtiSystem, level: float) -> NDArray[np.compl
     ndarray, shape (2n,)
         Complex eigenvalues; an imaginary one is a frequency where a singular value equals the
         level.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If their iteration does not converge.
     """
     made = _hamiltonians(system.a, system.b, system.c, system.d, np.array(level))
     real, imaginary, _, _, failed = dgeev(made, compute_vl=0, compute_vr=0)
