@@ -462,7 +462,7 @@ def hamiltonian_eigenvalues(system: LtiSystem, level: float) -> NDArray[np.compl
 
     Raises
     ------
-    numpy.linalg.LinAlgError
+    np.linalg.LinAlgError
         If their iteration does not converge.
     """
     made = _hamiltonians(system.a, system.b, system.c, system.d, np.array(level))
