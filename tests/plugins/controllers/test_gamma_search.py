@@ -137,3 +137,16 @@ def test_no_gamma_at_all_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(GammaProblem, "bracket", lambda self: (0.0, None))
     with pytest.raises(SynthesisFailedError, match="for no γ"):
         least_gamma(scalar_plant(1.0), 1, 1)
+
+
+class Saturated(Problem):
+    """Far below the least γ the spectral radius is so large that the slack is −1 to rounding."""
+
+    def slack(self, gamma: float) -> float | None:
+        return -1.0 if gamma < 0.7 * self.least else super().slack(gamma)
+
+
+def test_a_slack_of_minus_one_says_only_that_gamma_is_too_small() -> None:
+    problem = Saturated(1.3)
+    ends = bisect_gamma(problem, 0.1, 9.0, 1e-4)
+    assert ends == plain_bisection(1.3, 0.1, 9.0, 1e-4)[:2]

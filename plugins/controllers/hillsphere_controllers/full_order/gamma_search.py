@@ -141,7 +141,8 @@ def close_in(
         if slack is not None and slack > 0.0:
             high, over = gamma, slack
         else:
-            low, under = gamma, slack
+            # far below the least γ, ρ is so large that the slack is −1 to rounding
+            low, under = gamma, None if slack is None or slack <= -1.0 else slack
         # an interpolation that brought less than halving is followed by halving
         halving = before < math.inf and high > low * math.sqrt(before)
     return low, high
