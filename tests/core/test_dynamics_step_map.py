@@ -591,3 +591,20 @@ def test_array_terms_of_the_wrong_shape() -> None:
         StepMap(system(plant)).propagate(x0, 1.0, 2, t0=1.0)
     with pytest.raises(InputError, match=r"external_jacobian must return \(3, 6, 1\)"):
         StepMap(system(plant), stm=True).propagate(x0, 1.0, 2)
+
+
+def test_errors_of_given_steps_are_told_lane_by_lane() -> None:
+    """Kepler orbits from round to grazing: the true errors, by Kepler's equation, within twice."""
+    eccentricity = np.array([0.0, 0.3, 0.6, 0.97])
+    x = np.zeros((6, 4))
+    x[0], x[4] = 1.0 - eccentricity, np.sqrt((1.0 + eccentricity) / (1.0 - eccentricity))
+    flow = StepMap(system(KEPLER))
+    told = flow.estimate_errors(x, 2.0 * pi, 60)
+    true = np.abs(flow.propagate(x, 2.0 * pi, 60) - x).max(axis=0)
+    assert (true[:3] < 2.0 * told[:3] + 1e-14).all()
+    assert (told[:3] < 2.0 * true[:3] + 1e-14).all()
+    assert told[3] > 0.1  # hopeless, and told
+    kept = told < 1e-3
+    np.testing.assert_array_equal(kept, [True, True, True, False])
+    adaptive = Taylor(flow.system).propagate(x[:, ~kept], 2.0 * pi)
+    np.testing.assert_allclose(adaptive, x[:, ~kept], atol=1e-9)

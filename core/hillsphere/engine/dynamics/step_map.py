@@ -190,6 +190,37 @@ class StepMap:
         state, phi = march.split(y)
         return (state, phi) if self.stm else state
 
+    def estimate_errors(
+        self,
+        x: ArrayLike,
+        duration: ArrayLike,
+        steps: int,
+        p: ArrayLike | None = None,
+        t0: ArrayLike = 0.0,
+    ) -> Array:
+        """Estimate the error of each lane that `propagate` flies in that many steps.
+
+        `choose_steps` finds one number of steps for all lanes. Where the steps are given, this
+        tells which lanes they suffice for, and which to fly by `Taylor`, whose steps are adaptive.
+
+        Parameters
+        ----------
+        x, duration, steps, p, t0
+            As for `propagate`.
+
+        Returns
+        -------
+        ndarray, shape (N,)
+            Largest difference of a state at the end between `steps` and twice as many, in units of
+            ``system.scale``. It estimates the error of `steps` if it is small; that of steps which
+            are far too long may be anything. Infinite for a lane that turns non-finite.
+        """
+        coarse, fine = (self._march(x, duration, n, p, t0).end() for n in (steps, 2 * steps))
+        with np.errstate(invalid="ignore"):
+            apart = np.abs(coarse[: self._n] - fine[: self._n]) / self.system.scale[:, None]
+        largest = apart.max(axis=0)
+        return np.where(np.isfinite(largest), largest, np.inf)
+
     def trajectory(
         self,
         x: ArrayLike,
