@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
+from hillsphere.base.algebra_threads import use_one_thread
 from hillsphere.base.errors import HillsphereError, InputError, Interrupted, PluginError
 from hillsphere.base.signals import STOPPING, end_in_time, ignore, interrupt
 from hillsphere.cli.exit_codes import ExitCode
@@ -28,6 +29,7 @@ _UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 
 def main() -> NoReturn:
     """Run the command line of this process and exit."""
+    use_one_thread()
     _take_signals()
     end_in_time()
     atexit.register(_ignore_for_good)

@@ -18,9 +18,9 @@ from importlib.util import find_spec
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
+from hillsphere.base.algebra_threads import ONE_THREAD
 from hillsphere.base.processors import processors
 from hillsphere.base.signals import child_groups
-from hillsphere.cases.executors.pool import ONE_THREAD
 from hillsphere.errors import InputError, StageError
 from hillsphere.interfaces.tasks import Job, Lost, Outcome, Work
 from hillsphere_dask.dask_workers import (

@@ -20,9 +20,10 @@ import pytest
 from tests.core.cases.toy_cases import ROOT, StageWork, Toy, ToyPlan, Unprepared, same
 from tests.core.cases.toy_loop import Loop
 
+from hillsphere.base.algebra_threads import ONE_THREAD
 from hillsphere.cases.block_outcome import BlockOutcome
 from hillsphere.cases.checkpoints import Checkpoints
-from hillsphere.cases.executors.pool import ONE_THREAD, Pool
+from hillsphere.cases.executors.pool import Pool
 from hillsphere.cases.executors.serial import Serial
 from hillsphere.cases.executors.specs import PoolSpec, SerialSpec
 from hillsphere.errors import InputError, StageError

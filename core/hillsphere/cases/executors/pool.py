@@ -21,6 +21,7 @@ from multiprocessing.connection import wait
 from time import monotonic
 from typing import Any
 
+from hillsphere.base.algebra_threads import ONE_THREAD
 from hillsphere.base.errors import StageError
 from hillsphere.base.processors import processors
 from hillsphere.base.signals import child_groups
@@ -32,20 +33,6 @@ from hillsphere.interfaces.tasks import Failed, Finished, Job, Lost, Outcome, Wo
 from hillsphere.plugins.plugin_files import plugin_files
 
 __all__ = ["Pool", "PoolCrew"]
-
-ONE_THREAD = dict.fromkeys(
-    (
-        "OMP_NUM_THREADS",
-        "OPENBLAS_NUM_THREADS",
-        "MKL_NUM_THREADS",
-        "BLIS_NUM_THREADS",
-        "VECLIB_MAXIMUM_THREADS",
-        "NUMEXPR_NUM_THREADS",
-    ),
-    "1",
-)
-"""Environment of a worker: linear algebra in one thread, whose bits depend on no number of them,
-and of which as many run as there are workers. Read when numpy is imported."""
 
 MOST_FAILED_STARTS = 5
 """Workers in a row that may die before they are ready."""

@@ -17,8 +17,9 @@ class Serial:
 
     Nothing protects the run here: a case that kills its process ends the run, and no task is
     stopped at its limit (`Job.limit_s` is ignored). Results have the bits of every other executor
-    as long as the linear algebra of this process works in one thread, as that of workers does
-    (``OMP_NUM_THREADS=1``), or on arrays too small to be shared among several.
+    as long as the linear algebra of this process works in one thread, as that of workers and
+    of the command ``hillsphere`` does, or on arrays too small to be shared among several. In a
+    program of one's own set ``OMP_NUM_THREADS=1`` before numpy is imported.
 
     Parameters
     ----------
