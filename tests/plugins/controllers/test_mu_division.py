@@ -9,6 +9,7 @@ import pytest
 
 from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
+from hillsphere_controllers.mu import division
 from hillsphere_controllers.mu.blocks import BlockStructure, full, repeated_complex, repeated_real
 from hillsphere_controllers.mu.division import prove_by_branch_and_bound
 from hillsphere_controllers.mu.robustness import performance_structure, robust_performance
@@ -55,6 +56,21 @@ def test_what_is_false_is_not_proved() -> None:
     found = robust_performance(system, UNCERTAINTY)
     whole = performance_structure(system, UNCERTAINTY)
     assert prove_by_branch_and_bound(system, whole, 0.99 * found.lower, most=8).left > 0
+
+
+def test_a_search_that_cannot_end_in_time_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """If nothing is proved, 33 parts wait after 32 looks: 64 looks cannot suffice."""
+    looked: list[LtiSystem] = []
+
+    def fail(part: LtiSystem, *_: object) -> tuple[float, float]:
+        looked.append(part)
+        return 1.0, 1.1
+
+    monkeypatch.setattr(division, "find_unproved", fail)
+    whole = performance_structure(loop(), UNCERTAINTY)
+    found = prove_by_branch_and_bound(loop(), whole, 1e3)
+    assert (found.proved, found.left) == (0, 33)
+    assert len(looked) == 32
 
 
 def test_other_blocks_stay_whole_and_may_be_of_any_shape() -> None:

@@ -60,7 +60,7 @@ def prove_by_branch_and_bound(
     limit : float
         Above µ: where a lower bound exceeds it no number of parts will do.
     most : int
-        Parts that are looked at, at most.
+        Parts that are looked at, at most. The search ends as soon as these cannot suffice.
 
     Returns
     -------
@@ -82,8 +82,9 @@ def prove_by_branch_and_bound(
     waiting: list[tuple[float, int, Array, Array]] = []
     heappush(waiting, (0.0, 0, -np.ones(count), np.ones(count)))
     proved = number = 0
-    for _ in range(most):
-        if not waiting:
+    for looked in range(most):
+        # each part that waits has to be looked at once at least
+        if not waiting or looked + len(waiting) > most:
             break
         # the part with the largest bound comes first, the older one of equals
         _, _, low, high = heappop(waiting)
