@@ -141,7 +141,8 @@ class Polyhedron(MeshBody):
         return (
             *super().describe(),
             f"clusters of faces as series, with errors of at most {self.relative_error:.1e} of "
-            "GM/s, GM/s² and GM/s³ (s: distance, at least that of the farthest vertex)",
+            "GM/s, GM/s² and GM/s³ (s: distance, at least that of the farthest vertex), but for "
+            "rounding",
         )
 
     def _away(self, r: Array) -> NDArray[np.bool_]:

@@ -156,10 +156,10 @@ class PolyhedronSpec(HomogeneousShapeSpec):
     )
 
     relative_error: float | None = option(
-        "bound of the error, of GM/s, GM/s² and GM/s³ for potential, acceleration and gradient (s: "
-        "distance from the origin, or of the farthest vertex if that is more), with which distant "
-        "clusters of faces are replaced by series: 1e-6 for maps, 1e-12 for flights. For meshes of "
-        "thousands of faces; left out: all faces are summed",
+        "bound of the error but for rounding, of GM/s, GM/s² and GM/s³ for potential, acceleration "
+        "and gradient (s: distance from the origin, or of the farthest vertex if that is more), "
+        "with which distant clusters of faces are replaced by series: 1e-6 for maps, 1e-12 for "
+        "flights. For meshes of thousands of faces; left out: all faces are summed",
         default=None,
         ge=1e-12,
         le=1e-2,

@@ -106,7 +106,8 @@ def minimise_active(
         # the set doubles at most: few rounds, and few plants that do not matter
         joined = [j for j in order if j not in known][: len(known)]
         if not joined:
-            return converged
+            # an end at which a plant is unstable was not accepted
+            return converged and bool(np.isfinite(ended.value))
         known |= set(joined)
 
 
