@@ -134,6 +134,41 @@ def test_flights_end_in_the_leg_in_which_their_swing_reaches_the_floor() -> None
     assert 5 < np.count_nonzero(ends < never) < 35
 
 
+class Reusing(Kicks):
+    """The same, with one array for all its commands, and memory that it changes in place."""
+
+    def __init__(self) -> None:
+        self.out: dict[int, Array] = {}
+
+    def step(self, k: int, t_s: Array, y: Array, ref: Array, xc: Array) -> tuple[Array, Array]:
+        command, _ = super().step(k, t_s, y, ref, xc)
+        out = self.out.setdefault(y.shape[1], np.empty_like(command))
+        out[:] = command
+        xc += 1.0
+        return out, xc
+
+
+def test_a_law_may_write_into_its_own_arrays() -> None:
+    assert_same(fly(starts(40)), fly(starts(40), law=Reusing()))
+
+
+def test_samples_are_heard_while_the_flight_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No leg waits for its proof: the observer hears of it 64 samples later at the latest."""
+    monkeypatch.setattr(Ahead, "tries", False)
+    heard, late = Counts(), []
+
+    class Listening(Kicks):
+        def step(self, k: int, t_s: Array, y: Array, ref: Array, xc: Array) -> tuple[Array, Array]:
+            late.append(k - len(heard.samples))
+            return np.zeros_like(y[1:2]), xc
+
+    simulator = Simulator(Spring(), Listening(), substeps=24)
+    x0 = np.array([[MIDDLE + 10.0], [0.0]])
+    simulator.fly(Cases(x0), 300, observer=heard)
+    assert len(heard.samples) == 301
+    assert max(late) <= 64
+
+
 def test_a_law_may_refuse_what_lies_beyond_the_end_of_a_flight() -> None:
     x0 = starts(40)
     assert_same(fly(x0), fly(x0, law=Strict()))

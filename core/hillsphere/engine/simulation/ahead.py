@@ -10,8 +10,10 @@ repeated, with the proof of that leg at once. Results are those of legs that are
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Any, Protocol
+
+import numpy as np
 
 from hillsphere.engine.simulation.legs import Unproved
 from hillsphere.engine.simulation.navigation import NavigationErrors, PerfectNavigation
@@ -67,13 +69,17 @@ class Ahead:
 
     @property
     def full(self) -> bool:
-        """Whether no more legs should be added."""
-        return len(self._waiting) >= _LEGS or self._size >= _SUB_STEPS
+        """Whether no more legs should be added, or the observer should hear what is certain."""
+        most = max(len(self._waiting), len(self._moments))
+        return most >= _LEGS or self._size >= _SUB_STEPS
 
     def hear(self, moment: Any) -> None:
         """Take a sample, and pass it on when it is certain."""
         if self._record is not None:
-            self._moments.append(moment)
+            # copied: a law or a reference may write its next result into the same array
+            arrays = ((f.name, getattr(moment, f.name)) for f in fields(moment))
+            own = {name: a.copy() for name, a in arrays if isinstance(a, np.ndarray)}
+            self._moments.append(replace(moment, **own))
 
     def add(self, k: int, before: dict[str, Any], leg: Unproved | None) -> None:
         """Add the leg that followed sample k; None if it is proved."""

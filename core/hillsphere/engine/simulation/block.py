@@ -324,7 +324,7 @@ class _Block:
         """Return a copy of all that samples and legs change."""
         assert isinstance(self._act, ByImpulse)
         kept = {k: v.copy() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
-        return kept | {"_law": self._act.memory}
+        return kept | {"_law": self._act.memory.copy()}
 
     def stop(self, lanes: Flags, why: int, when: Array) -> None:
         """End the flight of some lanes."""

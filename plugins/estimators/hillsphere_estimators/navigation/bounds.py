@@ -6,6 +6,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,8 @@ class _Path:
 
 _PATHS: OrderedDict[tuple[object, ...], _Path] = OrderedDict()
 """Paths in the order of their last use."""
+_LOCK = Lock()
+"""Held while they are looked up or added: stages may run in threads."""
 
 
 @dataclass(frozen=True)
@@ -155,10 +158,11 @@ def _path_along_plan(
     given = [sha256(a.tobytes()).digest() for a in (starts, prior, times_s, goal)]
     how = (model.method, model.step_s, model.noise_step_s)
     key = (id(model.plant), id(model.law), *how, *given)
-    kept = _PATHS.get(key)
-    if kept is not None:
-        _PATHS.move_to_end(key)
-        return kept
+    with _LOCK:
+        kept = _PATHS.get(key)
+        if kept is not None:
+            _PATHS.move_to_end(key)
+            return kept
     # Differences with steps of the first belief: they do not depend on what is measured, and
     # rounding of the states, which small steps of a late belief magnify, matters least.
     cases = starts.shape[1]
@@ -173,7 +177,8 @@ def _path_along_plan(
         motion.append((phi, noise_between(model, now, t1, told)))
         path.append(x)
     made = _Path((model.plant, model.law), path, motion)
-    _PATHS[key] = made
-    while sum(one.bytes for one in _PATHS.values()) > _MOST_BYTES:
-        _PATHS.popitem(last=False)
+    with _LOCK:
+        _PATHS[key] = made
+        while sum(one.bytes for one in _PATHS.values()) > _MOST_BYTES:
+            _PATHS.popitem(last=False)
     return made
