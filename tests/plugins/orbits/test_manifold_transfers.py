@@ -31,6 +31,7 @@ from hillsphere.runs import workers
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_orbits.flow import flow_of
 from hillsphere_orbits.invariant_manifolds.sampling import LocalManifold
+from hillsphere_orbits.manifold_transfers import flights
 from hillsphere_orbits.manifold_transfers.figures import front_chart
 from hillsphere_orbits.manifold_transfers.flights import LegFlights, coasts_of
 from hillsphere_orbits.manifold_transfers.mesh import partners
@@ -460,3 +461,10 @@ def test_mirrored_legs_are_flown_backwards(plant: Any, orbits: OrbitSet) -> None
     mirror = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
     image = mirror * both[0].mode[:, 0]
     assert abs(image @ both[1].mode[:, 0]) == pytest.approx(1.0, abs=1e-7)
+
+
+def test_a_flight_without_a_matrix_does_not_stop_the_correction_of_others() -> None:
+    matrix = np.stack([2.0 * np.eye(6), np.full((6, 6), np.nan)], axis=2)
+    cause = flights._cause(matrix, np.ones((6, 2)))
+    np.testing.assert_allclose(cause[:, 0], 0.5)
+    assert np.isnan(cause[:, 1]).all()

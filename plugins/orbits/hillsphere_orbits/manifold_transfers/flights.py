@@ -200,7 +200,10 @@ def _cause(matrix: Array, miss: Array) -> Array:
     away from where the search put it. That part of the miss is not caused by the first state, and
     is left: singular values below one count as zero.
     """
-    left, size, right = np.linalg.svd(np.moveaxis(matrix, 2, 0))
+    flown = np.isfinite(matrix).all(axis=(0, 1))
+    # a flight that met a singularity keeps its miss, and does not stop the others
+    known = np.where(flown, matrix, np.eye(len(matrix))[:, :, None])
+    left, size, right = np.linalg.svd(np.moveaxis(known, 2, 0))
     part = np.einsum("kij,ik->kj", left, miss)
     part = np.where(size >= 1.0, part / np.maximum(size, 1.0), 0.0)
-    return np.asarray(np.einsum("kji,kj->ik", right, part))
+    return np.where(flown, np.einsum("kji,kj->ik", right, part), np.nan)
