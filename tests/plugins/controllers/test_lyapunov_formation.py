@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -97,6 +98,30 @@ def test_rates_and_command_at_once_are_those_apart(monkeypatch: pytest.MonkeyPat
     p = [Bound.of(1.0).value for _ in loop.run_time]
     loop.bounded.rates(Bound.of(5.0), y, p)
     assert len(seen) == 1
+
+
+def test_a_derived_law_is_bounded_by_its_own_command() -> None:
+    """Half the command is half the effort; that of the class it derives from proves nothing."""
+    of = plant()
+    made = law(of)
+
+    class Halved(type(made)):  # type: ignore[misc]
+        def control(self, *told: Any) -> Any:
+            return tuple(0.5 * u for u in super().control(*told))
+
+    halved = copy(made)
+    halved.__class__ = Halved
+    p = [*np.zeros(6), *np.eye(6).ravel(), *REFERENCE, *START]
+    efforts = []
+    for one in (made, halved):
+        loop, _ = closed_system(of, one, ())
+        assert loop.bounded is not None
+        assert len(loop.run_time) == len(p)
+        y = [Bound.of(value) for value in (*START, *np.zeros(14))]
+        told = [Bound.of(float(value)).value for value in p]
+        efforts.append(loop.bounded.rates(Bound.of(5.0), y, told)[-1].value[0])
+    assert efforts[1] == pytest.approx(0.5 * efforts[0], rel=1e-9)
+    assert efforts[0] > 0.0
 
 
 def test_loop_by_scipy() -> None:

@@ -217,9 +217,8 @@ class StepMap:
         """
         coarse, fine = (self._march(x, duration, n, p, t0).end() for n in (steps, 2 * steps))
         with np.errstate(invalid="ignore"):
-            apart = np.abs(coarse[: self._n] - fine[: self._n]) / self.system.scale[:, None]
-        largest = apart.max(axis=0)
-        return np.where(np.isfinite(largest), largest, np.inf)
+            apart = self._apart(coarse, fine)
+        return np.where(np.isfinite(apart), apart, np.inf)
 
     def trajectory(
         self,
@@ -378,13 +377,18 @@ class StepMap:
             self._functions[expression] = self.system.function(expression)
         return self._functions[expression]
 
+    def _apart(self, coarse: Array, fine: Array) -> Array:
+        """Return the largest difference of a state in each lane (N,), in units of its scale."""
+        n = self._n
+        return np.asarray((np.abs(coarse[:n] - fine[:n]) / self.system.scale[:, None]).max(axis=0))
+
     def _difference(self, coarse: Array, fine: Array) -> float:
         if not (np.isfinite(coarse).all() and np.isfinite(fine).all()):
             return float("inf")
         if not coarse.size:
             return 0.0
         n, scale = self._n, self.system.scale
-        largest = float(np.max(np.abs(coarse[:n] - fine[:n]) / scale[:, None]))
+        largest = float(self._apart(coarse, fine).max())
         if self.stm:
             columns = np.ones(self._columns)
             columns[:n] = scale
