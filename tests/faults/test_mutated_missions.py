@@ -120,9 +120,9 @@ def test_mutants_are_refused_in_plain_words_and_run_within_limits(
     scratch: Path, registry: Registry
 ) -> None:
     sound = validated(range(200), scratch, registry)
-    shares = zip(CHEAP, (3, 1, 2), strict=True)
+    shares = zip(CHEAP, (4, 1, 2), strict=True)
     some = [made for base, n in shares for made in [m for m in sound if m.base == base][:n]]
-    assert len(some) == 6
+    assert len(some) == 7
     ends: Counter[int] = Counter()
     with CommandLines(scratch) as commands:
         for k, made in enumerate(some):
