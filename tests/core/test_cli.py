@@ -581,6 +581,24 @@ def test_a_message_that_nobody_can_read(hillsphere: Runner, redirection: str) ->
     assert (done.returncode, done.stdout, done.stderr) == (2, b"", b"")
 
 
+def test_an_interrupt_of_evaluated_text_is_an_exit_code(hillsphere: Runner) -> None:
+    (hillsphere.directory / "interrupted.py").write_text(
+        "import hillsphere.cli.endings as endings\n"
+        "def run(arguments):\n"
+        "    try:\n"
+        "        exec('raise KeyboardInterrupt')\n"
+        "    except KeyboardInterrupt:\n"
+        "        return 130\n"
+        "endings.run = run\n"
+        "endings.main()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "interrupted"], cwd=hillsphere.directory,
+        env=hillsphere.environment, check=False,
+    )  # fmt: skip
+    assert done.returncode == 130  # and not -2, the end by SIGINT itself
+
+
 def test_a_working_directory_that_is_gone(hillsphere: Runner) -> None:
     gone = hillsphere.directory / "gone"
     gone.mkdir()

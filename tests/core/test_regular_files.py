@@ -64,6 +64,21 @@ def test_links_are_followed_only_where_that_is_meant(tmp_path: Path) -> None:
         open_regular(tmp_path / "link", follow_links=False)
 
 
+def test_an_interrupt_right_after_the_opening_stays_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a").write_bytes(b"1")
+    opened = os.fdopen
+
+    def interrupted(descriptor: int, mode: str) -> None:
+        opened(descriptor, mode).close()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "fdopen", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        open_regular(tmp_path / "a")
+
+
 def test_size_is_bounded(tmp_path: Path) -> None:
     path = tmp_path / "file"
     path.write_bytes(b"12345")

@@ -94,10 +94,12 @@ def open_regular(
         check_regular(opened, name)
         if opened.st_size > max_bytes:
             raise OSError(errno.EFBIG, f"it is larger than {_size(max_bytes)}", name)
-        return os.fdopen(descriptor, "rb")
     except BaseException:
         os.close(descriptor)
         raise
+    # Outside the block: interrupted at its end, it has closed the file already, and a second
+    # closing would be an error in place of the interrupt.
+    return os.fdopen(descriptor, "rb")
 
 
 def check_regular(status: os.stat_result, name: str) -> None:

@@ -43,6 +43,9 @@ def main() -> NoReturn:
         # A second signal arrived during the handling of the first.
         code = ExitCode.INTERRUPTED
     _ignore_signals()
+    # CPython notes a KeyboardInterrupt that leaves an `exec` of text, even if it is caught farther
+    # out, and would end the process by SIGINT; the next `exec` of text withdraws the note.
+    exec("")
     # Interpreter shutdown flushes stdout once more, and would report an error of it by itself.
     code = _code_of_stdout(flush_stdout(), code)
     sys.exit(int(code))

@@ -258,10 +258,10 @@ class RunDirectory:
                 raise OSError(
                     errno.EMLINK, "log.txt is also another file (a hard link); make a copy of it"
                 )
-            return os.fdopen(descriptor, "ab")
         except BaseException:
             os.close(descriptor)
             raise
+        return os.fdopen(descriptor, "ab")  # outside the block, as in `open_regular`
 
     def put_product(self, name: str, product: Any) -> str:
         """Write a product, a stage's by its name, to ``<name>.npz``; return the file's SHA-256."""
