@@ -13,11 +13,14 @@ References
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.base.arrays import Array
 from hillsphere.engine.dynamics import intervals as iv
+from hillsphere.engine.dynamics.interval_programs import Endpoint
 from hillsphere.engine.dynamics.intervals import Interval
 from hillsphere.symbolic.expressions import Overloaded, number_in
 
@@ -201,8 +204,8 @@ class Bound(Overloaded):
 
     def symbolic_minimum(self, other: Bound) -> Bound:
         """Return the smaller; where either may be, its rate is that of one of them."""
-        first = np.asarray(self.value[1] < other.value[0])
-        last = np.asarray(other.value[1] < self.value[0])
+        first: NDArray[np.bool_] = self.value[1] < other.value[0]
+        last: NDArray[np.bool_] = other.value[1] < self.value[0]
         low = np.minimum(self.value[0], other.value[0]), np.minimum(self.value[1], other.value[1])
         return Bound(
             low,
@@ -234,10 +237,7 @@ class Bound(Overloaded):
         low, high = eccentricity.value
         shapes = (low,) if low is high else (low, high)
         first, last = ([_eccentric_anomaly(e, m) for e in shapes] for m in self.value)
-        value = (
-            np.min([anomaly[0] for anomaly in first], axis=0),
-            np.max([anomaly[1] for anomaly in last], axis=0),
-        )
+        value = reduce(np.minimum, [a[0] for a in first]), reduce(np.maximum, [a[1] for a in last])
         e = Bound(eccentricity.value)
         shape = 1.0 / (1.0 - e * Bound(value).symbolic_cos())
         slope = shape.value
@@ -246,7 +246,17 @@ class Bound(Overloaded):
 
 
 def _eccentric_anomaly(e: Array, m: Array) -> Interval:
-    """Return an interval that contains E of E − e sin E = m, by Newton's method."""
+    """Return an interval that contains E of E − e sin E = m."""
+    anomaly = m.eccentric_anomaly(e) if isinstance(m, Endpoint) else _solve_kepler(e, m)
+    # The residual and its rounding, over the least slope 1 − e: no root is farther away.
+    rounding = 4.0 * np.finfo(float).eps * (1.0 + np.abs(m))
+    left = np.abs(anomaly - e * np.sin(anomaly) - m) + rounding
+    error = np.where(left <= _CLOSE * (1.0 + np.abs(m)), left / (1.0 - e) + rounding, np.nan)
+    return anomaly - error, anomaly + error
+
+
+def _solve_kepler(e: Array, m: Array) -> Array:
+    """Return E of E − e sin E = m by Newton's method, lane by lane."""
     e, m = np.broadcast_arrays(e, m)
     anomaly = m + e * np.sin(m)
     # It converges from here for e < 0.99 in fewer steps than these; a NaN stays. Converged lanes
@@ -258,11 +268,7 @@ def _eccentric_anomaly(e: Array, m: Array) -> Interval:
         moving &= np.abs(step) > _CLOSE * (1.0 + np.abs(m))
         if not moving.any():
             break
-    # The residual and its rounding, over the least slope 1 − e: no root is farther away.
-    rounding = 4.0 * np.finfo(float).eps * (1.0 + np.abs(m))
-    left = np.abs(anomaly - e * np.sin(anomaly) - m) + rounding
-    error = np.where(left <= _CLOSE * (1.0 + np.abs(m)), left / (1.0 - e) + rounding, np.nan)
-    return anomaly - error, anomaly + error
+    return np.asarray(anomaly)
 
 
 def _add(a: _Part, b: _Part) -> _Part:

@@ -36,9 +36,11 @@ __all__ = [
     "Bounded",
     "Enclosure",
     "LinearRows",
+    "bends_along",
     "bends_within",
     "derivatives_within",
     "enclose",
+    "events_along",
     "growth",
     "region_slopes",
 ]
@@ -245,11 +247,32 @@ def bends_within(
     list of Interval or None
         Of each state, in the system's unit of time; None where it is zero.
     """
-    y = [
-        Bound((a, b), (c, d), UNWANTED)
-        for a, b, c, d in zip(box.lo, box.hi, box.rate_lo, box.rate_hi, strict=True)
-    ]
-    return [part.rate for part in system.rates(Bound(t, iv.point(1.0), UNWANTED), y, p)]
+    return bends_along(system, t, _states_and_rates(box), p)
+
+
+def bends_along(
+    system: Bounded, t: Interval, y: Sequence[tuple[Interval, Interval]], p: Sequence[Interval]
+) -> list[Interval | None]:
+    """Bound the second time derivatives of the states, each given with its rate."""
+    states = [Bound(value, rate, UNWANTED) for value, rate in y]
+    return [part.rate for part in system.rates(Bound(t, iv.point(1.0), UNWANTED), states, p)]
+
+
+def events_along(
+    system: Bounded,
+    t: Interval,
+    y: Sequence[tuple[Interval, Interval]],
+    bends: Sequence[Interval | None],
+    p: Sequence[Interval],
+) -> list[Bound]:
+    """Bound the events and their time derivatives, from states, their rates and those of these."""
+    states = [Bound(*both, bend) for both, bend in zip(y, bends, strict=True)]
+    return system.events(Bound(t, iv.point(1.0)), states, p)
+
+
+def _states_and_rates(box: Enclosure) -> list[tuple[Interval, Interval]]:
+    sides = zip(box.lo, box.hi, box.rate_lo, box.rate_hi, strict=True)
+    return [((a, b), (c, d)) for a, b, c, d in sides]
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore")
@@ -283,11 +306,7 @@ def derivatives_within(
     """
     if bends is None:
         bends = bends_within(system, t, box, p)
-    y = [
-        Bound(part.value, part.rate, bend)
-        for part, bend in zip(box_of(box.lo, box.hi, box.rate_lo, box.rate_hi), bends, strict=True)
-    ]
-    events = system.events(Bound(t, iv.point(1.0)), y, p)
+    events = events_along(system, t, _states_and_rates(box), bends, p)
     shape = (len(events), box.lo.shape[1])
     out = np.zeros((4, *shape))
     for i, event in enumerate(events):
@@ -318,13 +337,9 @@ def growth(matrix: Array, h: float) -> Array:
     return np.asarray((total @ ahead) * part * (1.0 + 1e-9))
 
 
-def box_of(
-    lo: Array, hi: Array, rate_lo: Array | None = None, rate_hi: Array | None = None
-) -> list[Bound]:
-    """Convert the rows of a box, with their rates if given, to `Bound` objects."""
-    if rate_lo is None or rate_hi is None:
-        return [Bound((a, b)) for a, b in zip(lo, hi, strict=True)]
-    return [Bound((a, b), (c, d)) for a, b, c, d in zip(lo, hi, rate_lo, rate_hi, strict=True)]
+def box_of(lo: Array, hi: Array) -> list[Bound]:
+    """Convert the rows of a box to `Bound` objects."""
+    return [Bound(sides) for sides in zip(lo, hi, strict=True)]
 
 
 def arrays(bounds: Sequence[Bound], like: Array) -> tuple[Array, Array]:

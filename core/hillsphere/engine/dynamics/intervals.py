@@ -35,11 +35,12 @@ Interval: TypeAlias = tuple[Array, Array]
 _INF = np.inf
 _ELEMENTARY = 4.0 * np.finfo(float).eps
 """Relative error of an elementary function of numpy, with a margin: its own tests allow 4 ulp."""
-_UNIT = float(np.finfo(float).eps)
+UNIT = float(np.finfo(float).eps)
+"""Unit in the last place of one."""
 _FEW = 128
 """Most lanes for which the neighbouring floats cost less than a product with the unit: measured 2.1
 against 3.6 µs for 64 lanes, 5.0 against 4.0 µs for 256."""
-_LEAST = 1e-300
+LEAST = 1e-300
 """Absolute widening: above the spacing of all floats below 1e-284, negligible beside any value in
 use."""
 _TURN = 2.0 * np.pi
@@ -67,14 +68,14 @@ def outward(lo: Array, hi: Array) -> Interval:
     """
     if isinstance(lo, float) and isinstance(hi, float):
         return nextafter(lo, -_INF), nextafter(hi, _INF)
-    if np.size(lo) <= _FEW:
+    if not isinstance(lo, np.ndarray) or lo.size <= _FEW:
         return np.nextafter(lo, -_INF), np.nextafter(hi, _INF)
     # In place: for thousands of lanes, memory for every step takes most of the time.
     below, above = np.abs(lo), np.abs(hi)
-    below *= _UNIT
-    above *= _UNIT
-    below += _LEAST
-    above += _LEAST
+    below *= UNIT
+    above *= UNIT
+    below += LEAST
+    above += LEAST
     return lo - below, hi + above
 
 
@@ -96,6 +97,8 @@ def multiply(a: Interval, b: Interval) -> Interval:
         a, b = b, a
     if a[0] is a[1]:  # a number: two products instead of four
         p, q = a[0] * b[0], a[0] * b[1]
+        if isinstance(a[0], float):
+            return outward(p, q) if a[0] >= 0.0 else outward(q, p)
         return outward(np.minimum(p, q), np.maximum(p, q))
     p, q, r, s = a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1]
     low = np.minimum(np.minimum(p, q), np.minimum(r, s))
@@ -212,9 +215,9 @@ def hull(a: Interval, b: Interval) -> Interval:
 
 def magnitude(a: Interval) -> Array:
     """Return the largest absolute value."""
-    return np.asarray(np.maximum(np.abs(a[0]), np.abs(a[1])))
+    return np.maximum(np.abs(a[0]), np.abs(a[1]))
 
 
 def width(a: Interval) -> Array:
     """Return hi − lo."""
-    return np.asarray(a[1] - a[0])
+    return a[1] - a[0]

@@ -14,9 +14,7 @@ from hillsphere.engine.dynamics import intervals as iv
 from hillsphere.engine.dynamics.bounds import Bound
 from hillsphere.engine.dynamics.enclosures import (
     Bounded,
-    Enclosure,
     arrays,
-    bends_within,
     box_of,
     derivatives_within,
     enclose,
@@ -26,6 +24,7 @@ from hillsphere.engine.dynamics.proof import MARGIN, ROUNDING, Pieces, Slopes
 from hillsphere.engine.simulation.law_bounds import LawBounds, WithoutEffort
 from hillsphere.engine.simulation.legs import Leg, Limit, Nodes
 from hillsphere.engine.simulation.quick_look import QuickLook
+from hillsphere.engine.simulation.region_bounds import RegionBounds
 from hillsphere.engine.simulation.regions import Boxes, Columns, Regions, Store
 
 __all__ = ["EventProof"]
@@ -119,6 +118,7 @@ class EventProof:
             self.rows = slice(-1)
         self._timeless = False
         self._store: Store | None = None
+        self._in_boxes: RegionBounds | None = None
         self._tubes: dict[float, Array] = {}
         self._fixed = fixed
         self._pause = self._left = 0
@@ -161,6 +161,8 @@ class EventProof:
         linear = None if self._equations is None else self._equations.linear
         tube = None if linear is None else self._tube_of
         self._store = Store(self, self._rows, tube)
+        if self._equations is not None:
+            self._in_boxes = RegionBounds(self._equations, len(self._scale[self.rows]))
         if self.bounded_rows.all() and len(self._rows):
             self.look = QuickLook(
                 self._store, self._rows, self.rows, tube, self._law, self._fixed, self._timeless
@@ -318,26 +320,20 @@ class EventProof:
             held = [(row, row) for row in p]
             # Alone, not with those of the region: which pieces stay open in the end, and so where
             # a flight is unresolved, must not depend on the regions that others left behind.
-            out[:, :, sharp] = self._slopes(when, box, held, ~box.holds, self._bounded)
+            events = np.array(derivatives_within(self._bounded, when, box, held))
+            speed = np.maximum(np.abs(box.rate_lo), np.abs(box.rate_hi))
+            bounds = np.array(self._of_all_rows(events, speed))
+            bounds[0::2, :, ~box.holds], bounds[1::2, :, ~box.holds] = -np.inf, np.inf
+            out[:, :, sharp] = bounds
         return out[0], out[1], out[2], out[3]
 
     # ------------------------------------------------------------------------------------- bounds
 
-    def _slopes(
-        self,
-        when: tuple[Array, Array],
-        box: Enclosure,
-        p: Sequence[tuple[Array, Array]],
-        unknown: Flags,
-        bounded: Bounded,
-        states: Sequence[iv.Interval | None] | None = None,
-    ) -> Slopes:
-        parts = derivatives_within(bounded, when, box, p, states)
-        rows, lanes = len(self.bounded_rows), box.lo.shape[1]
-        bounds = np.empty((4, rows, lanes))
+    def _of_all_rows(self, events: Array, speed: Array) -> Slopes:
+        """Complete slopes (4, E, K) of the plant's events by those of limits, from speeds."""
+        bounds = np.empty((4, len(self.bounded_rows), events.shape[2]))
         bounds[0::2], bounds[1::2] = -np.inf, np.inf
-        bounds[:, : self._events] = parts
-        speed = np.maximum(np.abs(box.rate_lo), np.abs(box.rate_hi))
+        bounds[:, : self._events] = events
         for i, limit in enumerate(self._limits, start=self._events):
             if limit.lipschitz is not None:
                 by = np.asarray(limit.lipschitz, dtype=float)
@@ -345,8 +341,6 @@ class EventProof:
                 bounds[0, i], bounds[1, i] = -most, most
         bounds[0::2][np.isnan(bounds[0::2])] = -np.inf
         bounds[1::2][np.isnan(bounds[1::2])] = np.inf
-        if unknown.any():
-            bounds[0::2, :, unknown], bounds[1::2, :, unknown] = -np.inf, np.inf
         return bounds[0], bounds[1], bounds[2], bounds[3]
 
     def _seen(self, leg: Leg, y: Array, h: Array) -> _View:
@@ -385,25 +379,15 @@ class EventProof:
 
     def rates(self, boxes: Boxes) -> tuple[Array, Array]:
         """Return bounds of the rates of the states (rows, R) in boxes."""
-        equations = self._equations
-        assert equations is not None
-        when, held = Bound((boxes.t_lo, boxes.t_hi)), _parameter_intervals(boxes)
-        return arrays(equations.rates(when, box_of(boxes.lo, boxes.hi), held), boxes.lo)
+        assert self._in_boxes is not None
+        return self._in_boxes.rates(boxes)
 
     def regions(self, boxes: Boxes, low: Array, high: Array) -> Regions:
         """Return regions, from boxes and their rates."""
-        equations = self._equations
-        assert equations is not None
-        when, held = (boxes.t_lo, boxes.t_hi), _parameter_intervals(boxes)
-        whole = np.ones(len(boxes.t_lo), dtype=bool)
-        box = Enclosure(boxes.lo, boxes.hi, low, high, whole)
-        states = bends_within(equations, when, box, held)
-        slopes = np.array(self._slopes(when, box, held, ~whole, equations, states))
-        bends = np.full_like(low, np.inf)
-        for i, part in enumerate(states):
-            bends[i] = 0.0 if part is None else iv.magnitude(part)
-        bends[np.isnan(bends)] = np.inf
-        return Regions(boxes, low, high, slopes, bends)
+        assert self._in_boxes is not None
+        bends, slopes = self._in_boxes.derivatives(boxes, low, high)
+        speed = np.maximum(np.abs(low), np.abs(high))
+        return Regions(boxes, low, high, np.array(self._of_all_rows(slopes, speed)), bends)
 
     def _tube_of(self, h: float) -> tuple[slice, Array]:
         """Return rows and growth of the states of a linear law over a step."""
@@ -426,11 +410,6 @@ def _somewhere(scale: Array) -> Array:
 
 def _side_by_side(parts: Sequence[Any], name: str) -> Array:
     return np.concatenate([getattr(part, name) for part in parts], axis=-1)
-
-
-def _parameter_intervals(boxes: Boxes) -> list[tuple[Array, Array]]:
-    """Return the parameters of boxes as intervals."""
-    return list(zip(boxes.p_lo, boxes.p_hi, strict=True))
 
 
 def _least_of_chunks(values: Array, begins: Integers) -> Array:
