@@ -68,12 +68,12 @@ def test_a_need_too_small_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_slopes_too_small_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    slopes = EventProof._slopes
+    slopes = EventProof._of_all_rows
 
     def less(self: EventProof, *given: Any) -> Any:
         return tuple(0.1 * part for part in slopes(self, *given))
 
-    monkeypatch.setattr(EventProof, "_slopes", less)
+    monkeypatch.setattr(EventProof, "_of_all_rows", less)
     assert count_wrong() > 0
 
 

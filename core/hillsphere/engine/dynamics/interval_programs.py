@@ -207,14 +207,15 @@ class Program:
         """
         lanes = lo.shape[1]
         # All lanes are computed by the same code: that for the rest of a batch may round otherwise.
-        given = np.concatenate([lo, hi])
-        if rest := -lanes % self._lanes:
-            given = np.concatenate([given, np.repeat(given[:, -1:], rest, axis=1)], axis=1)
+        total = lanes + -lanes % self._lanes
+        given = np.empty((2 * len(lo), total))
+        given[: len(lo), :lanes], given[len(lo) :, :lanes] = lo, hi
+        given[:, lanes:] = given[:, lanes - 1 : lanes]
         options = {}
-        if len(self._constants):
-            if self._constants.shape[1] != given.shape[1]:
-                self._constants = np.repeat(self._constants[:, :1], given.shape[1], axis=1)
-            options["pars"] = self._constants
+        if count := self._function.nparams:
+            if self._constants.shape[1] != total:
+                self._constants = np.repeat(self._constants[:, :1], total, axis=1)
+            options["pars"] = self._constants[:count]
         out = self._function(given, **options)[:, :lanes]
         return out[: self._results], out[self._results :]
 
