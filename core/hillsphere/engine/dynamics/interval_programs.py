@@ -340,7 +340,8 @@ _RULES: dict[str, Callable[..., Any]] = {
     "log": _hy.log,
     "arcsin": _hy.asin,
     "arctan2": _hy.atan2,
-    "eccentric_anomaly": _hy.kepE,
+    # The engine's own anomaly lies within one revolution.
+    "eccentric_anomaly": lambda e, m: m + e * _hy.sin(_hy.kepE(e, m)),
     "floor": _floor,
     "ceil": lambda a: -_floor(-a),
     "isnan": _is_nan,
