@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.sparse import csr_array
 
 from hillsphere.interfaces import Array, Integers
 from hillsphere_controllers.mu.blocks import BlockStructure
@@ -164,6 +165,13 @@ class Basis:
         for j, entries in enumerate(into):
             for p, weight in entries:
                 self.map[p, j] = weight
+        # Each parameter has few entries: dense products with the map would take most of the time.
+        self._to_parameters = csr_array(self.map.T)
+        k, m = self.rows, self.columns
+        d, g = slice(0, of_d), slice(of_d, None)
+        self._pairs = tuple(
+            _Pairs.of(self.n, k[i], m[i], k[j], m[j]) for i, j in ((d, d), (d, g), (g, g))
+        )
         diagonal = (self.rows == self.columns) & (np.arange(len(rows)) < of_d)
         self.trace: Array = self.map[diagonal].sum(axis=0).real
         first = np.argmax(np.abs(self.map), axis=0)
@@ -246,46 +254,55 @@ class Basis:
         s = self.split
         kd, kg = self.rows[:s], self.rows[s:]
         ld, lg = self.columns[:s], self.columns[s:]
+        dd, dg, gg = self._pairs
         w = cho_solve(cho_factor(d, check_finite=False), one, check_finite=False)
         first = np.zeros(self.rows.size, dtype=complex)
         second = np.zeros((self.rows.size, self.rows.size), dtype=complex)
         first[:s] = w[ld, kd]
-        second[:s, :s] = _pair(w, w, kd, ld, kd, ld)
+        second[:s, :s] = dd(w, w)
         # derivatives by the entries of D first; those by the real parameters follow from the map
         of_d = self.levels(b)[kd]
         for form, matrix in zip(self._form(m, d, g, b), m, strict=True):
             z = cho_solve(cho_factor(form, check_finite=False), one, check_finite=False)
             y = matrix @ z
-            yh = y.conj().T
+            yh = np.ascontiguousarray(y.conj().T)
             r = y @ matrix.conj().T
             # tr(Z dF) for the matrix unit E at (k, l): dF = L E − Mᴴ E M, and −j (E M − Mᴴ E)
             first[:s] += of_d * z[ld, kd] - r[ld, kd]
             first[s:] -= 1j * (y[lg, kg] - yh[lg, kg])
-            second[:s, :s] += (
-                np.outer(of_d, of_d) * _pair(z, z, kd, ld, kd, ld)
-                - of_d[None, :] * _pair(yh, y, kd, ld, kd, ld)
-                - of_d[:, None] * _pair(y, yh, kd, ld, kd, ld)
-                + _pair(r, r, kd, ld, kd, ld)
-            )
+            # to exchange the factors of a pair is to transpose it
+            cross = of_d[:, None] * dd(y, yh)
+            second[:s, :s] += np.outer(of_d, of_d) * dd(z, z) - cross - cross.T + dd(r, r)
             if s < self.rows.size:
-                zy = of_d[:, None] * (_pair(y, z, kd, ld, kg, lg) - _pair(z, yh, kd, ld, kg, lg))
-                ry = _pair(r, y, kd, ld, kg, lg) - _pair(yh, r, kd, ld, kg, lg)
-                second[:s, s:] -= 1j * (zy - ry)
-                second[s:, s:] -= (
-                    _pair(y, y, kg, lg, kg, lg)
-                    + _pair(yh, yh, kg, lg, kg, lg)
-                    - _pair(r, z, kg, lg, kg, lg)
-                    - _pair(z, r, kg, lg, kg, lg)
-                )
+                zy = of_d[:, None] * (dg(y, z) - dg(z, yh))
+                second[:s, s:] -= 1j * (zy - dg(r, y) + dg(yh, r))
+                cross = gg(r, z)
+                second[s:, s:] -= gg(y, y) + gg(yh, yh) - cross - cross.T
         second[s:, :s] = second[:s, s:].T
         # from entries to the real parameters, on which they depend linearly
         gradient = -(first @ self.map).real
-        hessian = (self.map.T @ second @ self.map).real
+        hessian = (self._to_parameters @ (self._to_parameters @ second).T).real
         return gradient, 0.5 * (hessian + hessian.T)
 
 
-def _pair(
-    p: Complex, q: Complex, a: Integers, c: Integers, e: Integers, f: Integers
-) -> Complex:  # fmt: skip
-    """Return p[f, a] q[c, e] for units (a, c) in rows and (e, f) in columns."""
-    return np.asarray(p[f[None, :], a[:, None]] * q[c[:, None], e[None, :]])
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """Products of entries for all pairs of units (a, c), in rows, and (e, f), in columns.
+
+    Parameters
+    ----------
+    of_p, of_q : ndarray of int
+        Places of p[f, a] and q[c, e] in matrices that lie row by row.
+    """
+
+    of_p: Integers
+    of_q: Integers
+
+    @classmethod
+    def of(cls, n: int, a: Integers, c: Integers, e: Integers, f: Integers) -> _Pairs:
+        """Return those of matrices of order n."""
+        return cls(n * f[None, :] + a[:, None], n * c[:, None] + e[None, :])
+
+    def __call__(self, p: Complex, q: Complex) -> Complex:
+        """Return p[f, a] q[c, e]; p and q are contiguous."""
+        return np.asarray(p.ravel().take(self.of_p) * q.ravel().take(self.of_q))
