@@ -12,7 +12,6 @@ import pytest
 from hillsphere import build
 from hillsphere import symbolic as sym
 from hillsphere.base.arrays import Array
-from hillsphere.engine.dynamics import interval_programs
 from hillsphere.engine.dynamics import intervals as iv
 from hillsphere.engine.dynamics.bounds import Bound
 from hillsphere.engine.dynamics.interval_programs import Program, RepeatedFunction, record
@@ -166,27 +165,24 @@ def test_numbers_are_arguments_of_one_program() -> None:
     assert Program(second)(lo, hi)[0] == pytest.approx(7.0 + 8.75, rel=1e-14)
 
 
-def test_what_asks_for_a_value_stays_interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(interval_programs, "_COMPILED", 5)
-
+def test_what_asks_for_a_value_stays_interpreted() -> None:
     def asking(given: Sequence[Interval]) -> list[Interval | None]:
         return [iv.negate(given[0]) if np.all(given[0][0] > 0.0) else given[0]]
 
-    function = RepeatedFunction(asking)
+    function = RepeatedFunction(asking, 5)
     for _ in range(10):
         low, high = function(np.array([[1.0]]), np.array([[2.0]]))
         assert (float(low[0, 0]), float(high[0, 0])) == (-2.0, -1.0)
 
 
-def test_a_function_that_is_called_often_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_function_that_is_called_often_is_compiled() -> None:
     calls = []
 
     def doubled(given: Sequence[Interval]) -> list[Interval | None]:
         calls.append(1)
         return [iv.add(given[0], given[0]), None]
 
-    monkeypatch.setattr(interval_programs, "_COMPILED", 5)
-    function = RepeatedFunction(doubled)
+    function = RepeatedFunction(doubled, 5)
     for _ in range(20):
         low, high = function(np.array([[1.0]]), np.array([[2.0]]))
         assert low[0] < 2.0 < low[0] + 1e-14

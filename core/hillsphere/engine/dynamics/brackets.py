@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.base.arrays import Array, Integers
-from hillsphere.engine.dynamics.bounds import UNWANTED, Bound
+from hillsphere.engine.dynamics.bounds import Bound
+from hillsphere.engine.dynamics.box_bounds import BoxBounds
 from hillsphere.engine.dynamics.enclosures import (
     Bounded,
     Enclosure,
     LinearRows,
-    derivatives_within,
     enclose,
 )
 from hillsphere.engine.dynamics.expression_bounds import bounds_of_event
@@ -115,9 +115,9 @@ class ProvedBrackets:
     def __init__(self, system: System, functions: Sequence[str | Expr]) -> None:
         parts = [bounds_of_event(system, function) for function in functions]
         known = [part for part in parts if part is not None]
-        self._bounded: Bounded | None = None
+        self._bounded: BoxBounds | None = None
         if system.bounded is not None and len(known) == len(parts):
-            self._bounded = _Several(system.bounded, known)
+            self._bounded = BoxBounds(_Several(system.bounded, known), len(system.x), after=0)
 
     def __call__(
         self, way: Array, values: Array, h: float, halve: Halve, inside: NDArray[np.bool_]
@@ -158,7 +158,7 @@ class ProvedBrackets:
 
     def _halved(
         self,
-        bounded: Bounded,
+        bounded: BoxBounds,
         way: Array,
         values: Array,
         h: float,
@@ -228,7 +228,7 @@ class ProvedBrackets:
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def _decide(
-    bounded: Bounded, pieces: Pieces, h: float, reach: Array, waiting: NDArray[np.bool_]
+    bounded: BoxBounds, pieces: Pieces, h: float, reach: Array, waiting: NDArray[np.bool_]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Decide pieces, see `decide`: by first derivatives, and by second ones where these do not.
 
@@ -240,24 +240,30 @@ def _decide(
     some = np.minimum(np.arange(len(many.lane)), count - 1)
     none = np.zeros((0, len(many.lane)))
     box = enclose(
-        bounded, many.begin, many.end - many.begin, many.y0, none, many.y0 + reach[:, some]
-    )
-    bends = [UNWANTED] * len(many.y0)
+        bounded.equations, many.begin, many.end - many.begin, many.y0, none,
+        many.y0 + reach[:, some], bounded.rates,
+    )  # fmt: skip
 
-    def decided(now: Pieces, box: Enclosure, bends: Sequence[Interval | None] | None) -> Any:
+    def decided(now: Pieces, box: Enclosure, second: bool) -> Any:
         when = np.minimum(now.begin, now.end), np.maximum(now.begin, now.end)
-        slopes = np.array(derivatives_within(bounded, when, box, [], bends))
+        p = none[:, : len(now.lane)]
+        given = when, (box.lo, box.hi), (box.rate_lo, box.rate_hi), (p, p)
+        slopes = np.full((4, len(now.g0), len(now.lane)), np.nan)
+        if second:
+            slopes = bounded.derivatives(*given)[1]
+        else:
+            slopes[:2] = bounded.event_rates(*given)
         slopes[0::2, :, ~box.holds], slopes[1::2, :, ~box.holds] = -np.inf, np.inf
         a, b, c, d = slopes
         along = (a, b, c, d) if h > 0.0 else (-b, -a, c, d)
         return decide(now.g0, now.g1, np.abs(now.end - now.begin), along, 0, from_zero=False)
 
-    clear, single = (one[:, :count] for one in decided(many, box, bends))
+    clear, single = (one[:, :count] for one in decided(many, box, False))
     left = np.flatnonzero((waiting & ~clear & ~single).any(axis=0) & box.holds[:count])
     if left.size:
         few = pad_pieces(pieces.taken(left))
         at = left[np.minimum(np.arange(len(few.lane)), left.size - 1)]
-        for one, more in zip((clear, single), decided(few, box.taken(at), None), strict=True):
+        for one, more in zip((clear, single), decided(few, box.taken(at), True), strict=True):
             one[:, left] |= more[:, : left.size]
     return clear, single
 

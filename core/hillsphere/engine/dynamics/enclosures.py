@@ -20,9 +20,9 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,8 @@ __all__ = [
     "Bounded",
     "Enclosure",
     "LinearRows",
+    "Rates",
+    "Sides",
     "bends_along",
     "bends_within",
     "derivatives_within",
@@ -56,6 +58,12 @@ are enclosed at the eighth trial, with 0.1 at the twelfth."""
 _PIECES = 256
 """Intervals in the quadrature of G. It is an upper sum; with 256 intervals it is 1 % too large for
 h‖A‖ = 3."""
+
+
+Sides: TypeAlias = tuple[Array, Array]
+"""Lower and upper ends: of times (K,), of states or of parameters (rows, K)."""
+Rates: TypeAlias = Callable[[Sides, Sides, Sides], Sides]
+"""(times, states, parameters) → bounds of the rates (rows, K), infinite where none is known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +129,15 @@ class Enclosure:
 
 # A box may contain a singularity; its bounds are then infinite, which is a valid result.
 @np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore")
-def enclose(system: Bounded, t: Array, h: Array, y: Array, p: Array, beyond: Array) -> Enclosure:
+def enclose(
+    system: Bounded,
+    t: Array,
+    h: Array,
+    y: Array,
+    p: Array,
+    beyond: Array,
+    rates: Rates | None = None,
+) -> Enclosure:
     """Enclose the solutions from given states over a step.
 
     Parameters
@@ -134,6 +150,9 @@ def enclose(system: Bounded, t: Array, h: Array, y: Array, p: Array, beyond: Arr
         States at the start, and approximate states at the end, for the first trial box.
     p : ndarray, shape (k, K)
         Run-time parameters.
+    rates : callable, optional
+        Bounds of the system's rates in boxes, such as `box_bounds.BoxBounds.rates`; by default they
+        are interpreted.
 
     Returns
     -------
@@ -149,12 +168,17 @@ def enclose(system: Bounded, t: Array, h: Array, y: Array, p: Array, beyond: Arr
     box = Enclosure(lo.copy(), hi.copy(), np.full_like(y, -np.inf), np.full_like(y, np.inf), holds)
     linear = system.linear
     tube = None if linear is None else growth(linear.matrix, float(np.max(np.abs(h), initial=0.0)))
+    if rates is None:
+
+        def rates(t: Sides, y: Sides, p: Sides) -> Sides:
+            held = [iv.point(row) for row in p[0]]
+            return arrays(system.rates(Bound(t), box_of(*y), held), y[0])
+
     # Only what no trial box has held yet is tried again.
     waiting = np.arange(len(t))
     for _ in range(_ROUNDS):
-        when = Bound((np.minimum(t, t + h), np.maximum(t, t + h)))
-        held = [iv.point(row) for row in p]
-        low, high = arrays(system.rates(when, box_of(lo, hi), held), lo)
+        when = np.minimum(t, t + h), np.maximum(t, t + h)
+        low, high = rates(when, (lo, hi), (p, p))
         new_lo, new_hi = picard(y, h, low, high)
         if linear is not None and tube is not None:
             # For the law's states the bound G |A x_c + b| of the module docstring replaces Picard's
@@ -162,7 +186,7 @@ def enclose(system: Bounded, t: Array, h: Array, y: Array, p: Array, beyond: Arr
             rows = slice(linear.first, linear.first + len(tube))
             start_lo, start_hi = lo.copy(), hi.copy()
             start_lo[rows], start_hi[rows] = y[rows], y[rows]
-            own = arrays(system.rates(when, box_of(start_lo, start_hi), held), lo)
+            own = rates(when, (start_lo, start_hi), (p, p))
             reach = tube @ np.maximum(np.abs(own[0][rows]), np.abs(own[1][rows]))
             new_lo[rows], new_hi[rows] = y[rows] - reach, y[rows] + reach
         inside: NDArray[np.bool_] = np.all((new_lo >= lo) & (new_hi <= hi), axis=0)

@@ -36,9 +36,6 @@ _ROUND = 1.5 * 2.0**52
 """A number of this size has no digits after the point: adding it rounds to a whole number."""
 _RECORDED = 4
 """Calls before the operations are recorded, which takes as long as some three calls."""
-_COMPILED = 64
-"""Calls before they are compiled. About a moon on an ellipse one that is interpreted takes 10 ms;
-compiling takes 0.6 s if the code is in the cache on the disk, otherwise 3 s."""
 _PROGRAMS = 64
 """Compiled records that are kept: a mission has two for each kind of plant that flies."""
 _WRITTEN = (0.0, 1.0, 2.0, 0.5, math.inf)
@@ -221,30 +218,34 @@ class Program:
 
 
 class RepeatedFunction:
-    """A function of intervals that is interpreted at first, and compiled if it is called often.
+    """A function of intervals that is compiled once it has been called some times.
 
-    The two differ by some units in the last place: an end that is compiled is moved by one or two
-    units where `intervals.outward` takes the next float. Results that must not depend on how
-    often a process has called the function cannot use it.
+    What is interpreted differs from what is compiled by some units in the last place: an end that
+    is compiled is moved by one or two units where `intervals.outward` takes the next float. Results
+    that must not depend on how often a process has called the function need ``after = 0``.
 
     Parameters
     ----------
     function : callable
-        As for `record`.
+        As for `record`. What cannot be recorded stays interpreted.
+    after : int
+        Calls before it is compiled, unless the same operations are compiled already.
     """
 
-    def __init__(self, function: Callable[[Sequence[Interval]], Sequence[Interval | None]]) -> None:
-        self._function, self._calls = function, 0
+    def __init__(
+        self, function: Callable[[Sequence[Interval]], Sequence[Interval | None]], after: int
+    ) -> None:
+        self._function, self._after, self._calls = function, after, 0
         self._record: Record | None = None
         self._program: Program | None = None
 
     def __call__(self, lo: Array, hi: Array) -> tuple[Array, Array]:
         """Evaluate the function; see `Program`."""
         self._calls += 1
-        if self._calls == _RECORDED:
+        if self._calls == min(_RECORDED, self._after + 1):
             with suppress(TypeError):
                 self._record = record(self._function, len(lo))
-        if self._record is not None and (self._calls > _COMPILED or self._record.is_compiled):
+        if self._record is not None and (self._calls > self._after or self._record.is_compiled):
             self._program, self._record = Program(self._record), None
         if self._program is not None:
             return self._program(lo, hi)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hillsphere.base.arrays import Array, Integers
 from hillsphere.engine.dynamics import intervals as iv
 from hillsphere.engine.dynamics.bounds import Bound
+from hillsphere.engine.dynamics.box_bounds import BoxBounds
 from hillsphere.engine.dynamics.enclosures import (
     Bounded,
     arrays,
@@ -24,7 +25,6 @@ from hillsphere.engine.dynamics.proof import MARGIN, ROUNDING, Pieces, Slopes
 from hillsphere.engine.simulation.law_bounds import LawBounds, WithoutEffort
 from hillsphere.engine.simulation.legs import Leg, Limit, Nodes
 from hillsphere.engine.simulation.quick_look import QuickLook
-from hillsphere.engine.simulation.region_bounds import RegionBounds
 from hillsphere.engine.simulation.regions import Boxes, Columns, Regions, Store
 
 __all__ = ["EventProof"]
@@ -38,6 +38,10 @@ _PAUSE = 64
 """Most legs whose sub-steps are looked at one by one after several whose chunks no region held."""
 _SHARP = 2.0**-10
 """Part of a sub-step below which a piece that its region does not decide is enclosed by itself."""
+_COMPILED = 128
+"""Calls before bounds in regions are compiled. About a moon on an ellipse an interpreted call takes
+10 ms; compiling takes 0.6 s if the code is in the cache on the disk, otherwise 3 s. What regions
+decide does not depend on it: a region only excludes what is not there."""
 _TUBES = 16
 """Lengths of step for which growths are kept: of legs, of sub-steps and of the halves of both."""
 _WINDOW = 64.0
@@ -118,7 +122,7 @@ class EventProof:
             self.rows = slice(-1)
         self._timeless = False
         self._store: Store | None = None
-        self._in_boxes: RegionBounds | None = None
+        self._in_boxes: BoxBounds | None = None
         self._tubes: dict[float, Array] = {}
         self._fixed = fixed
         self._pause = self._left = 0
@@ -162,7 +166,7 @@ class EventProof:
         tube = None if linear is None else self._tube_of
         self._store = Store(self, self._rows, tube)
         if self._equations is not None:
-            self._in_boxes = RegionBounds(self._equations, len(self._scale[self.rows]))
+            self._in_boxes = BoxBounds(self._equations, len(self._scale[self.rows]), _COMPILED)
         if self.bounded_rows.all() and len(self._rows):
             self.look = QuickLook(
                 self._store, self._rows, self.rows, tube, self._law, self._fixed, self._timeless
@@ -380,12 +384,13 @@ class EventProof:
     def rates(self, boxes: Boxes) -> tuple[Array, Array]:
         """Return bounds of the rates of the states (rows, R) in boxes."""
         assert self._in_boxes is not None
-        return self._in_boxes.rates(boxes)
+        return self._in_boxes.rates(*_sides(boxes))
 
     def regions(self, boxes: Boxes, low: Array, high: Array) -> Regions:
         """Return regions, from boxes and their rates."""
         assert self._in_boxes is not None
-        bends, slopes = self._in_boxes.derivatives(boxes, low, high)
+        t, y, p = _sides(boxes)
+        bends, slopes = self._in_boxes.derivatives(t, y, (low, high), p)
         speed = np.maximum(np.abs(low), np.abs(high))
         return Regions(boxes, low, high, np.array(self._of_all_rows(slopes, speed)), bends)
 
@@ -410,6 +415,11 @@ def _somewhere(scale: Array) -> Array:
 
 def _side_by_side(parts: Sequence[Any], name: str) -> Array:
     return np.concatenate([getattr(part, name) for part in parts], axis=-1)
+
+
+def _sides(boxes: Boxes) -> tuple[tuple[Array, Array], ...]:
+    """Return lower and upper ends of times, states and parameters."""
+    return (boxes.t_lo, boxes.t_hi), (boxes.lo, boxes.hi), (boxes.p_lo, boxes.p_hi)
 
 
 def _least_of_chunks(values: Array, begins: Integers) -> Array:
