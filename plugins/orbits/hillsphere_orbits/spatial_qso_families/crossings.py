@@ -52,14 +52,25 @@ def count_connected(spatial: Spatial) -> list[int]:
     begin, end = first.astype(float), first + 1.0
     sense = _sense(spatial, members.of(np.arange(0, 2 * family.size, 2)), chord)
     apart = np.zeros(family.size, dtype=bool)
+    # what is known beside each interval: members of the branch, and the middles one by one
+    places = [np.arange(max(i - 2, 0), min(i + 4, good[f])) for f, i in rows]
+    row = np.repeat(np.arange(family.size), [each.size for each in places])
+    place = np.concatenate(places).astype(float)
+    beside = join_members(
+        [spatial.members[f].of(j) for (f, _), j in zip(rows, places, strict=True)]
+    )
     for _ in range(_HALVINGS):
         # bisection on the sense: its change stays within the interval
         u = 0.5 * (begin + end)
         guess = np.concatenate(
             [spatial.branches[f].guess(u[[k]])[0] for k, f in enumerate(family)], axis=1
         )
+        start = spatial.predict(np.arange(family.size), u, guess, chord, (row, place, beside))
         # only a sign is needed, which further digits do not change
-        middle = polish(spatial.exact(family, u), guess, chord, guess, CLOSED)
+        middle = polish(spatial.exact(family, u), start, chord, guess, CLOSED)
+        row, place = np.append(row, np.arange(family.size)), np.append(place, u)
+        order = np.lexsort((place, row))
+        row, place, beside = row[order], place[order], join_members([beside, middle]).of(order)
         before = _sense(spatial, middle, chord) == sense
         begin, end = np.where(before, u, begin), np.where(before, end, u)
         low, high = np.where(before, middle.z, low), np.where(before, high, middle.z)

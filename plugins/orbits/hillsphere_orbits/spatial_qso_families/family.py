@@ -38,8 +38,10 @@ from hillsphere_orbits.spatial_qso_families.members import (
     RETURNED,
     LostMembersError,
     Members,
+    join_members,
     polish,
 )
+from hillsphere_orbits.spatial_qso_families.prediction import null_vectors, predict_members
 from hillsphere_orbits.spatial_qso_families.shooting import SpatialShooting, sub_steps
 
 __all__ = ["ALONE", "Spatial", "first_members"]
@@ -215,11 +217,13 @@ class Spatial:
         u: Array,
         guess: Array | None = None,
         tolerance: float = RETURNED,
+        known: tuple[NDArray[np.intp], Array, Members] | None = None,
     ) -> Members:
         """Return corrected members at positions u (K,) of the families' branches.
 
         They are sought in the planes normal to the chord through a guess (4, K), by default the
-        branch's own.
+        branch's own. Newton's iteration starts at a prediction from `known` members with their
+        families and positions, by default those of the branches.
 
         Raises
         ------
@@ -235,9 +239,24 @@ class Spatial:
             chord = branch.z[:, i + 1] - branch.z[:, i]
             normals[:, lanes] = chord / np.linalg.norm(chord, axis=0)
         guess = own if guess is None else guess
-        return polish(self.exact(family, u), guess, normals, guess, tolerance).require_converged(
+        start = self.predict(family, u, guess, normals, known)
+        return polish(self.exact(family, u), start, normals, guess, tolerance).require_converged(
             family, u
         )
+
+    def predict(
+        self,
+        family: NDArray[np.intp],
+        u: Array,
+        guess: Array,
+        normals: Array,
+        known: tuple[NDArray[np.intp], Array, Members] | None = None,
+    ) -> Array:
+        """Return where families (K,) pass at positions u (K,) through planes; see `at`."""
+        numbers, places, members = known or (*self.positions, join_members(self.members))
+        slopes = self.problem.conditions(members.z, members.end, members.phi)[1]
+        rows = numbers, places, members.z, null_vectors(slopes)
+        return predict_members(rows, (family, u), guess, normals)
 
     def members_at(
         self, heights: Sequence[float]
@@ -300,7 +319,8 @@ class Spatial:
         guess[self.problem.kernel] = wanted
         normals = np.zeros_like(guess)
         normals[self.problem.kernel] = 1.0
-        members = polish(self.exact(family, u), guess, normals, guess)
+        start = self.predict(family, u, guess, normals)
+        members = polish(self.exact(family, u), start, normals, guess)
         return family, target, u, members.require_converged(family, u)
 
 

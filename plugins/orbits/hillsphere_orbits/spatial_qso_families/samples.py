@@ -122,7 +122,8 @@ class Families:
     ) -> Samples:
         """Return orbits at positions between samples that are known."""
         guess = samples.guess(family, u)
-        return self.samples(family, u, self.spatial.at(family, u, guess, tolerance))
+        known = samples.family, samples.u, samples.members
+        return self.samples(family, u, self.spatial.at(family, u, guess, tolerance, known))
 
     def merge(self, a: Samples, b: Samples) -> Samples:
         """Return both, ordered by family and position."""
