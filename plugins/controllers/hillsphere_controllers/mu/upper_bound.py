@@ -31,6 +31,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
@@ -396,16 +397,19 @@ def _centre(
 
 def _newton(basis: Basis, x: Array, gradient: Array, hessian: Array) -> Array:
     """Return the step (k,) that keeps the trace of D."""
-    k = len(x)
     units = basis.units(x)
-    whole = np.zeros((k + 1, k + 1))
-    whole[:k, :k] = hessian * np.outer(units, units)
+    whole = hessian * np.outer(units, units)
     # rows of M that are zero but for rounding make entries of G void: those do not move
-    void = _VOID * np.diagonal(whole).max() * basis.of_g
-    whole[:k, :k] += np.diag(void)
+    whole[np.diag_indices_from(whole)] += _VOID * np.diagonal(whole).max() * basis.of_g
+    sides = np.column_stack([-gradient * units, basis.trace * units])
+    try:
+        # positive, since the barrier is convex
+        free, along = cho_solve(cho_factor(whole, check_finite=False), sides, check_finite=False).T
+    except np.linalg.LinAlgError:  # but for rounding
+        free, along = np.linalg.solve(whole, sides).T
     # Lagrange multiplier of tr D = n
-    whole[:k, k] = whole[k, :k] = basis.trace * units
-    return np.asarray(units * np.linalg.solve(whole, np.append(-gradient * units, 0.0))[:k])
+    multiplier = (sides[:, 1] @ free) / (sides[:, 1] @ along)
+    return np.asarray(units * (free - multiplier * along))
 
 
 def _search_line(
