@@ -26,6 +26,7 @@ FUNCTIONS: dict[str, Function] = {
     "quotient": lambda x, y: x / y,
     "square": lambda x, y: (x - y) ** 2,
     "cube": lambda x, y: (x - y) ** 3 + x**4,
+    "high powers": lambda x, y: (x - y) ** 9 + (x**2 + y**2) ** -8.5,
     "inverse cube": lambda x, y: (x**2 + y**2) ** -1.5,
     "square root": lambda x, y: sym.sqrt(x + 4.0) * y,
     "length": lambda x, y: sym.norm([x, y]),

@@ -17,7 +17,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache, reduce
+from functools import lru_cache
 from typing import Any, TypeAlias, cast
 
 import numpy as np
@@ -29,9 +29,10 @@ from hillsphere.symbolic._heyoka import heyoka as _hy
 
 __all__ = ["Endpoint", "Program", "Record", "RepeatedFunction", "record"]
 
-_WHOLE = 6
-"""Largest whole power that is made of products. Each product, and a square root, has a relative
-error of half a unit; `intervals.widen` allows for four units."""
+_LONGEST = 10_000
+"""Operations of the longest record that is compiled: that takes some ten seconds."""
+_LARGEST_POWER = 100
+"""Powers beyond are not recorded: no gravity field in use has such a degree with bounds."""
 _ROUND = 1.5 * 2.0**52
 """A number of this size has no digits after the point: adding it rounds to a whole number."""
 _RECORDED = 4
@@ -112,10 +113,17 @@ class Endpoint(NDArrayOperatorsMixin):
 
     def _power(self, exponent: float) -> Endpoint:
         whole = math.floor(exponent)
-        if exponent - whole not in (0.0, 0.5) or not 0 < exponent <= _WHOLE:
+        if exponent - whole not in (0.0, 0.5) or not 0.0 < exponent <= _LARGEST_POWER:
             raise TypeError(f"the power {exponent} is not recorded")
-        factors = [self] * whole + [self._with("sqrt", self)] * (exponent != whole)
-        return reduce(lambda a, b: a._with("multiply", a, b), factors)
+        made = self._with("sqrt", self) if exponent != whole else None
+        square = self
+        while whole:
+            if whole % 2:
+                made = square if made is None else self._with("multiply", made, square)
+            if whole := whole // 2:
+                square = self._with("multiply", square, square)
+        assert made is not None
+        return made
 
 
 @dataclass(frozen=True)
@@ -244,7 +252,8 @@ class RepeatedFunction:
         self._calls += 1
         if self._calls == min(_RECORDED, self._after + 1):
             with suppress(TypeError):
-                self._record = record(self._function, len(lo))
+                made = record(self._function, len(lo))
+                self._record = made if len(made.operations) <= _LONGEST else None
         if self._record is not None and (self._calls > self._after or self._record.is_compiled):
             self._program, self._record = Program(self._record), None
         if self._program is not None:

@@ -142,7 +142,7 @@ def power(a: Interval, exponent: float) -> Interval:
     if exponent < 0.0:
         return reciprocal(power(a, -exponent))
     if exponent == round(exponent):
-        p, q = widen(a[0] ** exponent), widen(a[1] ** exponent)
+        p, q = (widen(end**exponent, max(_ELEMENTARY, exponent * UNIT)) for end in a)
         if exponent % 2.0:
             return p[0], q[1]
         if isinstance(a[0], float):
@@ -151,13 +151,17 @@ def power(a: Interval, exponent: float) -> Interval:
         within = (a[0] <= 0.0) & (a[1] >= 0.0)
         return np.where(within, 0.0, np.minimum(p[0], q[0])), np.maximum(p[1], q[1])
     # A fractional power exists only for a base ≥ 0, so that only this part of the interval counts.
-    base = np.maximum(a[0], 0.0), a[1]
-    return widen(base[0] ** exponent)[0], widen(base[1] ** exponent)[1]
+    error = max(_ELEMENTARY, exponent * UNIT)
+    return widen(np.maximum(a[0], 0.0) ** exponent, error)[0], widen(a[1] ** exponent, error)[1]
 
 
-def widen(value: Array) -> Interval:
-    """Return an interval that contains the exact value of an elementary function of numpy."""
-    error = _ELEMENTARY * abs(value)
+def widen(value: Array, relative: float = _ELEMENTARY) -> Interval:
+    """Return an interval that contains the exact value of an elementary function of numpy.
+
+    A power made of products, as `interval_programs` records it, has an error that grows with the
+    exponent: half a unit for each of them.
+    """
+    error = relative * abs(value)
     return value - error, value + error
 
 
