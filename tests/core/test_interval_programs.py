@@ -24,6 +24,7 @@ FUNCTIONS: dict[str, Function] = {
     "sum": lambda x, y: x + y - 3.7 * x,
     "product": lambda x, y: x * y * -0.3,
     "quotient": lambda x, y: x / y,
+    "product with zero": lambda x, y: (x * 0.0 + y) * (0.0 - y) + 0.0 * x,
     "square": lambda x, y: (x - y) ** 2,
     "cube": lambda x, y: (x - y) ** 3 + x**4,
     "high powers": lambda x, y: (x - y) ** 9 + (x**2 + y**2) ** -8.5,
@@ -153,6 +154,25 @@ def test_lanes_do_not_depend_on_their_neighbours() -> None:
     for i in (0, 7, 8, 36):
         alone = np.array(program(lo[:, i : i + 1], hi[:, i : i + 1]))
         assert np.array_equal(alone[:, :, 0], both[:, :, i], equal_nan=True)
+
+
+def test_no_lanes_are_none_and_leave_the_program_as_it_was() -> None:
+    program = Program(record(traced(FUNCTIONS["sum"]), 6))
+    lo, hi = some_intervals(np.random.default_rng(5), 5)
+    before = np.array(program(lo, hi))
+    assert program(lo[:, :0], hi[:, :0])[0].shape == (3, 0)
+    assert np.array_equal(np.array(program(lo, hi)), before, equal_nan=True)
+
+
+def test_what_is_unknown_stays_so_beside_a_zero() -> None:
+    def of_zero(given: Sequence[Interval]) -> list[Interval | None]:
+        return [iv.multiply(iv.point(0.0), given[0])]
+
+    program = Program(record(of_zero, 1))
+    for end in (np.nan, np.inf):
+        low, high = program(np.array([[-end]]), np.array([[end]]))
+        assert np.isnan(low[0, 0])
+        assert np.isnan(high[0, 0])
 
 
 def test_numbers_are_arguments_of_one_program() -> None:

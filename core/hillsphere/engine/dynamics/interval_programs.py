@@ -17,7 +17,6 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, TypeAlias, cast
 
 import numpy as np
@@ -29,8 +28,9 @@ from hillsphere.symbolic._heyoka import heyoka as _hy
 
 __all__ = ["Endpoint", "Program", "Record", "RepeatedFunction", "record"]
 
-_LONGEST = 10_000
-"""Operations of the longest record that is compiled: that takes some ten seconds."""
+_LONGEST = 4000
+"""Operations of the longest record that is compiled: that takes some three seconds. Flights about a
+moon on an ellipse have 3600."""
 _LARGEST_POWER = 100
 """Powers beyond are not recorded: no gravity field in use has such a degree with bounds."""
 _ROUND = 1.5 * 2.0**52
@@ -39,9 +39,10 @@ _RECORDED = 4
 """Calls before the operations are recorded, which takes as long as some three calls."""
 _PROGRAMS = 64
 """Compiled records that are kept: a mission has two for each kind of plant that flies."""
-_WRITTEN = (0.0, 1.0, 2.0, 0.5, math.inf)
-"""Magnitudes of constants that are compiled in, as operations with them are simplified. Others are
-arguments, so that plants that differ in their numbers alone share a program."""
+_WRITTEN = (1.0, 2.0, 0.5, math.inf)
+"""Magnitudes of constants that are compiled in. Others are arguments, so that plants that differ in
+their numbers alone share a program. Zero is one too: the engine takes a product with a constant of
+zero for zero, where the other factor may be unknown."""
 
 _Item: TypeAlias = "int | float | str"
 """Of an operation: its name, the number of an operand in the record, or a constant."""
@@ -76,7 +77,8 @@ class Endpoint(NDArrayOperatorsMixin):
     """An end of an interval, or a condition on ends, in all lanes.
 
     The functions of NumPy that intervals need are recorded. Any other, and whatever asks for a
-    value, raises a TypeError: then there is no record.
+    value, raises a TypeError: then there is no record. Code that asks for the type of an end, as
+    whether it is an array, is recorded for this type.
     """
 
     __slots__ = ("log", "number")
@@ -90,7 +92,7 @@ class Endpoint(NDArrayOperatorsMixin):
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
         if method != "__call__" or options:
             return NotImplemented
-        if ufunc is np.nextafter and isinstance(inputs[1], float):
+        if ufunc is np.nextafter and isinstance(inputs[1], float) and math.isinf(inputs[1]):
             return inputs[0]._with("below" if inputs[1] < 0.0 else "above", inputs[0])
         if ufunc is np.power and isinstance(inputs[1], float):
             return inputs[0]._power(inputs[1])
@@ -150,10 +152,12 @@ class Record:
     @property
     def is_compiled(self) -> bool:
         """Whether this process has compiled the same operations before."""
-        return (self.count, self.operations, self.results) in _compiled
+        return self.key in _compiled
 
-
-_compiled: set[tuple[Any, ...]] = set()
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """What programs that differ in their constants alone have in common."""
+        return self.count, self.operations, self.results
 
 
 def record(
@@ -193,9 +197,8 @@ class Program:
     def __init__(self, of: Record) -> None:
         self._results = len(of.results) // 2
         self._lanes = _hy.recommended_simd_size()
-        self._function = _compile(of.count, of.operations, of.results)
-        _compiled.add((of.count, of.operations, of.results))
-        self._constants = np.repeat(np.array(of.constants)[:, None], self._lanes, axis=1)
+        self._function = _compile(of)
+        self._constants = np.array(of.constants)[:, None]
 
     def __call__(self, lo: Array, hi: Array) -> tuple[Array, Array]:
         """Evaluate the function.
@@ -211,6 +214,8 @@ class Program:
             Ends of the results; NaN where no bound is known.
         """
         lanes = lo.shape[1]
+        if not lanes:
+            return np.empty((self._results, 0)), np.empty((self._results, 0))
         # All lanes are computed by the same code: that for the rest of a batch may round otherwise.
         total = lanes + -lanes % self._lanes
         given = np.empty((2 * len(lo), total))
@@ -218,9 +223,7 @@ class Program:
         given[:, lanes:] = given[:, lanes - 1 : lanes]
         options = {}
         if count := self._function.nparams:
-            if self._constants.shape[1] != total:
-                self._constants = np.repeat(self._constants[:, :1], total, axis=1)
-            options["pars"] = self._constants[:count]
+            options["pars"] = np.repeat(self._constants[:count], total, axis=1)
         out = self._function(given, **options)[:, :lanes]
         return out[: self._results], out[self._results :]
 
@@ -251,7 +254,8 @@ class RepeatedFunction:
         """Evaluate the function; see `Program`."""
         self._calls += 1
         if self._calls == min(_RECORDED, self._after + 1):
-            with suppress(TypeError):
+            # Whatever cannot be done with endpoints; a fault of the function itself shows below.
+            with suppress(Exception):
                 made = record(self._function, len(lo))
                 self._record = made if len(made.operations) <= _LONGEST else None
         if self._record is not None and (self._calls > self._after or self._record.is_compiled):
@@ -266,13 +270,17 @@ class RepeatedFunction:
         return below, above
 
 
-@lru_cache(maxsize=_PROGRAMS)
-def _compile(
-    count: int, operations: tuple[tuple[_Item, ...], ...], results: tuple[int, ...]
-) -> Any:
-    symbols = [_hy.expression(f"end_{i}") for i in range(2 * count)]
+_compiled: dict[tuple[Any, ...], Any] = {}
+"""Compiled functions by `Record.key`, the newest last."""
+
+
+def _compile(of: Record) -> Any:
+    """Return the compiled function of a record's operations."""
+    if (known := _compiled.get(of.key)) is not None:
+        return known
+    symbols = [_hy.expression(f"end_{i}") for i in range(2 * of.count)]
     made: list[Any] = []
-    for name, *operands in operations:
+    for name, *operands in of.operations:
         if name == "end":
             made.append(symbols[cast(int, operands[0])])
         elif name == "argument":
@@ -281,9 +289,12 @@ def _compile(
             made.append(_hy.expression(float(operands[0])))
         else:
             made.append(_RULES[cast(str, name)](*(made[cast(int, i)] for i in operands)))
-    return _hy.cfunc(
-        [made[i] for i in results], vars=symbols, batch_size=_hy.recommended_simd_size()
+    function = _hy.cfunc(
+        [made[i] for i in of.results], vars=symbols, batch_size=_hy.recommended_simd_size()
     )
+    while len(_compiled) >= _PROGRAMS:
+        _compiled.pop(next(iter(_compiled)), None)
+    return _compiled.setdefault(of.key, function)
 
 
 _NAN, _INF = _hy.expression(math.nan), _hy.expression(math.inf)

@@ -68,9 +68,12 @@ def count_connected(spatial: Spatial) -> list[int]:
         start = spatial.predict(np.arange(family.size), u, guess, chord, (row, place, beside))
         # only a sign is needed, which further digits do not change
         middle = polish(spatial.exact(family, u), start, chord, guess, CLOSED)
-        row, place = np.append(row, np.arange(family.size)), np.append(place, u)
+        # others may have no finite tangent
+        met = np.flatnonzero(middle.error <= CLOSED)
+        row, place = np.append(row, met), np.append(place, u[met])
         order = np.lexsort((place, row))
-        row, place, beside = row[order], place[order], join_members([beside, middle]).of(order)
+        row, place = row[order], place[order]
+        beside = join_members([beside, middle.of(met)]).of(order)
         before = _sense(spatial, middle, chord) == sense
         begin, end = np.where(before, u, begin), np.where(before, end, u)
         low, high = np.where(before, middle.z, low), np.where(before, high, middle.z)
