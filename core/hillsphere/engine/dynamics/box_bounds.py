@@ -51,7 +51,10 @@ class BoxBounds:
 
     @np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore")
     def event_rates(self, t: Sides, y: Sides, rates: Sides, p: Sides) -> tuple[Array, Array]:
-        """Return bounds of the first derivatives of the events (E, K), NaN where none is known."""
+        """Return bounds of the first derivatives of the events (E, K), NaN where none is known.
+
+        The arguments are those of `derivatives`.
+        """
         return self._first(*_stack(t, y, rates, p))
 
     @np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore")

@@ -39,7 +39,6 @@ __all__ = [
     "Rates",
     "Sides",
     "bends_along",
-    "bends_within",
     "derivatives_within",
     "enclose",
     "events_along",
@@ -253,31 +252,25 @@ def region_slopes(
     return holds, derivatives_within(system, when, box, held)
 
 
-@np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore")
-def bends_within(
-    system: Bounded, t: Interval, box: Enclosure, p: Sequence[Interval]
+def bends_along(
+    system: Bounded, t: Interval, y: Sequence[tuple[Interval, Interval]], p: Sequence[Interval]
 ) -> list[Interval | None]:
-    """Bound the second time derivatives of the states along flights through a box.
+    """Bound the second time derivatives of the states, each given with its rate.
 
     Parameters
     ----------
     system : Bounded
         Equations.
-    t, box, p
+    t, p
         As of `derivatives_within`.
+    y : sequence of (Interval, Interval)
+        States and their rates, in the system's unit of time.
 
     Returns
     -------
     list of Interval or None
-        Of each state, in the system's unit of time; None where it is zero.
+        Of each state; None where it is zero.
     """
-    return bends_along(system, t, _states_and_rates(box), p)
-
-
-def bends_along(
-    system: Bounded, t: Interval, y: Sequence[tuple[Interval, Interval]], p: Sequence[Interval]
-) -> list[Interval | None]:
-    """Bound the second time derivatives of the states, each given with its rate."""
     states = [Bound(value, rate, UNWANTED) for value, rate in y]
     return [part.rate for part in system.rates(Bound(t, iv.point(1.0), UNWANTED), states, p)]
 
@@ -289,14 +282,13 @@ def events_along(
     bends: Sequence[Interval | None],
     p: Sequence[Interval],
 ) -> list[Bound]:
-    """Bound the events and their time derivatives, from states, their rates and those of these."""
+    """Bound the events and their first two time derivatives.
+
+    The arguments are those of `bends_along`, with its result as `bends`; with `UNWANTED` for every
+    state the second derivatives of the events are `UNWANTED` too.
+    """
     states = [Bound(*both, bend) for both, bend in zip(y, bends, strict=True)]
     return system.events(Bound(t, iv.point(1.0)), states, p)
-
-
-def _states_and_rates(box: Enclosure) -> list[tuple[Interval, Interval]]:
-    sides = zip(box.lo, box.hi, box.rate_lo, box.rate_hi, strict=True)
-    return [((a, b), (c, d)) for a, b, c, d in sides]
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore")
@@ -305,7 +297,6 @@ def derivatives_within(
     t: Interval,
     box: Enclosure,
     p: Sequence[Interval],
-    bends: Sequence[Interval | None] | None = None,
 ) -> tuple[Array, Array, Array, Array]:
     """Bound the time derivatives of the events along flights through a box.
 
@@ -319,18 +310,15 @@ def derivatives_within(
         States and their rates.
     p : sequence of Interval
         Run-time parameters.
-    bends : sequence, optional
-        Result of `bends_within`, if it is known; `UNWANTED` of every state if the second
-        derivatives are not asked for, whose bounds are then NaN.
 
     Returns
     -------
     rate_lo, rate_hi, second_lo, second_hi : ndarray, shape (E, K)
         Bounds of the first and second time derivatives of each event, in the system's unit of time.
     """
-    if bends is None:
-        bends = bends_within(system, t, box, p)
-    events = events_along(system, t, _states_and_rates(box), bends, p)
+    sides = zip(box.lo, box.hi, box.rate_lo, box.rate_hi, strict=True)
+    y = [((a, b), (c, d)) for a, b, c, d in sides]
+    events = events_along(system, t, y, bends_along(system, t, y, p), p)
     shape = (len(events), box.lo.shape[1])
     out = np.zeros((4, *shape))
     for i, event in enumerate(events):
